@@ -1,0 +1,31 @@
+"""Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5 and 6 of Pai et al.)."""
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jfsf.knn import neighbours
+from jfsf.types import Maps
+
+
+@jax.jit
+def nearest(
+    emb_x: Float[Array, "n_x k"],
+    emb_y: Float[Array, "n_y k"],
+    marginal_x: Float[Array, " n_x"] | None = None,
+    marginal_y: Float[Array, " n_y"] | None = None,
+) -> Maps:
+    """T_xy[i] is the row of `emb_y` nearest to emb_x[i], and T_yx the other way.
+
+    Args:
+        emb_x, emb_y: aligned embeddings.
+        marginal_x, marginal_y: only where they are 0 matters: padding, never chosen.
+
+    Raises:
+        ValueError: the embeddings differ in width.
+    """
+    valid_x = None if marginal_x is None else marginal_x > 0
+    valid_y = None if marginal_y is None else marginal_y > 0
+    T_xy = neighbours(emb_x, emb_y, valid_y, k0=1).idx[:, 0]
+    T_yx = neighbours(emb_y, emb_x, valid_x, k0=1).idx[:, 0]
+    return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))

@@ -1,0 +1,93 @@
+"""The k0 nearest neighbours of every point, exact, in blocks of rows.
+
+Memory is O(n k0) beyond one block of rows; no n_x by n_y array is ever built. Candidates
+are selected in float32 through |q|^2 - 2 q.p + |p|^2, which cancels, so a few more than
+k0 are kept and ranked again by the sum of squared differences in the input's precision.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jfsf.types import Neighbours
+
+ROWS = 128  # rows of queries at a time: their scores stay in the cache
+GROUP = 16  # columns a group, see _select
+MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
+
+
+@partial(jax.jit, static_argnames="k0")
+def neighbours(
+    queries: Float[Array, "n k"],
+    points: Float[Array, "m k"],
+    valid: Bool[Array, " m"] | None = None,
+    *,
+    k0: int,
+) -> Neighbours:
+    """The k0 points nearest to each query, nearest first, ties to the lower index.
+
+    Args:
+        queries, points: rows of one Euclidean space.
+        valid: points that may be chosen; all when absent.
+        k0: neighbours a query, at most the number of points.
+
+    Returns:
+        Indices into `points` and distances; where fewer than k0 points are valid the
+        rest has index 0 and distance inf. A query that is not finite has no
+        neighbours.
+
+    Raises:
+        ValueError: widths differ, or k0 is not in 1..m.
+    """
+    if queries.shape[1] != points.shape[1]:
+        raise ValueError(
+            f"neighbours: queries have {queries.shape[1]} columns, points have "
+            f"{points.shape[1]}"
+        )
+    if not 1 <= k0 <= len(points):
+        raise ValueError(f"neighbours: k0 is {k0}, there are {len(points)} points")
+    if valid is None:
+        valid = jnp.ones(len(points), bool)
+
+    offset = 0.5 * jnp.sum(points.astype(jnp.float32) ** 2, 1)
+    offset = jnp.where(valid & jnp.isfinite(offset), offset, jnp.inf)
+    # A point that may not be chosen must not reach a finite score through inf * 0.
+    safe = jnp.where(valid[:, None], points, 0)
+    fast = safe.astype(jnp.float32)
+    fast, offset = _pad(fast, GROUP), _pad(offset, GROUP, jnp.inf)
+
+    def block(rows):
+        score = jnp.matmul(
+            rows.astype(jnp.float32), fast.T, precision=jax.lax.Precision.HIGHEST
+        )
+        near = _select(score - offset, min(k0 + MARGIN, len(points)))
+        dist = jnp.sqrt(jnp.sum((rows[:, None] - safe[near]) ** 2, 2))
+        dist = jnp.where(valid[near] & jnp.isfinite(dist), dist, jnp.inf)
+        dist, near = jax.lax.sort((dist, near), num_keys=2)
+        dist, near = dist[:, :k0], near[:, :k0]
+        return Neighbours(jnp.where(jnp.isfinite(dist), near, 0), dist)
+
+    blocks = _pad(queries, ROWS).reshape(-1, ROWS, queries.shape[1])
+    found = jax.lax.map(block, blocks)
+    return Neighbours(*(x.reshape(-1, k0)[: len(queries)] for x in found))
+
+
+def _select(score: Float[Array, "b m"], count: int):
+    """The `count` largest of each row; exact, and cheaper than top_k of the row.
+
+    An entry of the top `count` lies in one of the `count` groups of largest maximum.
+    """
+    groups = score.reshape(len(score), -1, GROUP)
+    if groups.shape[1] <= count:
+        return jax.lax.top_k(score, count)[1]
+    _, best = jax.lax.top_k(groups.max(2), count)
+    inside = jnp.take_along_axis(groups, best[:, :, None], 1).reshape(len(score), -1)
+    _, at = jax.lax.top_k(inside, count)
+    return jnp.take_along_axis(best, at // GROUP, 1) * GROUP + at % GROUP
+
+
+def _pad(x, multiple: int, value=0.0):
+    width = [(0, -len(x) % multiple)] + [(0, 0)] * (x.ndim - 1)
+    return jnp.pad(x, width, constant_values=value)

@@ -1,0 +1,52 @@
+"""Spectral ICP: alternate map and functional map, made orthonormal each time.
+
+Ovsjanikov et al. (SIGGRAPH 2012), as an instance of algorithm 1 of Pai et al. (CVPR
+2021), over any converter.
+"""
+
+from functools import partial
+
+import jax
+from jaxtyping import Array, Float
+
+from jfsf.fmap import Space, embeddings, functional_map, polar, truncate, uniform
+from jfsf.refine.zoomout import Converter
+from jfsf.types import Spectrum
+
+
+@partial(jax.jit, static_argnames=("num_iters", "converter", "space"))
+def icp(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "k_x k_y"],
+    *,
+    num_iters: int = 10,
+    converter: Converter,
+    space: Space = "adjoint",
+) -> Float[Array, "k_x k_y"]:
+    """Refine C_yx at its own size.
+
+    Args:
+        spec_x, spec_y: as many eigenpairs as C_yx has rows and columns, or more.
+        C_yx: the start.
+        converter: `nearest`, `sinkhorn` or any other with their signature.
+        space: which embeddings the converter compares; see `fmap.embeddings`.
+
+    Returns:
+        The last functional map, with orthonormal columns (rows if there are fewer).
+
+    Raises:
+        ValueError: C_yx is larger than a basis, or num_iters is negative.
+    """
+    if num_iters < 0:
+        raise ValueError(f"icp: num_iters is {num_iters}, it must not be negative")
+    k_x, k_y = C_yx.shape
+    spec_x, spec_y = truncate(spec_x, k_x), truncate(spec_y, k_y)
+    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
+
+    def step(C_yx, _):
+        emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space=space)
+        maps = converter(emb_x, emb_y, *marginals)
+        return polar(functional_map(maps.T_xy, spec_x, spec_y)), None
+
+    return jax.lax.scan(step, C_yx, None, length=num_iters)[0]

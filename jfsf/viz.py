@@ -1,0 +1,362 @@
+"""Pictures of maps by colour transfer: Y wears a smooth colouring, X pulls it back.
+
+colour_x[i] = colour_y[T_xy[i]]: where the map is right, equal parts have equal colours,
+and where it tears, so do the colours of X. Drawn by matplotlib's Agg, which needs no
+display; pyplot and its global state stay untouched. Needs the extra `viz`.
+"""
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from jfsf.types import ArrayLike, Mesh
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Up = Literal["x", "y", "z"]
+
+_DPI = 160
+_FINER = 3  # Agg leaves jags on shaded triangles: draw this much finer, then average
+_TALL, _WIDE = 4.0, 13.0  # inches that the shapes may take
+_GAP, _LABEL, _SCALE, _TITLE, _EDGE = 0.25, 0.3, 0.12, 0.45, 0.12  # inches
+_INK = "#3b4048"
+
+
+class _View(NamedTuple):
+    """A shape as the viewer sees it, unit free.
+
+    xy: (n, 2), right and up, from (0, 0).
+    depth: (n,), towards the viewer.
+    normals: (n, 3), right, up and towards the viewer; a point cloud faces the viewer.
+    sky: (n,), the share of light that reaches a vertex past its surroundings.
+    faces: (m, 3).
+    """
+
+    xy: np.ndarray
+    depth: np.ndarray
+    normals: np.ndarray
+    sky: np.ndarray
+    faces: np.ndarray
+
+
+def draw_pair(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    T_xy: Int[ArrayLike, " n_x"],
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    errors: Float[ArrayLike, " n_x"] | None = None,
+    up: Up = "y",
+    turn: float = 20.0,
+) -> "Figure":
+    """Draw X, coloured through the map from X to Y, beside Y.
+
+    Args:
+        mesh_x, mesh_y: meshes or point clouds; each is drawn at area 1 (a cloud: at a
+            given spread), so their units do not matter.
+        T_xy: the vertex of Y for each vertex of X.
+        path: the PNG to write, 160 dpi; a reader never sees half a file.
+        title: a line above.
+        errors: one number a vertex of X, drawn on X at the right; nan is grey.
+        up: the axis that points up in the files.
+        turn: degrees by which the shapes turn about it, to their right.
+
+    Returns:
+        The figure, not registered with pyplot.
+
+    Raises:
+        ImportError: matplotlib is missing; the message says how to install it.
+        ValueError: shapes of arrays, vertex numbers, `up` or the suffix of `path`.
+    """
+    colours = coordinate_colours(mesh_y.vertices, up=up)
+    view_x, view_y = (_look(m, up, turn) for m in (mesh_x, mesh_y))
+    panels = [
+        ("X, coloured by its map to Y", view_x, _pulled(colours, T_xy, view_x)),
+        ("Y", view_y, colours),
+    ]
+    scale = None
+    if errors is not None:
+        paint, top = _error_colours(errors, len(view_x.depth))
+        panels.append(("error on X", view_x, paint))
+        scale = (_ramp(np.linspace(0, 1, 256)), "0", f"{top:.3g}")
+    return _draw(panels, path, title, scale)
+
+
+def draw_maps(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    maps: Mapping[str, Int[ArrayLike, " n_x"]],
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    up: Up = "y",
+    turn: float = 20.0,
+) -> "Figure":
+    """Draw Y, then X once for each of several maps from X to Y, in the same colours.
+
+    Args:
+        maps: what to write under X -> T_xy, such as {"nearest": ..., "Sinkhorn": ...}.
+        mesh_x, mesh_y, path, title, up, turn: as in `draw_pair`.
+
+    Returns, Raises: as `draw_pair`; no map at all is a ValueError.
+    """
+    if not maps:
+        raise ValueError("draw_maps: no map to draw")
+    colours = coordinate_colours(mesh_y.vertices, up=up)
+    view_x, view_y = (_look(m, up, turn) for m in (mesh_x, mesh_y))
+    panels = [("Y", view_y, colours)]
+    panels += [(name, view_x, _pulled(colours, T, view_x)) for name, T in maps.items()]
+    return _draw(panels, path, title, None)
+
+
+def coordinate_colours(
+    vertices: Float[ArrayLike, "n 3"], *, up: Up = "y"
+) -> Float[np.ndarray, "n 3"]:
+    """A smooth colouring of a shape by its coordinates, whatever their unit and origin.
+
+    Hue and saturation follow height and side, so that the four limbs differ and a
+    mirrored map shows; lightness follows depth.
+
+    Args:
+        vertices: in any unit.
+        up: the axis that points up.
+
+    Returns:
+        sRGB in [0, 1], one row a vertex.
+    """
+    coords = _points(vertices) @ _frame(up)
+    spread = coords.std(0)
+    # A flat shape has no spread in some direction: all of it is in the middle there.
+    coords = (coords - coords.mean(0)) / np.where(spread > 0, spread, 1)
+    side, height, depth = np.tanh(coords * [0.8, 0.8, 1]).T
+    # The root keeps the middle of the body from turning grey.
+    chroma = 0.15 * np.sqrt(np.hypot(side, height))
+    hue = np.arctan2(height, side) + 3.6
+    return _oklab(0.78 + 0.05 * depth, chroma * np.cos(hue), chroma * np.sin(hue))
+
+
+def pull_back(
+    colours_y: Float[ArrayLike, "n_y c"], T_xy: Int[ArrayLike, " n_x"]
+) -> Float[np.ndarray, "n_x c"]:
+    """Colours of X through the map from X to Y: colours_y[T_xy].
+
+    Raises:
+        ValueError: T_xy is no list of vertices of Y.
+    """
+    T_xy = np.asarray(T_xy)
+    if T_xy.ndim != 1 or not np.issubdtype(T_xy.dtype, np.integer):
+        raise ValueError(
+            "pull_back: T_xy is a list of vertices of Y, one for each of X; got "
+            f"{T_xy.dtype} of shape {T_xy.shape}"
+        )
+    n_y = len(colours_y)
+    if T_xy.size and not 0 <= T_xy.min() <= T_xy.max() < n_y:
+        raise ValueError(
+            f"pull_back: T_xy runs from {T_xy.min()} to {T_xy.max()}, but Y has "
+            f"vertices 0 to {n_y - 1}: is it the map from Y to X?"
+        )
+    return np.asarray(colours_y)[T_xy]
+
+
+def _pulled(colours_y, T_xy, view_x):
+    if np.shape(T_xy) != (n_x := len(view_x.depth),):
+        raise ValueError(f"draw: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}")
+    return pull_back(colours_y, T_xy)
+
+
+def _error_colours(errors, n_x):
+    errors = np.asarray(errors, float)
+    if errors.shape != (n_x,):
+        raise ValueError(f"draw_pair: X has {n_x} vertices, errors {errors.shape}")
+    known = np.isfinite(errors)
+    # One vertex gone astray must not turn all the others pale.
+    top = float(np.quantile(errors[known], 0.99)) if known.any() else 0.0
+    share = np.where(known, errors, 0) / (top if top > 0 else 1)
+    return np.where(known[:, None], _ramp(share), 0.6), top
+
+
+def _ramp(share):
+    # Sand to dark red, in even steps of lightness.
+    share = np.clip(share, 0, 1)
+    chroma, hue = 0.03 + 0.15 * share, np.radians(95 - 75 * share)
+    return _oklab(0.93 - 0.5 * share, chroma * np.cos(hue), chroma * np.sin(hue))
+
+
+def _oklab(lightness, a, b):
+    # Ottosson's Oklab (2020) to sRGB: equal steps look equal, unlike in HSV.
+    to_lms = np.array(
+        [
+            [1, 0.3963377774, 0.2158037573],
+            [1, -0.1055613458, -0.0638541728],
+            [1, -0.0894841775, -1.2914855480],
+        ]
+    )
+    to_rgb = np.array(
+        [
+            [4.0767416621, -3.3077115913, 0.2309699292],
+            [-1.2684380046, 2.6097574011, -0.3413193965],
+            [-0.0041960863, -0.7034186147, 1.7076147010],
+        ]
+    )
+    lms = (np.stack([lightness, a, b], -1) @ to_lms.T) ** 3
+    rgb = np.clip(lms @ to_rgb.T, 0, 1)
+    return np.where(rgb > 0.0031308, 1.055 * rgb ** (1 / 2.4) - 0.055, 12.92 * rgb)
+
+
+def _points(vertices):
+    points = np.asarray(vertices, float)
+    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
+        raise ValueError(f"draw: vertices are (n, 3) and n > 0; got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("draw: some vertices are not finite")
+    return points
+
+
+def _frame(up):
+    # Columns: right, up, towards the viewer: the front as modelling tools have it.
+    frames = {
+        "x": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
+        "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+        "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    }
+    if up not in frames:
+        raise ValueError(f"draw: up is one of {', '.join(frames)}; got {up!r}")
+    return np.array(frames[up], float).T
+
+
+def _look(mesh, up, turn) -> _View:
+    points = _points(mesh.vertices) @ _frame(up)
+    faces = np.asarray(mesh.faces).reshape(-1, 3)
+    turn, tilt = np.radians([turn, 8])  # from a little above
+    c, s = np.cos(turn), np.sin(turn)
+    points = points @ np.array([[c, 0, -s], [0, 1, 0], [s, 0, c]])
+    c, s = np.cos(tilt), np.sin(tilt)
+    points = points @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
+
+    a, b, c = points[faces].swapaxes(0, 1)
+    cross = np.cross(b - a, c - a)
+    size = np.sqrt(np.linalg.norm(cross, axis=1).sum() / 2)
+    if size == 0:
+        size = 2.6 * np.linalg.norm(points.std(0))
+    points = (points - points.min(0)) / (size or 1)
+    normals = np.zeros_like(points)
+    for corner in faces.T:
+        np.add.at(normals, corner, cross)
+    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = np.where(length > 0, normals / np.where(length > 0, length, 1), [0, 0, 1])
+    return _View(points[:, :2], points[:, 2], normals, _sky(points, normals), faces)
+
+
+def _sky(points, normals):
+    # Without it an open mouth is as bright as a cheek: what stands in front of the
+    # tangent plane nearby takes light away. 5000 points or so stand for the shape.
+    some = points[:: -(-len(points) // 5000)]
+    distance, near = KDTree(some).query(points, min(64, len(some)), workers=1)
+    distance, near = distance.reshape(len(points), -1), near.reshape(len(points), -1)
+    rise = np.einsum("nkd,nd->nk", some[near] - points[:, None], normals)
+    rise = np.clip(rise / np.maximum(distance, 1e-12), 0, 1)
+    return 1 - np.clip(1.2 * rise.mean(1), 0, 0.5)
+
+
+def _lit(colours, normals, sky):
+    # Lambert, with a key light from the upper left, a fill light from the right, and
+    # ambient light. What exceeds the colour whitens it, like a soft highlight.
+    key, fill = np.array([-0.45, 0.55, 0.75]), np.array([0.8, 0.1, 0.5])
+    light = 0.42 + 0.62 * np.clip(normals @ key / np.linalg.norm(key), 0, 1)
+    light += 0.18 * np.clip(normals @ fill / np.linalg.norm(fill), 0, 1)
+    light = (light * sky)[:, None]
+    return np.clip(colours * np.minimum(light, 1) + np.clip(light - 1, 0, 1), 0, 1)
+
+
+def _draw(panels, path, title, scale) -> "Figure":
+    """panels: (label, view, colours); scale: (colours, low, high) of the last one."""
+    if path is not None and Path(path).suffix.lower() != ".png":
+        raise ValueError(
+            f"draw: the picture is a PNG, so path ends in .png; got {path}"
+        )
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError as missing:
+        raise ImportError(
+            "drawing needs matplotlib: pip install 'jfsf[viz]'"
+        ) from missing
+
+    boxes = np.array([view.xy.max(0) for _, view, _ in panels])
+    # One scale for all, in inches: the page fits the shapes, not the other way round.
+    room = max(_WIDE - _GAP * (len(panels) - 1), 1)
+    inches = min(
+        _TALL / max(boxes[:, 1].max(), 1e-9), room / max(boxes[:, 0].sum(), 1e-9)
+    )
+    letters = np.array([len(label) for label, _, _ in panels])
+    widths = np.maximum(boxes[:, 0] * inches, 0.4 + 0.075 * letters)
+    width = widths.sum() + _GAP * (len(panels) - 1) + 2 * _EDGE
+    floor = _EDGE + _LABEL + (_SCALE if scale else 0)
+    height = floor + boxes[:, 1].max() * inches + _EDGE + (_TITLE if title else 0)
+    fig = Figure((width, height), dpi=_DPI, facecolor="white")
+    FigureCanvasAgg(fig)
+    axes = fig.add_axes((0, 0, 1, 1))
+    axes.set_axis_off()
+
+    middles = _EDGE + np.cumsum(widths + _GAP) - _GAP - widths / 2
+    for (label, view, colours), middle in zip(panels, middles, strict=True):
+        xy = (view.xy - [view.xy[:, 0].max() / 2, 0]) * inches + [middle, floor]
+        _paint(axes, xy, view, colours)
+        axes.text(middle, _EDGE, label, ha="center", va="bottom", color=_INK, size=10)
+    if scale:
+        strip, low, high = scale
+        ends, y = middles[-1] + np.array([-0.4, 0.4]), _EDGE + 0.23
+        axes.imshow(strip[None], extent=(*ends, y - 0.03, y + 0.03), aspect="auto")
+        axes.text(ends[0] - 0.05, y, low, ha="right", va="center", size=7)
+        axes.text(ends[1] + 0.05, y, high, ha="left", va="center", size=7)
+    if title:
+        y = height - _EDGE - 0.08
+        axes.text(width / 2, y, title, ha="center", va="top", color=_INK, size=13)
+    axes.set(xlim=(0, width), ylim=(0, height))
+    if path is not None:
+        _save(fig, Path(path))
+    return fig
+
+
+def _paint(axes, xy, view, colours):
+    from matplotlib.collections import TriMesh
+    from matplotlib.tri import Triangulation
+
+    if len(view.faces):
+        # Far triangles first; those that face away are hidden in a closed shape, and in
+        # an open one are drawn as the inside, with the light of the outside.
+        faces = view.faces[np.argsort(view.depth[view.faces].mean(1), kind="stable")]
+        normals = view.normals * np.where(view.normals[:, 2:] < -0.2, -1, 1)
+        patch = TriMesh(Triangulation(xy[:, 0], xy[:, 1], faces))
+        patch.set_facecolor(_lit(colours, normals, view.sky))
+        axes.add_collection(patch)
+    else:
+        order = np.argsort(view.depth, kind="stable")
+        dot = float(np.clip(20000 / len(xy), 2, 40))
+        axes.scatter(*xy[order].T, s=dot, c=colours[order], linewidths=0)
+
+
+def _save(fig, path: Path) -> None:
+    from matplotlib.image import imsave
+
+    fig.set_dpi(_DPI * _FINER)
+    fig.canvas.draw()
+    fine = np.asarray(fig.canvas.buffer_rgba())[..., :3]
+    fig.set_dpi(_DPI)
+    high, wide = (n // _FINER for n in fine.shape[:2])
+    fine = fine[: high * _FINER, : wide * _FINER]
+    blocks = fine.reshape(high, _FINER, wide, _FINER, 3)
+    image = np.rint(blocks.mean((1, 3), dtype=np.float32)).astype(np.uint8)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        imsave(temporary, image, format="png", dpi=_DPI)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

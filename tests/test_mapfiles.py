@@ -1,0 +1,273 @@
+"""Map files: what is written is read, and what cannot be right is refused."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf import mapfiles
+from jfsf.mapfiles import (
+    MapFileError,
+    read_ground_truth,
+    read_map,
+    read_match,
+    write_map,
+    write_match,
+)
+from jfsf.types import Certificate, Match
+
+SUFFIXES = [".vts", ".map", ".mat", ".npz"]
+
+
+def text(folder, content, name="a.map"):
+    path = folder / name
+    path.write_text(content)
+    return path
+
+
+def match(n_x=6, n_y=4):
+    numbers = {name: jnp.asarray(0.5) for name in Certificate._fields}
+    certificate = Certificate(
+        **numbers | {"empty": jnp.asarray(2), "finite": jnp.asarray(True)}
+    )
+    T_xy, T_yx = jnp.arange(n_x) % n_y, jnp.arange(n_y) + n_x - n_y
+    C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(3, 2)), jnp.float32)
+    return Match(T_xy, T_yx, C_yx, certificate)
+
+
+def refused(sentence):
+    return pytest.raises(MapFileError, match=sentence)
+
+
+@given(
+    st.sampled_from(SUFFIXES),
+    st.lists(st.integers(0, 10**6), min_size=1, max_size=20),
+    st.sampled_from([None, 0, 1]),
+)
+def test_round_trip(suffix, values, base):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"a{suffix}"
+        write_map(path, values, base=base)
+        found = read_map(path, n_from=len(values), n_to=10**6 + 1, base=base)
+        assert os.listdir(folder) == [path.name]
+    assert found.dtype == np.int32
+    np.testing.assert_array_equal(found, values)
+
+
+@given(st.lists(st.integers(0, 9), min_size=1, max_size=12), st.sampled_from([0, 1]))
+def test_the_other_base_shifts_by_one_or_is_refused(values, base):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.map"
+        write_map(path, values, base=base)
+        wrong = 1 - base
+        contradicted = min(values) == 0 if wrong == 1 else max(values) == 9
+        if contradicted:
+            with refused(f"pass base={base}" if min(values) == 0 or base else "target"):
+                read_map(path, n_to=10, base=wrong)
+        else:
+            found = read_map(path, n_to=10, base=wrong)
+            np.testing.assert_array_equal(found, np.array(values) + base - wrong)
+
+
+def test_formats_of_the_field(tmp_path):
+    floats = text(tmp_path, "   1.0000000e+00\r\n   3.0000000e+00\r\n\r\n", "a.sym.VTS")
+    np.testing.assert_array_equal(read_map(floats, n_to=3), [0, 2])
+
+    scipy.io.savemat(tmp_path / "one.mat", {"T12": [[1.0], [3.0]]})
+    np.testing.assert_array_equal(read_map(tmp_path / "one.mat"), [0, 2])
+    scipy.io.savemat(tmp_path / "two.mat", {"a": [[1, 2]], "b": [[4]]})
+    np.testing.assert_array_equal(read_map(tmp_path / "two.mat", key="b"), [3])
+
+    np.savez(tmp_path / "both.npz", T_xy=[0, 2], T_yx=[1, 0, 0])
+    np.testing.assert_array_equal(read_map(tmp_path / "both.npz"), [0, 2])
+    both = read_map(str(tmp_path / "both.npz"), key="T_yx", n_from=3, n_to=2)
+    np.testing.assert_array_equal(both, [1, 0, 0])
+
+
+def test_ground_truth(tmp_path):
+    x = text(tmp_path, "1\n3\n2\n", "x.vts")
+    y = text(tmp_path, "9\n8\n7\n", "y.vts")
+    found = read_ground_truth(x, y, n_x=3, n_y=9)
+    np.testing.assert_array_equal(found.gt_x, [0, 2, 1])
+    np.testing.assert_array_equal(found.gt_y, [8, 7, 6])
+    with refused(r"y\.vts: .* is 9, the target has 8"):
+        read_ground_truth(x, y, n_x=3, n_y=8)
+    short = text(tmp_path, "9\n8\n", "short.vts")
+    with refused(r"short\.vts: has 2 template points, .*x\.vts has 3"):
+        read_ground_truth(x, short)
+
+
+def test_match_round_trip(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match())
+    assert os.listdir(tmp_path) == ["match.npz"]
+    found, truth = read_match(path), match()
+    for name in ("T_xy", "T_yx", "C_yx"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(truth, name))
+    assert found.T_xy.dtype == np.int32 and found.C_yx.dtype == np.float32
+    for name in Certificate._fields:
+        a, b = getattr(found.certificate, name), getattr(truth.certificate, name)
+        assert a.dtype == b.dtype and a.shape == () and a == b
+    # A match file is a map file, both ways.
+    np.testing.assert_array_equal(read_map(path, n_from=6, n_to=4), truth.T_xy)
+    found = read_map(path, key="T_yx", n_from=4, n_to=6)
+    np.testing.assert_array_equal(found, truth.T_yx)
+
+
+@pytest.mark.parametrize(
+    "content, options, sentence",
+    [
+        ("1\n0\n", {}, "holds a 0, so it is not 1-based; pass base=0"),
+        ("0\n2\n", {"base": 1}, "pass base=0"),
+        ("1\n3\n", {"base": 0, "n_to": 3}, "entry 2 is 3.* pass base=1"),
+        ("0\n3\n", {"base": 0, "n_to": 3}, "entry 2 is 3.* another shape's"),
+        ("1\n4\n", {"n_to": 3}, "entry 2 is 4, the target has 3 .* as 1-based"),
+        ("1\n1e10\n", {}, "entry 2 is 10000000000, the target has 2147483647"),
+        ("1\n2\n", {"n_from": 3, "n_to": 5}, "has 2 entries, expected 3; .*truncated"),
+        ("1\n2\n", {"n_from": 3, "n_to": 2}, "has 2 entries.* runs the other way"),
+        ("1\n1.5\n", {}, "entry 2 is 1.5, not a whole number"),
+        ("1\nnan\n", {}, "entry 2 is nan"),
+        ("inf\n1\n", {}, "entry 1 is inf"),
+        ("1\n-1\n", {}, "entry 2 is -1; give every vertex an image"),
+        ("1\n\n2 3\n", {}, "line 3 is '2 3'; expected one index a line"),
+        ("1\n1_0\n", {}, "line 2 is '1_0'"),
+        ("# head\n1\n", {}, "line 1 is '# head'"),
+        (" \n\n", {}, "the file is empty"),
+        ("1\n", {"key": "T_xy"}, "text holds no key 'T_xy'"),
+    ],
+)
+def test_text_refused(tmp_path, content, options, sentence):
+    with refused(rf"a\.map: {sentence}|a\.map: .*{sentence}"):
+        read_map(text(tmp_path, content), **options)
+
+
+def test_files_refused(tmp_path):
+    with refused(r"none\.map: No such file"):
+        read_map(tmp_path / "none.map")
+    with refused(r"none\.npz: No such file"):
+        read_map(tmp_path / "none.npz")
+    (tmp_path / "folder.map").mkdir()
+    with refused("directory"):
+        read_map(tmp_path / "folder.map")
+    with refused(r"unknown format '\.txt'; maps are \.vts, \.map, \.mat, \.npz"):
+        read_map(text(tmp_path, "1\n", "a.txt"))
+    (tmp_path / "b.map").write_bytes(b"\xff\xfe1\n")
+    with refused("not text"):
+        read_map(tmp_path / "b.map")
+    for name in ("c.npz", "c.mat"):
+        write_map(tmp_path / name, np.arange(100))
+        whole = (tmp_path / name).read_bytes()
+        for size in (len(whole) // 2, len(whole) - 30, 60):
+            (tmp_path / name).write_bytes(whole[:size])
+            with refused("damaged"):
+                read_map(tmp_path / name)
+        (tmp_path / name).write_bytes(b"")
+        with refused("empty"):
+            read_map(tmp_path / name)
+        (tmp_path / name).write_text("1\n2\n")
+        with refused("damaged"):
+            read_map(tmp_path / name)
+    with (tmp_path / "d.npz").open("wb") as file:
+        np.save(file, np.arange(3))
+    with refused(r"no \.npz; write it with np.savez"):
+        read_map(tmp_path / "d.npz")
+    # MATLAB's -v7.3 is HDF5 behind a header that says so.
+    header = b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM"
+    (tmp_path / "e.mat").write_bytes(header + b"\x89HDF\r\n\x1a\n" + bytes(64))
+    with refused("-v7.3; save it again with -v7"):
+        read_map(tmp_path / "e.mat")
+
+
+def test_arrays_refused(tmp_path):
+    path = tmp_path / "a.npz"
+
+    def write(**arrays):
+        np.savez(path, **arrays)
+        return path
+
+    with refused("no T_xy among several arrays; .*: a, b"):
+        read_map(write(a=[1], b=[1]))
+    with refused("no key 'T_yx'; it holds T_xy"):
+        read_map(write(T_xy=[1]), key="T_yx")
+    with refused("it holds no array"):
+        read_map(write(), key="T_yx")
+    with refused(r"a\.npz\[T_xy\]: holds no index"):
+        read_map(write(T_xy=np.zeros(0, int)))
+    with refused(r"shape is \(2, 2\), expected a vector"):
+        read_map(write(T_xy=np.eye(2)))
+    with refused("holds <U1, expected whole numbers"):
+        read_map(write(T_xy=["a"]))
+    with refused("holds bool"):
+        read_map(write(T_xy=[True]))
+    with refused("damaged, or no .npz of plain arrays"):
+        read_map(write(T_xy=np.array([None])))
+    with refused("entry 1 is 2.* pass base=1"):
+        read_map(write(T_xy=[2, 1]), n_to=2)
+
+
+def test_options_refused(tmp_path):
+    with pytest.raises(ValueError, match="read_map: base is 2"):
+        read_map(tmp_path / "a.map", base=2)
+    with pytest.raises(ValueError, match="write_map: base is -1"):
+        write_map(tmp_path / "a.map", [0], base=-1)
+    for wrong in ([[0]], [0.0], np.zeros(0, int)):
+        with pytest.raises(ValueError, match=r"write_map: T_xy is \("):
+            write_map(tmp_path / "a.map", wrong)
+    for wrong in (-1, 2**31 - 1):
+        with pytest.raises(ValueError, match=f"holds {wrong}, not in 0"):
+            write_map(tmp_path / "a.map", [wrong])
+    with refused("unknown format '.txt'"):
+        write_map(tmp_path / "a.txt", [0])
+    with refused(r"cannot be written \(No such file"):
+        write_map(tmp_path / "none" / "a.map", [0])
+    assert os.listdir(tmp_path) == []
+
+
+def test_matches_refused(tmp_path):
+    path = tmp_path / "match.npz"
+    with refused("written as .npz"):
+        write_match(tmp_path / "match.mat", match())
+    with refused("a match is a .npz"):
+        read_match(tmp_path / "match.mat")
+    batch = match()._replace(T_xy=jnp.zeros((2, 6), int))
+    with pytest.raises(ValueError, match=r"T_xy is \(2, 6\), expected one match"):
+        write_match(path, batch)
+    write_map(path, [0, 1])
+    with refused("lacks T_yx, C_yx, certificate_.*; it holds T_xy; "):
+        read_match(path)
+    write_match(path, match()._replace(T_xy=jnp.array([0, 4])))
+    with refused(r"\[T_xy\]: entry 2 is 4, the target has 4"):
+        read_match(path)
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.map"
+    write_map(path, [0, 1])
+
+    def fails(file, *_):
+        file.write(b"1\n")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mapfiles.np, "savetxt", fails)
+    with refused("No space left"):
+        write_map(path, [5, 6, 7])
+    assert os.listdir(tmp_path) == ["a.map"]
+    np.testing.assert_array_equal(read_map(path), [0, 1])
+
+
+@pytest.mark.slow
+def test_files_of_the_data_sets():
+    data = Path(os.environ.get("JFSF_DATA", "data"))
+    if not (data / "authors_pair").is_dir():
+        pytest.skip("needs the research data: set JFSF_DATA")
+    rough = read_map(data / "authors_pair" / "Man0_Man1.map", n_from=6890, n_to=6890)
+    assert rough.min() >= 0 and rough.max() < 6890
+    corres = data / "faust_r" / "corres"
+    files = sorted(corres.glob("*[0-9].vts"))[:2]
+    assert len(read_ground_truth(*files).gt_x) == 5000
