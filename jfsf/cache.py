@@ -6,7 +6,6 @@ Files live in the user's cache folder, or where JFSF_CACHE points.
 import hashlib
 import os
 import tempfile
-import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,28 +20,35 @@ def folder() -> Path:
 
 
 def key(*parts: Any) -> str:
-    """A digest of arrays (shape, dtype, bytes) and plain values."""
+    """A digest of arrays (shape, dtype, bytes) and plain values, in their order."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, np.ndarray):
-            digest.update(f"{part.shape}{part.dtype}".encode())
-            digest.update(np.ascontiguousarray(part).tobytes())
+            text, data = f"array {part.shape} {part.dtype.str}", part.tobytes()
         else:
-            digest.update(repr(part).encode())
+            text, data = repr(part), b""
+        # With the length of each text, no two lists of parts read the same.
+        digest.update(f"{len(text)} {text}".encode() + data)
     return digest.hexdigest()
 
 
 def fetch(key: str, record: Any, compute: Callable[[], Any]) -> Any:
     """The NamedTuple `record` stored under `key`, computed and stored if need be.
 
-    A file that cannot be read is computed again; a folder that cannot be written is
-    done without.
+    A file that cannot be read is computed again and replaced; a folder that cannot be
+    written is done without.
+
+    Args:
+        key: names the file; see `key`.
+        record: class of NamedTuple, all its fields arrays.
+        compute: gives the record; what it raises passes through, and nothing is stored.
     """
     path = folder() / f"{key}.npz"
     try:
-        with np.load(path) as file:
+        # numpy leaves the file open when it finds it damaged.
+        with path.open("rb") as raw, np.load(raw) as file:
             return record(*(file[name] for name in record._fields))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+    except Exception:  # a damaged file makes numpy and zipfile raise nearly anything
         pass
     value = compute()
     try:
@@ -53,7 +59,11 @@ def fetch(key: str, record: Any, compute: Callable[[], Any]) -> Any:
 
 
 def store(path: Path, **arrays: Any) -> None:
-    """Write an .npz under a temporary name, then rename it: whole or not at all."""
+    """Write an .npz under a temporary name, then rename it: whole or not at all.
+
+    Raises:
+        OSError: the folder cannot be made or written; the temporary file is gone.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, suffix=".tmp")
     try:

@@ -2,7 +2,8 @@
 
 WKS: Aubry, Schlickewei and Cremers (2011). HKS: Sun, Ovsjanikov and Guibas (2009). The
 ranges are automatic, with the constants the field has settled on. Spectra are of unit
-area, so none of this changes with the size of the mesh.
+area, so none of this changes with the size of the mesh; eigenvectors enter in pairs, so
+none of it changes with their signs.
 """
 
 from functools import partial
@@ -14,20 +15,26 @@ from jaxtyping import Array, Float, Int
 from jfsf.types import Spectrum
 
 SMALLEST = 1e-6  # eigenvalues below are the constant's: log and division stay finite
+HIGHEST = jax.lax.Precision.HIGHEST
 
 
 @partial(jax.jit, static_argnames="num")
 def wks(
     spec: Spectrum, landmarks: Int[Array, " l"] | None = None, *, num: int = 100
 ) -> Float[Array, "n d"]:
-    """Wave kernel signature at `num` log-spaced energies, low to high.
+    """Wave kernel signature at `num` energies, evenly spaced in log(eigenvalue).
+
+    Gaussian bands of width sigma = 7 range / num, whose centres run from low to high
+    and stay 2 sigma inside the range; with fewer than 28 they run the other way.
 
     Args:
-        spec: all its eigenpairs take part; padding gets rows of zeros.
-        landmarks: vertices; the signature then says how each vertex sees them.
+        spec: all its eigenpairs but the constant take part; the range is theirs.
+        landmarks: vertices, in range (not checked); column e of landmark p is then
+            sum_i w_e(i) phi_i phi_i[p]: how each vertex sees it.
 
     Returns:
-        d = num columns, or num columns a landmark, one landmark after the other.
+        (n, num), or (n, l num), one landmark after the other. The weights of a column
+        sum to 1. Padding gets rows of zeros.
 
     Raises:
         ValueError: num is not positive, or fewer than three eigenpairs.
@@ -35,12 +42,13 @@ def wks(
     _check("wks", spec, num)
     energy = jnp.log(jnp.maximum(spec.evals, SMALLEST))
     low, high = energy[1], energy[-1]
-    sigma = 7 * (high - low) / num
+    # Where all eigenvalues are one, any width will do.
+    sigma = jnp.maximum(7 * (high - low) / num, 1e-3)
     centres = jnp.linspace(0, 1, num, dtype=energy.dtype)
     centres = low + 2 * sigma + centres * (high - low - 4 * sigma)
-    weight = jnp.exp(-((centres[:, None] - energy) ** 2) / (2 * sigma**2))
-    weight = jnp.where(spec.evals > SMALLEST, weight, 0)
-    return _signature(spec, weight / weight.sum(1, keepdims=True), landmarks)
+    log_weight = -((centres[:, None] - energy[None]) ** 2) / (2 * sigma**2)
+    log_weight = jnp.where((spec.evals > SMALLEST)[None], log_weight, -jnp.inf)
+    return _signature(spec, log_weight, landmarks)
 
 
 @partial(jax.jit, static_argnames="num")
@@ -49,21 +57,25 @@ def hks(
 ) -> Float[Array, "n d"]:
     """Heat kernel signature at `num` log-spaced times, long to short.
 
-    Times run from 4 ln 10 / lambda_2 to 4 ln 10 / lambda_k, each column divided by the
-    heat trace. Arguments, result and errors as `wks`.
+    Times run from 4 ln 10 / evals[1] to 4 ln 10 / evals[-1]; each column is divided by
+    the heat trace. Arguments, result and errors as `wks`, the constant included.
     """
     _check("hks", spec, num)
-    evals = jnp.maximum(spec.evals, SMALLEST)
-    times = jnp.geomspace(evals[1], evals[-1], num, dtype=evals.dtype)
-    weight = jnp.exp(-4 * jnp.log(10.0).astype(evals.dtype) / times[:, None] * evals)
-    return _signature(spec, weight / weight.sum(1, keepdims=True), landmarks)
+    dtype = spec.evals.dtype
+    low, high = jnp.maximum(spec.evals[jnp.array([1, -1])], SMALLEST)
+    rate = jnp.geomspace(low, high, num, dtype=dtype)
+    log_weight = -4 * jnp.log(10.0).astype(dtype) * spec.evals[None] / rate[:, None]
+    return _signature(spec, log_weight, landmarks)
 
 
-def _signature(spec, weight, landmarks):
+def _signature(spec, log_weight, landmarks):
+    # Of narrow bands between two eigenvalues every weight may underflow: not here.
+    weight = jax.nn.softmax(log_weight, axis=1)
     if landmarks is None:
-        return spec.evecs**2 @ weight.T
-    seen = spec.evecs[landmarks][:, None] * weight
-    return spec.evecs @ seen.reshape(-1, weight.shape[1]).T
+        return jnp.matmul(spec.evecs**2, weight.T, precision=HIGHEST)
+    seen = spec.evecs[landmarks][:, None] * weight[None]
+    seen = seen.reshape(-1, weight.shape[1])
+    return jnp.matmul(spec.evecs, seen.T, precision=HIGHEST)
 
 
 def _check(name, spec, num):

@@ -62,7 +62,7 @@ def neighbours(
         score = jnp.matmul(
             rows.astype(jnp.float32), fast.T, precision=jax.lax.Precision.HIGHEST
         )
-        near = _select(score - offset, min(k0 + MARGIN, len(points)))
+        near = _select(score - offset[None, :], min(k0 + MARGIN, len(points)))
         dist = jnp.sqrt(jnp.sum((rows[:, None] - safe[near]) ** 2, 2))
         dist = jnp.where(valid[near] & jnp.isfinite(dist), dist, jnp.inf)
         dist, near = jax.lax.sort((dist, near), num_keys=2)

@@ -17,42 +17,64 @@ from jfsf.types import Spectrum
 PULLED = 8  # functions of Y pulled back, the constant left out
 SEEN = 20  # functions of X that see them
 
+_einsum = partial(jnp.einsum, optimize="optimal", precision=jax.lax.Precision.HIGHEST)
+
 
 @partial(jax.jit, static_argnames="k")
 def brackets(spec: Spectrum, *, k: int) -> Float[Array, "k k k"]:
-    """B[c, a, b] = integral of phi_c {phi_a, phi_b}; zeros for a point cloud.
+    """B[c, a, b] = integral of phi_c {phi_a, phi_b}, of the first k eigenfunctions.
 
-    Antisymmetric in a and b. Faces must be wound outward (`mesh.orient`).
+    Exact for functions linear on each face; antisymmetric in a and b; no unit.
+
+    Args:
+        spec: faces wound outward (`jfsf.mesh.orient`); padding faces add nothing.
+        k: at most its eigenpairs.
+
+    Returns:
+        The tensor; zeros for a point cloud. It takes O(m k^2) memory on the way.
+
+    Raises:
+        ValueError: there are fewer than k eigenpairs.
     """
+    if not 1 <= k <= spec.evecs.shape[1]:
+        raise ValueError(
+            f"brackets: k is {k}, there are {spec.evecs.shape[1]} eigenpairs"
+        )
     phi = spec.evecs[:, :k]
     corner = [phi[spec.faces[:, i]] for i in range(3)]
     mean = (corner[0] + corner[1] + corner[2]) / 3
     d1, d2 = corner[1] - corner[0], corner[2] - corner[0]
-    half = jnp.einsum("fc,fa,fb->cab", mean, d1, d2, optimize="optimal") / 2
+    half = _einsum("fc,fa,fb->cab", mean, d1, d2) / 2
     return half - half.transpose(0, 2, 1)
 
 
 @jax.jit
 def score(
     C_yx: Float[Array, "k_x k_y"],
-    brackets_x: Float[Array, "s s s"],
-    brackets_y: Float[Array, "s s s"],
+    brackets_x: Float[Array, "s_x s_x s_x"],
+    brackets_y: Float[Array, "s_y s_y s_y"],
 ) -> Float[Array, ""]:
     """Correlation of brackets pulled back with brackets of what is pulled back.
 
-    Near +1 for an isometry that preserves orientation, -1 for one that mirrors, nan
-    where there are no faces. It does not change when eigenvectors change sign or turn
-    inside a repeated eigenspace (C_yx with them), but for the cut at `PULLED`.
+    The brackets of pairs of the first `PULLED` functions of Y, each as a function in
+    the basis of X. With as many functions on both sides it does not change when
+    eigenvectors change sign or turn among the first of X, or among the `PULLED` or the
+    rest of the first of Y, and C_yx with them.
 
     Args:
         C_yx: functions on Y pulled back to X.
-        brackets_x, brackets_y: of `SEEN` eigenfunctions or as many as C_yx has.
+        brackets_x, brackets_y: of `SEEN` eigenfunctions (the "first" above), or of as
+            many as C_yx has.
+
+    Returns:
+        In [-1, 1]: near +1 for an isometry that preserves orientation, -1 for one that
+        mirrors, nan where there are no faces.
     """
     seen = min(len(brackets_x), len(brackets_y), *C_yx.shape)
     pulled = min(PULLED + 1, seen)
     C = C_yx[:seen, :seen]
     low = C[:, 1:pulled]
-    on_x = jnp.einsum("cab,ai,bj->cij", brackets_x[:seen, :seen, :seen], low, low)
-    on_y = jnp.einsum("cd,dij->cij", C, brackets_y[:seen, 1:pulled, 1:pulled])
+    on_x = _einsum("cab,ai,bj->cij", brackets_x[:seen, :seen, :seen], low, low)
+    on_y = _einsum("cd,dij->cij", C, brackets_y[:seen, 1:pulled, 1:pulled])
     norm = jnp.sqrt(jnp.sum(on_x**2) * jnp.sum(on_y**2))
     return jnp.where(norm > 0, jnp.sum(on_x * on_y) / norm, jnp.nan)

@@ -82,8 +82,8 @@ class Filtered(NamedTuple):
     T_xy, T_yx: row and column argmax of the plan.
     kernel: K, sparse.
     f, g: log scalings; 0 on padding.
-    row_error: l1 gap of the row sums, as a fraction of all mass; 0 is exact. The
-        column sums are exact after the last update, up to rounding.
+    marginal_error: l1 gap of the plan's row and column sums, as a fraction of all mass;
+        0 is exact.
     empty_x, empty_y: number of vertices that no mass can reach.
     """
 
@@ -92,7 +92,7 @@ class Filtered(NamedTuple):
     kernel: Kernel
     f: Float[Array, " n_x"]
     g: Float[Array, " n_y"]
-    row_error: Float[Array, ""]
+    marginal_error: Float[Array, ""]
     empty_x: Int[Array, ""]
     empty_y: Int[Array, ""]
 
@@ -111,7 +111,7 @@ class PreciseMap(NamedTuple):
 class Certificate(NamedTuple):
     """Evidence of how good a map is, computed without ground truth.
 
-    row_error: l1 gap of the plan's row sums, as a fraction of all mass.
+    marginal_error: l1 gap of the plan's sums, as a fraction of all mass.
     empty: vertices of either shape that no mass reached.
     coverage_xy, coverage_yx: share of the target's area that the map hits.
     bijectivity_x, bijectivity_y: mean spectral distance between a vertex and its image
@@ -123,7 +123,7 @@ class Certificate(NamedTuple):
     finite: whether every number the maps came from is finite.
     """
 
-    row_error: Float[Array, ""]
+    marginal_error: Float[Array, ""]
     empty: Int[Array, ""]
     coverage_xy: Float[Array, ""]
     coverage_yx: Float[Array, ""]

@@ -6,7 +6,7 @@ ways (eq. 12), Sinkhorn scaling to the marginals, row and column argmax of the p
 In the paper's float64 the weights reach e^-500; float32 has nothing below e^-103. So the
 scalings live in the log domain: the first pair of updates is a log-sum-exp, and from
 then on no update changes a scaling by more than a factor 1 / min(marginal), so a few
-plain updates at a time, on a kernel that absorbs the scalings, are safe.
+plain updates at a time, on a kernel that has absorbed the scalings, are safe.
 """
 
 from functools import partial
@@ -20,6 +20,8 @@ from jfsf import kernel as kernels
 from jfsf.knn import neighbours
 from jfsf.types import Filtered, Kernel, Neighbours
 
+Scale = Literal["nearest", "max"]
+
 ABSORB_EVERY = 4  # updates; 4 factors of 1 / min(marginal) stay inside float32
 
 
@@ -29,29 +31,59 @@ def sinkhorn(
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
-    lam: Float[Array, ""] | float = 20.0,
+    lam: Float[Array, ""] | float = 80.0,
     *,
     k0: int = 20,
-    num_iters: int = 30,
-    scale: Literal["median", "max"] = "median",
+    num_iters: int = 60,
+    scale: Scale = "nearest",
     power: float = 1.0,
     one_sided: float = 1.0,
 ) -> Filtered:
-    """Both point-to-point maps between two aligned embeddings."""
-    _check(emb_x, emb_y, marginal_x, marginal_y)
-    dtype = jnp.result_type(emb_x)
-    marginal_x = _uniform(emb_x) if marginal_x is None else marginal_x
-    marginal_y = _uniform(emb_y) if marginal_y is None else marginal_y
+    """Both point-to-point maps between two aligned embeddings.
+
+    Args:
+        emb_x, emb_y: rows of one Euclidean space (`fmap.embeddings`).
+        marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
+            of Y; each sums to 1, 0 marks padding. Uniform when absent.
+        lam: sharpness; the kernel is exp(-lam (d / length)^power).
+        k0: neighbours a vertex, both ways.
+        num_iters: updates of each side. More lower the marginal error; on shapes
+            sampled differently the map gains nothing past some 60.
+        scale: the length that lam is relative to. "nearest" is the median distance to
+            the nearest neighbour, one for both directions: no outlier moves it, nor
+            the size of the mesh. "max" is the largest neighbour distance of each
+            direction, as in the authors' code.
+        power: p of d^p.
+        one_sided: weight of a pair that only one side counts among its neighbours.
+
+    The authors' own settings are lam=500, k0=50, num_iters=11, scale="max",
+    one_sided=0.5.
+
+    Returns:
+        The maps with the plan that they are the argmax of, and its marginal error.
+
+    Raises:
+        ValueError: shapes do not fit, or an option is out of range.
+    """
+    _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale)
+    if marginal_x is None:
+        marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
+    if marginal_y is None:
+        marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
     valid_x, valid_y = marginal_x > 0, marginal_y > 0
     near_xy = _near(emb_x, emb_y, valid_x, valid_y, k0)
     near_yx = _near(emb_y, emb_x, valid_y, valid_x, k0)
-
-    lam = jnp.asarray(lam, dtype)
-    lam_xy, lam_yx = lam / _length(near_xy, scale), lam / _length(near_yx, scale)
-    if scale != "max":
-        lam_xy = lam_yx = jnp.sqrt(lam_xy * lam_yx)
+    length_xy, length_yx = _length(near_xy, scale), _length(near_yx, scale)
+    if scale == "nearest":
+        length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
+    lam = jnp.asarray(lam, emb_x.dtype)
     kernel = kernels.build(
-        near_xy, near_yx, lam_xy, lam_yx, power=power, one_sided=one_sided
+        near_xy,
+        near_yx,
+        lam / length_xy**power,
+        lam / length_yx**power,
+        power=power,
+        one_sided=one_sided,
     )
     return scale_kernel(kernel, marginal_x, marginal_y, num_iters=num_iters)
 
@@ -62,10 +94,16 @@ def scale_kernel(
     marginal_x: Float[Array, " n_x"],
     marginal_y: Float[Array, " n_y"],
     *,
-    num_iters: int = 30,
+    num_iters: int = 60,
 ) -> Filtered:
+    """Scale `kernel` to the marginals and read both maps off the plan.
+
+    Args:
+        kernel: entries only between vertices of positive marginal.
+        marginal_x, marginal_y: each sums to 1; 0 on padding.
+        num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
+    """
     flipped = kernels.transpose(kernel)
-    # Padding: log marginal 0 and no entries, so the scalings stay finite there.
     log_x = jnp.log(jnp.where(marginal_x > 0, marginal_x, 1))
     log_y = jnp.log(jnp.where(marginal_y > 0, marginal_y, 1))
     f = jnp.zeros_like(marginal_x)
@@ -73,15 +111,15 @@ def scale_kernel(
     f = _minus(log_x, kernels.log_matvec(kernel, g))
 
     def absorbed(f, g, updates):
-        p = kernels.plan(kernel, f, g)
-        pt = kernels.transpose(p)
+        plan = kernels.plan(kernel, f, g)
+        back = kernels.transpose(plan)
 
         def update(_, uv):
-            v = _ratio(marginal_y, kernels.matvec(pt, uv[0]))
-            return _ratio(marginal_x, kernels.matvec(p, v)), v
+            v = _ratio(marginal_y, kernels.matvec(back, uv[0]))
+            return _ratio(marginal_x, kernels.matvec(plan, v)), v
 
-        u, v = jnp.ones_like(f), jnp.ones_like(g)
-        u, v = jax.lax.fori_loop(0, updates, update, (u, v))
+        ones = jnp.ones_like(f), jnp.ones_like(g)
+        u, v = jax.lax.fori_loop(0, updates, update, ones)
         return f + jnp.log(u), g + jnp.log(v)
 
     rounds, rest = divmod(num_iters - 1, ABSORB_EVERY)
@@ -92,9 +130,9 @@ def scale_kernel(
 
     T_xy, found_x = kernels.row_argmax(kernel, g)
     T_yx, found_y = kernels.row_argmax(flipped, f)
-    p = kernels.plan(kernel, f, g)
-    rows = kernels.matvec(p, jnp.ones_like(g))
-    cols = kernels.matvec(kernels.transpose(p), jnp.ones_like(f))
+    plan = kernels.plan(kernel, f, g)
+    rows = kernels.matvec(plan, jnp.ones_like(g))
+    cols = kernels.matvec(kernels.transpose(plan), jnp.ones_like(f))
     error = jnp.abs(rows - marginal_x).sum() + jnp.abs(cols - marginal_y).sum()
     return Filtered(
         T_xy.astype(jnp.int32),
@@ -108,12 +146,36 @@ def scale_kernel(
     )
 
 
+@jax.jit
+def pull_back(
+    filtered: Filtered, values_y: Float[Array, "n_y c"]
+) -> Float[Array, "n_x c"]:
+    """Functions on Y as seen from X: each vertex averages over its row of the plan."""
+    plan = kernels.plan(filtered.kernel, filtered.f, filtered.g)
+    rows = kernels.matvec(plan, jnp.ones_like(filtered.g))
+    found = rows > 0
+    total = kernels.matvec(plan, values_y)
+    return jnp.where(found[:, None], total / jnp.where(found, rows, 1)[:, None], 0)
+
+
+@jax.jit
+def plan_entries(filtered: Filtered):
+    """The plan as (rows, columns, values), each (n_x k0 + n_y k0,); 0 where absent."""
+    kernel = filtered.kernel
+    plan = kernels.plan(kernel, filtered.f, filtered.g)
+    n_x, n_y = len(plan.idx_xy), len(plan.idx_yx)
+    own_x = jnp.broadcast_to(jnp.arange(n_x)[:, None], plan.idx_xy.shape)
+    own_y = jnp.broadcast_to(jnp.arange(n_y)[:, None], plan.idx_yx.shape)
+    rows = jnp.concatenate([own_x.ravel(), plan.idx_yx.ravel()])
+    columns = jnp.concatenate([plan.idx_xy.ravel(), own_y.ravel()])
+    return rows, columns, jnp.concatenate([plan.log_xy.ravel(), plan.log_yx.ravel()])
+
+
 def _near(queries, points, valid_q, valid_p, k0) -> Neighbours:
     # The choice of neighbours is not differentiable; their distances are.
     frozen = jax.lax.stop_gradient((queries, points))
     idx, dist = neighbours(*frozen, valid_p, k0=min(k0, len(points), len(queries)))
-    gap = queries[:, None] - points[idx]
-    square = jnp.sum(gap**2, 2)
+    square = jnp.sum((queries[:, None] - points[idx]) ** 2, 2)
     # The gradient of sqrt at 0 is infinite; a coincident pair has none to give.
     apart = square > 0
     length = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1)), 0)
@@ -121,16 +183,15 @@ def _near(queries, points, valid_q, valid_p, k0) -> Neighbours:
     return Neighbours(idx, jnp.where(known, length, jnp.inf))
 
 
-def _length(near: Neighbours, scale: str):
+def _length(near: Neighbours, scale: Scale):
     known = jnp.isfinite(near.dist)
     if scale == "max":
         length = jnp.max(jnp.where(known, near.dist, 0))
-    elif scale == "median":
-        length = jnp.nanmedian(jnp.where(known[:, -1], near.dist[:, -1], jnp.nan))
-    elif scale == "first":
-        length = jnp.nanmedian(jnp.where(known[:, 0], near.dist[:, 0], jnp.nan))
     else:
-        raise ValueError(f"sinkhorn: scale is 'median' or 'max', not {scale!r}")
+        near_median = jnp.nanmedian(jnp.where(known, near.dist, jnp.nan)[:, 0])
+        # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
+        floor = jnp.nanmedian(jnp.where(known, near.dist, jnp.nan)[:, -1]) / 100
+        length = jnp.maximum(near_median, floor)
     return jax.lax.stop_gradient(jnp.where(length > 0, length, 1))
 
 
@@ -144,18 +205,20 @@ def _ratio(marginal, weight):
     return jnp.where(ok, marginal / jnp.where(ok, weight, 1), 1)
 
 
-def _uniform(emb):
-    return jnp.full(len(emb), 1 / len(emb), emb.dtype)
-
-
-def _check(emb_x, emb_y, marginal_x, marginal_y):
+def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
     if emb_x.shape[1] != emb_y.shape[1]:
         raise ValueError(
             f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
         )
-    for name, m, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
-        if m is not None and m.shape != (len(emb),):
+    for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
+        if marginal is not None and marginal.shape != (len(emb),):
             raise ValueError(
-                f"sinkhorn: marginal_{name} has shape {m.shape}, emb_{name} has "
+                f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
                 f"{len(emb)} rows"
             )
+    if k0 < 1 or num_iters < 1:
+        raise ValueError(
+            f"sinkhorn: k0 and num_iters must be positive, got {k0} and {num_iters}"
+        )
+    if scale not in ("nearest", "max"):
+        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")

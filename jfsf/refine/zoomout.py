@@ -20,7 +20,7 @@ from jfsf.types import Spectrum
 Converter = Callable[..., Any]
 
 
-@partial(jax.jit, static_argnames=("ks", "converter", "space", "vote"))
+@partial(jax.jit, static_argnames=("ks", "converter", "space", "both"))
 def zoomout(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -29,25 +29,41 @@ def zoomout(
     ks: tuple[int, ...],
     converter: Converter,
     space: Space = "direct",
-    vote: bool = True,
-) -> Float[Array, "K K"]:
-    """Refine C_yx from ks[0] to ks[-1] eigenfunctions."""
+    both: bool = False,
+) -> Float[Array, "k k"]:
+    """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
+
+    Each step converts the map at one k and reads the functional map at the next, so
+    len(ks) - 1 conversions; convert the result once more for the final map. For speed,
+    refine spectra restricted to samples (`sampling.restrict`) and convert in full.
+
+    Args:
+        spec_x, spec_y: spectra with ks[-1] eigenpairs or more; mass 0 is padding.
+        C_yx: the start; its leading ks[0] x ks[0] block is used.
+        ks: sizes of the basis, increasing; equal ones iterate in place.
+        converter: `nearest`, `sinkhorn` or any other with their signature.
+        space: "direct" is the field's and holds up while C_yx is still rough.
+        both: average the functional map of T_xy with the adjoint of that of T_yx.
+
+    Returns:
+        C_yx at ks[-1].
+
+    Raises:
+        ValueError: ks is empty, decreases, or does not fit C_yx or the spectra.
+    """
     if not ks or list(ks) != sorted(ks):
-        raise ValueError(f"zoomout: ks must increase, got {ks}")
+        raise ValueError(f"zoomout: ks must not be empty or decrease, got {ks}")
     widest = min(len(spec_x.evals), len(spec_y.evals))
     if ks[-1] > widest:
         raise ValueError(f"zoomout: ks ends at {ks[-1]}, there are {widest} eigenpairs")
-    if min(C_yx.shape) < ks[0]:
+    if not 1 <= ks[0] <= min(C_yx.shape):
         raise ValueError(f"zoomout: C_yx is {C_yx.shape}, ks starts at {ks[0]}")
-    C_yx = C_yx[: ks[0], : ks[0]]
-    steps = list(zip(ks[:-1], ks[1:], strict=True))
-    # A scan needs one shape: the basis is masked to k inside it. Grouping the steps by
-    # doubling widths keeps the waste below a factor of two.
+    C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
+    steps = zip(ks[:-1], ks[1:], strict=True)
+    # A scan needs one shape, so the basis is masked to k inside it. A scan for each
+    # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        here = jnp.asarray(list(group))
-        C_yx = _grow(
-            spec_x, spec_y, C_yx, here, width, converter=converter, space=space, vote=vote
-        )
+        C_yx = _grow(spec_x, spec_y, C_yx, list(group), width, converter, space, both)
     return C_yx[: ks[-1], : ks[-1]]
 
 
@@ -55,39 +71,33 @@ def _width(k: int, last: int) -> int:
     return min(max(32, 1 << (k - 1).bit_length()), last)
 
 
-def _grow(spec_x, spec_y, C_yx, steps, width, *, converter, space, vote):
+def _grow(spec_x, spec_y, C_yx, steps, width, converter, space, both):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
-    back_x = _weighted(evecs_x, spec_x.mass)
-    back_y = _weighted(evecs_y, spec_y.mass)
+    back_x, back_y = evecs_x.T * spec_x.mass, evecs_y.T * spec_y.mass
     gram_x, gram_y = back_x @ evecs_x, back_y @ evecs_y
     uniform_x, uniform_y = uniform(spec_x.mass), uniform(spec_y.mass)
     column = jnp.arange(width)
 
     def step(C_yx, ks):
-        small, large = column < ks[0], column < ks[1]
+        small = (column < ks[0]).astype(evecs_x.dtype)
         emb_x, emb_y = embeddings(
-            C_yx, evecs_x * small, evecs_y * small, space=space
+            C_yx, evecs_x * small[None], evecs_y * small[None], space=space
         )
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
-        there = _solve(gram_x, back_x @ evecs_y[maps.T_xy], large)
-        if vote:
-            back = _solve(gram_y, back_y @ evecs_x[maps.T_yx], large)
+        keep = column < ks[1]
+        there = _least_squares(gram_x, back_x @ evecs_y[maps.T_xy], keep)
+        if both:
+            back = _least_squares(gram_y, back_y @ evecs_x[maps.T_yx], keep)
             there = (there + back.T) / 2
         return there, None
 
-    size = min(width, len(C_yx))
-    start = jnp.zeros((width, width), evecs_x.dtype)
-    start = start.at[:size, :size].set(C_yx[:size, :size].astype(evecs_x.dtype))
-    return jax.lax.scan(step, start, steps)[0]
+    size = len(C_yx)
+    start = jnp.pad(C_yx, (0, width - size)) if size < width else C_yx[:width, :width]
+    return jax.lax.scan(step, start, jnp.asarray(steps))[0]
 
 
-def _weighted(evecs, mass):
-    return evecs.T * mass
-
-
-def _solve(gram, right, keep):
-    """Least squares in the first eigenfunctions only; zero elsewhere."""
+def _least_squares(gram, right, keep):
+    """Solve in the first eigenfunctions only; zero elsewhere."""
     inside = keep[:, None] & keep[None, :]
     gram = jnp.where(inside, gram, jnp.eye(len(gram), dtype=gram.dtype))
     return jax.scipy.linalg.solve(gram, jnp.where(inside, right, 0), assume_a="pos")
-

@@ -1,0 +1,148 @@
+"""Two meshes -> Match, the whole way: spectra, search, refinement, conversion."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from jfsf.certificate import certify
+from jfsf.convert import sinkhorn
+from jfsf.descriptors import hks, wks
+from jfsf.fmap import embeddings, functional_map, truncate, uniform
+from jfsf.mesh import MeshError, orient
+from jfsf.padding import bucket, pad
+from jfsf.refine import zoomout
+from jfsf.search import SECOND, Orientation, search
+from jfsf.spectrum import spectrum
+from jfsf.types import Match, Mesh, Spectrum
+
+K = 200  # eigenpairs a shape
+# Each step may gain by half or so; finer schedules cost more and drift further.
+KS = (SECOND[-1], 65, 110, K)
+EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
+
+_sharp = partial(sinkhorn, num_iters=30)
+
+
+def match(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    orientation: Orientation = "preserve",
+    landmarks: Int[Array, "l 2"] | None = None,
+    cache: bool = True,
+) -> Match:
+    """Point-to-point maps between two shapes, both ways, from the meshes alone.
+
+    Args:
+        mesh_x, mesh_y: one connected component each, any units and sizes, 160 vertices
+            or more; a mesh without faces is a point cloud.
+        orientation: "preserve" asks for the map that keeps left and right (faces are
+            wound outward first), "reverse" for its mirror image, "any" for the best of
+            both. Point clouds have no orientation: for them it is always "any".
+        landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
+            a flip.
+        cache: keep spectra on disk between calls.
+
+    Returns:
+        T_xy, T_yx, C_yx and the certificate, in jax's default precision.
+
+    Raises:
+        MeshError: a mesh that cannot be matched, with the reason.
+        ValueError: bad landmarks, or an unknown orientation.
+    """
+    mesh_x, mesh_y = _oriented(mesh_x), _oriented(mesh_y)
+    pairs = _landmarks(landmarks, len(mesh_x.vertices), len(mesh_y.vertices))
+    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
+        orientation = "any"
+    k = _eigenpairs(len(mesh_x.vertices), len(mesh_y.vertices))
+    spec_x = _spectrum("mesh_x", mesh_x, k, cache)
+    spec_y = _spectrum("mesh_y", mesh_y, k, cache)
+    found = match_spectra(
+        _padded(spec_x), _padded(spec_y), pairs, orientation=orientation
+    )
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
+
+
+@partial(jax.jit, static_argnames="orientation")
+def match_spectra(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    landmarks: Int[Array, "l 2"] | None = None,
+    *,
+    orientation: Orientation = "preserve",
+) -> Match:
+    """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
+
+    Args:
+        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
+        landmarks, orientation: as `match`.
+    """
+    desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
+    if landmarks is not None:
+        # Heat from a landmark is positive up to the cut of the spectrum.
+        seen_x = jnp.maximum(hks(spec_x, landmarks[:, 0], num=10), 0)
+        seen_y = jnp.maximum(hks(spec_y, landmarks[:, 1], num=10), 0)
+        desc_x = jnp.concatenate([desc_x, seen_x], 1)
+        desc_y = jnp.concatenate([desc_y, seen_y], 1)
+    found = search(spec_x, spec_y, desc_x, desc_y, orientation=orientation)
+    widest = min(len(spec_x.evals), len(spec_y.evals))
+    ks = tuple(k for k in KS if k < widest) + (widest,)
+    C_yx = zoomout(spec_x, spec_y, found.C_yx[0], ks=ks, converter=_sharp)
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
+    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y)
+    return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
+
+
+def _eigenpairs(n_x: int, n_y: int) -> int:
+    # The upper quarter of a mesh's spectrum says more of its triangles than its shape.
+    return max(SECOND[-1], min(K, n_x // 4, n_y // 4))
+
+
+def _oriented(mesh: Mesh) -> Mesh:
+    return orient(mesh) if len(mesh.faces) else mesh
+
+
+def _spectrum(name: str, mesh: Mesh, k: int, cache: bool) -> Spectrum:
+    try:
+        found = spectrum(mesh, k, cache=cache)
+    except MeshError as error:
+        raise MeshError(str(error).replace("mesh:", f"{name}:", 1)) from error
+    return jax.tree.map(jnp.asarray, _in_default_precision(found))
+
+
+def _padded(spec: Spectrum) -> Spectrum:
+    return pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
+
+
+def _in_default_precision(spec: Spectrum) -> Spectrum:
+    dtype = jnp.zeros(0).dtype
+    return spec._replace(
+        evals=spec.evals.astype(dtype),
+        evecs=spec.evecs.astype(dtype),
+        mass=spec.mass.astype(dtype),
+    )
+
+
+def _landmarks(landmarks, n_x: int, n_y: int):
+    if landmarks is None:
+        return None
+    pairs = np.asarray(landmarks)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0:
+        raise ValueError(
+            f"match: landmarks have shape {pairs.shape}; give rows (vertex of X, "
+            "vertex of Y)"
+        )
+    for column, n, name in ((0, n_x, "mesh_x"), (1, n_y, "mesh_y")):
+        low, high = pairs[:, column].min(), pairs[:, column].max()
+        if low < 0 or high >= n:
+            raise ValueError(
+                f"match: landmarks name vertices {low} to {high} of {name}, which has "
+                f"vertices 0 to {n - 1}"
+            )
+    return jnp.asarray(pairs, jnp.int32)

@@ -1,0 +1,358 @@
+"""The functional map fit against dense least squares, and its invariances."""
+
+import subprocess
+import sys
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jfsf.data
+from jfsf.descriptors import wks
+from jfsf.fit import DEFAULT, Weights, solve, terms
+from jfsf.fmap import functional_map
+from jfsf.orientation import brackets, score
+from jfsf.spectrum import spectrum
+from jfsf.types import Mesh, Spectrum
+
+module = sys.modules["jfsf.fit"]  # its name may be the function's
+seeds = st.integers(0, 10**6)
+SOLVERS = ("jaxopt", "lineax")
+solvers = pytest.mark.parametrize("solver", SOLVERS)
+
+
+def fit(x, y, desc_x, desc_y, weights=DEFAULT, *, k, solver="jaxopt"):
+    # Weights of one type, defaults included, compile once.
+    weights = Weights(*(jnp.asarray(w, x.mass.dtype) for w in weights))
+    return module.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver)
+
+
+def blob(seed=0, subdivisions=2):
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    v, rng = np.array(ball.vertices), np.random.default_rng(seed)
+    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
+    faces = np.array(ball.faces, np.int32)
+    return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], faces)
+
+
+def mirrored(mesh):
+    return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
+
+
+def jaxed(spec, dtype=jnp.float64):
+    real = [jnp.asarray(a, dtype) for a in spec[:3]]
+    return Spectrum(real[0], real[1], real[2], jnp.asarray(spec.faces, jnp.int32))
+
+
+def spec_of(mesh, k=30):
+    return jaxed(spectrum(mesh, k, cache=False))
+
+
+def random(seed, *shape):
+    return jnp.asarray(np.random.default_rng(seed).normal(size=shape))
+
+
+# The first 42 vertices of X's icosphere are Y's.
+X, Y = spec_of(blob()), spec_of(blob(0, 1), 20)
+N_X, N_Y, K = 162, 42, 7
+DESC_X, DESC_Y = (
+    wks(X, jnp.array([0, 5, 30]), num=8),
+    wks(Y, jnp.array([0, 5, 30]), num=8),
+)
+
+
+@solvers
+@pytest.mark.parametrize(
+    "weights",
+    [
+        DEFAULT,
+        Weights(1.0, 0.0, 0.0, 0.0),
+        Weights(0.3, 2.0, 0.0, 0.0),
+        Weights(0.5, 0.1, 0.7, -1.5),
+    ],
+)
+@settings(max_examples=5)
+@given(seed=seeds)
+def test_dense_least_squares_agrees(solver, weights, seed):
+    # More descriptors than eigenfunctions: the minimum is unique for all weights.
+    desc_x, desc_y = random(seed, N_X, 24), random(seed + 1, N_Y, 24)
+    tensor_x, tensor_y = (np.asarray(brackets(spec, k=K)) for spec in (X, Y))
+    residuals = oracles.fit_residuals(X, Y, desc_x, desc_y, tensor_x, tensor_y, weights)
+    dense = oracles.fit(residuals, K)
+    found = fit(X, Y, desc_x, desc_y, weights, k=K, solver=solver)
+    assert np.allclose(found.C_yx, dense, atol=1e-7)
+    assert found.residual < 1e-9
+
+
+def test_both_solvers_agree():
+    one, two = (fit(X, Y, DESC_X, DESC_Y, k=K, solver=s).C_yx for s in SOLVERS)
+    assert jnp.linalg.norm(one - two) < 1e-6 * jnp.linalg.norm(one)
+
+
+@solvers
+def test_constants_go_to_constants(solver):
+    C_yx = fit(X, Y, DESC_X, DESC_Y, k=K, solver=solver).C_yx
+    assert jnp.array_equal(C_yx[:, 0], jnp.eye(K)[0])
+
+
+def test_the_identity_is_recovered():
+    found = fit(X, X, DESC_X, DESC_X, k=12)
+    assert jnp.abs(found.C_yx - jnp.eye(12)).max() < 1e-6
+    assert found.residual < 1e-9
+
+
+def test_a_real_shape_finds_itself():
+    spec = spec_of(jfsf.data.load("man_walk").mesh, 60)
+    desc = wks(spec, jnp.array([10, 2000, 4000]), num=10)
+    found = fit(spec, spec, desc, desc, k=30)
+    assert jnp.abs(found.C_yx - jnp.eye(30)).max() < 1e-6
+
+
+@given(seed=seeds)
+def test_relabelling_changes_nothing(seed):
+    order = np.random.default_rng(seed).permutation(N_Y)
+    faces = jnp.asarray(np.argsort(order)[Y.faces], jnp.int32)
+    other = Spectrum(Y.evals, Y.evecs[order], Y.mass[order], faces)
+    plain = fit(X, Y, DESC_X, DESC_Y, k=K)
+    assert jnp.allclose(
+        fit(X, other, DESC_X, DESC_Y[order], k=K).C_yx, plain.C_yx, atol=1e-7
+    )
+
+
+def test_a_known_map_between_meshes_of_different_size():
+    fine, coarse = blob(0, 3), blob(0, 2)  # 642 and 162 vertices on one surface
+    x, y = spec_of(fine), spec_of(coarse)
+    gap = fine.vertices[:, None] - coarse.vertices[None]
+    truth = functional_map(jnp.asarray((gap**2).sum(2).argmin(1)), x, y)[:10, :10]
+    spots = jnp.array([0, 5, 30])  # subdivision keeps the numbers of old vertices
+    found = fit(x, y, wks(x, spots, num=20), wks(y, spots, num=20), k=10)
+    assert jnp.linalg.norm(found.C_yx - truth) < 0.1 * jnp.linalg.norm(truth)
+
+
+@given(seed=seeds)
+def test_signs_of_eigenvectors_carry_over(seed):
+    rng = np.random.default_rng(seed)
+    sign_x, sign_y = (
+        jnp.asarray(rng.choice([-1.0, 1.0], n)).at[0].set(1) for n in (30, 20)
+    )
+    x = X._replace(evecs=X.evecs * sign_x[None])
+    y = Y._replace(evecs=Y.evecs * sign_y[None])
+    plain, turned = (fit(*pair, DESC_X, DESC_Y, k=K).C_yx for pair in ((X, Y), (x, y)))
+    assert jnp.allclose(turned, sign_x[:K, None] * plain * sign_y[None, :K], atol=1e-7)
+
+
+@given(angle=st.floats(-3, 3))
+def test_turns_inside_an_eigenspace_carry_over(angle):
+    evals = X.evals.at[4].set(X.evals[3])
+    c, s = np.cos(angle), np.sin(angle)
+    turn = jnp.eye(30).at[3:5, 3:5].set(jnp.array([[c, -s], [s, c]]))
+    x = X._replace(evals=evals)
+    other = x._replace(evecs=x.evecs @ turn)
+    plain, turned = (fit(s, Y, DESC_X, DESC_Y, k=K).C_yx for s in (x, other))
+    assert jnp.allclose(turned, turn[:K, :K].T @ plain, atol=1e-7)
+
+
+def test_the_orientation_weight_chooses_the_side():
+    # A shape with a mirror plane: its descriptors cannot tell left from right.
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    v = np.array(ball.vertices)
+    v = v * (1 + 0.3 * v[:, 1:2] ** 3 + 0.2 * v[:, 2:] * v[:, 1:2]) * [1.0, 1.4, 2.0]
+    spec = spec_of(Mesh(v, np.array(ball.faces, np.int32)))
+    desc = wks(spec, num=60)
+    tensor = brackets(spec, k=12)
+    values = []
+    for weight in (1.0, -1.0):
+        weights = Weights(orientation=weight)
+        values.append(
+            score(fit(spec, spec, desc, desc, weights, k=12).C_yx, tensor, tensor)
+        )
+    assert values[0] > 0.99 and values[1] < -0.99
+
+
+def test_a_mirrored_copy_wants_a_negative_weight():
+    y = spec_of(mirrored(blob()))
+    desc_y = wks(y, jnp.array([0, 5, 30]), num=8)
+    truth = functional_map(jnp.arange(N_X), X, y)[:12, :12]
+    good, bad = (
+        fit(X, y, DESC_X, desc_y, Weights(orientation=w), k=12).C_yx
+        for w in (-1.0, 1.0)
+    )
+    assert jnp.abs(good - truth).max() < 1e-6
+    assert jnp.abs(bad - truth).max() > 0.1
+
+
+@given(seed=seeds)
+def test_strength_and_offset_of_a_descriptor_do_not_matter(seed):
+    factor, shift = jnp.exp(random(seed, 1, 24)), random(seed + 1, 1, 24)
+    plain = fit(X, Y, DESC_X, DESC_Y, k=K).C_yx
+    other = fit(X, Y, DESC_X * factor + shift, DESC_Y * factor + shift, k=K).C_yx
+    assert jnp.allclose(other, plain, atol=1e-6)
+
+
+@pytest.mark.parametrize("value, dtype", [(0.0, "float32"), (3.7, "float32")])
+def test_a_constant_descriptor_says_nothing(value, dtype):
+    x, y = jaxed(X, dtype), jaxed(Y, dtype)
+    desc_x, desc_y = DESC_X.astype(dtype), DESC_Y.astype(dtype)
+    plain = terms(x, y, desc_x, desc_y, k=K)
+    more = terms(
+        x,
+        y,
+        jnp.concatenate([desc_x, jnp.full((N_X, 1), value, dtype)], 1),
+        jnp.concatenate([desc_y, jnp.full((N_Y, 1), value, dtype)], 1),
+        k=K,
+    )
+    assert jnp.abs(more.coef_x[:, -1]).max() < 0.05
+    assert np.isclose(more.weight_desc, plain.weight_desc, rtol=1e-3)
+
+
+def test_padding_is_invisible():
+    extra_x, extra_y = 2, 5
+
+    def pad(spec, extra):
+        return spec._replace(
+            evecs=jnp.pad(spec.evecs, ((0, extra), (0, 0))),
+            mass=jnp.pad(spec.mass, (0, extra)),
+            faces=jnp.pad(spec.faces, ((0, extra), (0, 0))),
+        )
+
+    # Whatever the descriptors say there.
+    desc_x = jnp.pad(DESC_X, ((0, extra_x), (0, 0)), constant_values=9)
+    desc_y = jnp.pad(DESC_Y, ((0, extra_y), (0, 0)), constant_values=9)
+    plain = fit(X, Y, DESC_X, DESC_Y, k=K)
+    padded = fit(pad(X, extra_x), pad(Y, extra_y), desc_x, desc_y, k=K)
+    assert jnp.allclose(padded.C_yx, plain.C_yx, atol=1e-8)
+
+
+def test_a_cloud_has_no_orientation_term():
+    cloud = X._replace(faces=jnp.zeros((0, 3), jnp.int32))
+    found = fit(cloud, cloud, DESC_X, DESC_X, k=K)
+    assert jnp.abs(found.C_yx - jnp.eye(K)).max() < 1e-6
+
+
+@solvers
+def test_what_nothing_speaks_of_is_zero(solver):
+    nothing = Weights(0.0, 0.0, 0.0, 0.0)
+    found = fit(X, Y, DESC_X, DESC_Y, nothing, k=K, solver=solver)
+    assert jnp.array_equal(found.C_yx, jnp.zeros((K, K)).at[0, 0].set(1))
+    assert found.residual == 0
+
+
+@solvers
+def test_vmap_equals_the_loop(solver):
+    desc_x = jnp.stack([DESC_X, DESC_X[:, ::-1], DESC_X**2])
+    weights = Weights(
+        jnp.ones(3), jnp.ones(3), jnp.ones(3), jnp.array([1.0, -1.0, 0.0])
+    )
+
+    def run(desc, w):
+        return fit(X, Y, desc, DESC_Y, w, k=K, solver=solver)
+
+    batch = jax.vmap(run)(desc_x, weights)
+    for i in range(3):
+        own = run(desc_x[i], jax.tree.map(lambda w, i=i: w[i], weights))
+        assert jnp.allclose(batch.C_yx[i], own.C_yx, atol=1e-7)
+
+
+def sine(desc_x, desc_y, weights, evals, evecs, solver="jaxopt"):
+    """Something smooth in the solution."""
+    x = X._replace(evals=evals, evecs=evecs)
+    return jnp.sum(jnp.sin(fit(x, Y, desc_x, desc_y, weights, k=K, solver=solver).C_yx))
+
+
+sine_grad = jax.jit(jax.grad(sine, tuple(range(5))), static_argnames="solver")
+
+
+@solvers
+def test_gradients_through_the_solution(solver):
+    weights = Weights(*jnp.array([1.0, 0.2, 0.7, 0.4]))
+    at = [DESC_X, DESC_Y, weights, X.evals, X.evecs]
+    h = 1e-5
+    for i, slope in enumerate(sine_grad(*at, solver=solver)):
+        step = jax.tree.map(lambda s, i=i: random(i, *s.shape), slope)
+        if i == 3:
+            step = step.at[0].set(0)  # the constant's eigenvalue is 0
+        ends = []
+        for sign in (1, -1):
+            moved = jax.tree.map(lambda a, d, s=sign: a + s * h * d, at[i], step)
+            inputs = [*at[:i], moved, *at[i + 1 :]]
+            ends.append(sine(*inputs, solver=solver))
+        parts = jax.tree.map(lambda a, b: jnp.sum(a * b), slope, step)
+        exact = sum(jax.tree.leaves(parts))
+        rate = (ends[0] - ends[1]) / (2 * h)
+        assert np.isclose(rate, exact, rtol=1e-3, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["laplacian", "multiplication", "orientation"])
+def test_gradients_at_weight_zero_are_those_from_above(name):
+    at = Weights(*jnp.ones(4))._replace(**{name: jnp.zeros(())})
+    h = 1e-6
+    slope = getattr(sine_grad(DESC_X, DESC_Y, at, X.evals, X.evecs)[2], name)
+    ends = [
+        sine(DESC_X, DESC_Y, at._replace(**{name: jnp.asarray(t)}), X.evals, X.evecs)
+        for t in (h, 0.0)
+    ]
+    assert np.isclose((ends[0] - ends[1]) / h, slope, rtol=1e-3, atol=1e-5)
+
+
+@solvers
+def test_float32(solver):
+    short = [a.astype(jnp.float32) for a in (DESC_X, DESC_Y)]
+    specs = jaxed(X, jnp.float32), jaxed(Y, jnp.float32)
+    found = fit(*specs, *short, k=K, solver=solver)
+    assert found.C_yx.dtype == found.residual.dtype == jnp.float32
+    exact = np.asarray(fit(X, Y, DESC_X, DESC_Y, k=K).C_yx)
+    assert np.abs(np.asarray(found.C_yx) - exact).max() < 2e-3
+    assert found.residual < 1e-4
+
+
+def test_a_sweep_of_python_floats_compiles_once():
+    compiled = module.fit._cache_size  # type: ignore
+    module.fit(X, Y, DESC_X, DESC_Y, Weights(), k=K)
+    before = compiled()
+    for weight in (0.5, 0.25, -2.0):
+        module.fit(X, Y, DESC_X, DESC_Y, Weights(orientation=weight), k=K)
+    assert compiled() == before
+
+
+@pytest.mark.parametrize("cast", [jnp.float32, int])
+def test_weights_of_any_type(cast):
+    weights = Weights(*(cast(w) for w in (1, 2, 1, 1)))
+    found = module.fit(X, Y, DESC_X, DESC_Y, weights, k=K)
+    exact = fit(X, Y, DESC_X, DESC_Y, Weights(1.0, 2.0, 1.0, 1.0), k=K)
+    assert jnp.allclose(found.C_yx, exact.C_yx)
+
+
+@pytest.mark.parametrize(
+    "change, message",
+    [
+        ({"desc_x": DESC_X[:-1]}, r"desc_x is \(161, 24\), the shape has 162 vertices"),
+        ({"desc_y": DESC_X}, r"desc_y is \(162, 24\), the shape has 42 vertices"),
+        ({"desc_y": DESC_Y[:, 0]}, r"desc_y is \(42,\), the shape has 42"),
+        ({"desc_y": DESC_Y[:, 1:]}, "desc_x has 24 columns, desc_y 23"),
+        ({"k": 21}, "k is 21, spec_y has 20 eigenpairs"),
+        ({"k": 1}, "k is 1, spec_x has 30 eigenpairs"),
+        ({"solver": "lbfgs"}, "solver is 'jaxopt' or 'lineax', not 'lbfgs'"),
+    ],
+)
+def test_errors(change, message):
+    options = {"desc_x": DESC_X, "desc_y": DESC_Y, "k": K, **change}
+    with pytest.raises(ValueError, match=message):
+        fit(X, Y, **options)
+
+
+def test_solve_refuses_an_unknown_solver():
+    with pytest.raises(ValueError, match="not 'qr'"):
+        solve(terms(X, Y, DESC_X, DESC_Y, k=K), solver="qr")
+
+
+def test_importing_warns_of_nothing_and_leaves_jax_as_it_is():
+    program = (
+        "import jax; before = dict(jax.config.values); import jfsf.fit;"
+        "assert dict(jax.config.values) == before; assert not jax.config.jax_enable_x64"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)

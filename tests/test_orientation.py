@@ -1,0 +1,191 @@
+"""Brackets against n . (grad f x grad g), and a score that knows a mirror."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+import jfsf.data
+from jfsf.fmap import functional_map
+from jfsf.orientation import PULLED, SEEN, brackets, score
+from jfsf.spectrum import spectrum
+from jfsf.types import Mesh, Spectrum
+
+seeds = st.integers(0, 10**6)
+
+
+def blob(seed=0):
+    ball = trimesh.creation.icosphere(subdivisions=2)  # 162 vertices
+    v, rng = np.array(ball.vertices), np.random.default_rng(seed)
+    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
+    faces = np.array(ball.faces, np.int32)
+    return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], faces)
+
+
+def mirrored(mesh):
+    return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
+
+
+def jaxed(spec, dtype=jnp.float64):
+    real = [jnp.asarray(a, dtype) for a in spec[:3]]
+    return Spectrum(real[0], real[1], real[2], jnp.asarray(spec.faces, jnp.int32))
+
+
+def spec_of(mesh, k=30):
+    return jaxed(spectrum(mesh, k, cache=False))
+
+
+SPEC = spec_of(blob())
+# What a map scores on random input: far from 0 and 1, so that it can change.
+ANY = jnp.eye(SEEN) + 0.1 * jnp.asarray(np.random.default_rng(0).normal(size=(20, 20)))
+
+
+def block_rotation(seed, *ends):
+    """Orthogonal, the blocks up to each of `ends` turned within themselves."""
+    rng, out = np.random.default_rng(seed), np.zeros((ends[-1], ends[-1]))
+    for low, high in zip((0, *ends), ends, strict=False):
+        turn = np.linalg.qr(rng.normal(size=(high - low, high - low)))[0]
+        out[low:high, low:high] = turn
+    return jnp.asarray(out)
+
+
+@given(seed=seeds)
+def test_brackets_match_gradients_face_by_face(seed):
+    mesh = blob(seed)
+    functions = np.random.default_rng(seed).normal(size=(162, 3))
+    spec = SPEC._replace(evecs=jnp.asarray(functions), faces=jnp.asarray(mesh.faces))
+    ours = brackets(spec, k=3)
+    assert np.allclose(ours, oracles.brackets(*mesh, functions))
+    assert jnp.allclose(ours, -ours.transpose(0, 2, 1))
+    # On a closed surface no function flows in or out.
+    assert np.allclose(ours, ours.transpose(1, 2, 0))
+
+
+def test_the_constant_has_no_gradient():
+    assert jnp.abs(brackets(SPEC, k=10)[:, 0]).max() < 1e-12
+
+
+def test_flipping_the_faces_flips_the_sign():
+    flipped = SPEC._replace(faces=SPEC.faces[:, ::-1])
+    assert jnp.allclose(brackets(flipped, k=10), -brackets(SPEC, k=10))
+
+
+def test_padding_is_invisible():
+    padded = SPEC._replace(
+        evecs=jnp.pad(SPEC.evecs, ((0, 3), (0, 0))),
+        mass=jnp.pad(SPEC.mass, (0, 3)),
+        faces=jnp.pad(SPEC.faces, ((0, 5), (0, 0))),
+    )
+    assert jnp.allclose(brackets(padded, k=10), brackets(SPEC, k=10))
+
+
+@given(seed=seeds)
+def test_relabelling_changes_nothing(seed):
+    order = np.random.default_rng(seed).permutation(162)
+    faces = jnp.asarray(np.argsort(order)[np.roll(SPEC.faces, 1, 1)], jnp.int32)
+    other = SPEC._replace(evecs=SPEC.evecs[order], faces=faces)
+    assert jnp.allclose(brackets(other, k=10), brackets(SPEC, k=10))
+
+
+def test_the_identity_scores_one():
+    tensor = brackets(SPEC, k=SEEN)
+    assert np.isclose(score(jnp.eye(SEEN), tensor, tensor), 1)
+
+
+@given(seed=seeds)
+def test_a_mirrored_copy_scores_minus_one(seed):
+    mesh = blob(seed)
+    x, y = spec_of(mesh), spec_of(mirrored(mesh))
+    C_yx = functional_map(jnp.arange(162), x, y)
+    tensors = brackets(x, k=SEEN), brackets(y, k=SEEN)
+    assert np.isclose(score(C_yx, *tensors), -1, atol=1e-6)
+    # Faces that were not wound outward again hide the mirror.
+    wrong = y._replace(faces=y.faces[:, ::-1])
+    assert score(C_yx, tensors[0], brackets(wrong, k=SEEN)) > 0.99
+
+
+def test_real_shapes_and_their_mirrors():
+    x, y = jfsf.data.load("man_walk"), jfsf.data.load("woman_up")
+    spec_x = spec_of(x.mesh)
+    # Nearest template point: a true map between meshes of different size.
+    back = np.zeros(len(x.mesh.vertices), np.int64)
+    back[x.template_to_vertex] = np.arange(len(x.template_to_vertex))
+    T_xy = y.template_to_vertex[back]
+    known = np.isin(np.arange(len(back)), x.template_to_vertex)
+    sample = jaxed(spectrum(x.mesh, 30, cache=False))
+    weight = sample.mass * jnp.asarray(known, float)
+    sample = sample._replace(mass=weight / weight.sum())
+    for mesh, sign in ((y.mesh, 1), (mirrored(y.mesh), -1)):
+        spec_y = spec_of(mesh)
+        C_yx = functional_map(jnp.asarray(T_xy), sample, spec_y)
+        value = score(C_yx, brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN))
+        assert sign * value > 0.8
+
+
+@given(seed=seeds)
+def test_signs_and_turns_of_eigenvectors_change_nothing(seed):
+    turn_x = block_rotation(seed, SEEN)
+    turn_y = block_rotation(seed + 1, 1, PULLED + 1, SEEN)
+    other = brackets(spec_of(blob(1)), k=SEEN)
+
+    def turned(tensor, turn):
+        return jnp.einsum("cab,ci,aj,bk->ijk", tensor, turn, turn, turn)
+
+    tensor = brackets(SPEC, k=SEEN)
+    value = score(ANY, tensor, other)
+    assert 0.05 < abs(value) < 0.95
+    C_yx = turn_x.T @ ANY @ turn_y
+    assert np.isclose(score(C_yx, turned(tensor, turn_x), turned(other, turn_y)), value)
+
+
+def test_a_cloud_has_no_score():
+    cloud = SPEC._replace(faces=jnp.zeros((0, 3), jnp.int32))
+    tensor = brackets(cloud, k=SEEN)
+    assert tensor.shape == (SEEN,) * 3 and not tensor.any()
+    assert jnp.isnan(score(jnp.eye(SEEN), tensor, brackets(SPEC, k=SEEN)))
+    assert jnp.isnan(score(jnp.eye(SEEN), tensor, tensor))
+
+
+@pytest.mark.parametrize("shape", [(30, 20), (7, 12), (5, 5), (3, 30)])
+def test_any_size_of_map(shape):
+    tensor = brackets(SPEC, k=SEEN)
+    assert np.isclose(score(jnp.eye(*shape), tensor, tensor[:15, :15, :15]), 1)
+
+
+def test_vmap_equals_the_loop():
+    specs = [spec_of(blob(seed)) for seed in (1, 2)]
+    stacked = jax.tree.map(lambda *a: jnp.stack(a), *specs)
+    tensors = jax.vmap(lambda s: brackets(s, k=SEEN))(stacked)
+    own = brackets(SPEC, k=SEEN)
+    values = jax.vmap(score, (None, 0, None))(ANY, tensors, own)
+    for i, spec in enumerate(specs):
+        assert jnp.allclose(tensors[i], brackets(spec, k=SEEN))
+        assert np.isclose(values[i], score(ANY, brackets(spec, k=SEEN), own))
+
+
+def test_the_gradient_is_right():
+    tensors = brackets(SPEC, k=SEEN), brackets(spec_of(blob(1)), k=SEEN)
+    step = jnp.asarray(np.random.default_rng(0).normal(size=ANY.shape))
+    slope = jnp.sum(jax.grad(score)(ANY, *tensors) * step)
+    h = 1e-6
+    gap = score(ANY + h * step, *tensors) - score(ANY - h * step, *tensors)
+    assert np.isclose(gap / (2 * h), slope, rtol=1e-5)
+
+
+def test_float32():
+    tensor, exact = brackets(jaxed(SPEC, jnp.float32), k=SEEN), brackets(SPEC, k=SEEN)
+    assert tensor.dtype == jnp.float32
+    assert np.allclose(tensor, exact, atol=1e-5 * float(jnp.abs(exact).max()))
+    value = score(ANY.astype(jnp.float32), tensor, tensor)
+    assert value.dtype == jnp.float32
+    assert np.isclose(value, score(ANY, exact, exact), atol=1e-5)
+
+
+@pytest.mark.parametrize("k", [0, 31])
+def test_too_few_eigenpairs_are_an_error(k):
+    with pytest.raises(ValueError, match=f"k is {k}, there are 30 eigenpairs"):
+        brackets(SPEC, k=k)
