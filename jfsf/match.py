@@ -11,7 +11,7 @@ from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.mesh import MeshError, orient
+from jfsf.mesh import orient
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
 from jfsf.search import SECOND, Orientation, search
@@ -109,10 +109,7 @@ def _oriented(mesh: Mesh) -> Mesh:
 
 
 def _spectrum(name: str, mesh: Mesh, k: int, cache: bool) -> Spectrum:
-    try:
-        found = spectrum(mesh, k, cache=cache)
-    except MeshError as error:
-        raise MeshError(str(error).replace("mesh:", f"{name}:", 1)) from error
+    found = spectrum(mesh, k, name=name, cache=cache)
     return jax.tree.map(jnp.asarray, _in_default_precision(found))
 
 
