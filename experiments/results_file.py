@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 
-PACKAGES = ("jfsf", "jax", "jaxlib", "jaxopt", "lineax", "numpy", "scipy")
+PACKAGES = ("jax", "jaxlib", "jaxopt", "lineax", "numpy", "scipy")
 
 
 def provenance() -> dict:

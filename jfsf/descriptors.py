@@ -68,6 +68,18 @@ def hks(
     return _signature(spec, log_weight, landmarks)
 
 
+@jax.jit
+def standardise(
+    desc: Float[Array, "n d"], mass: Float[Array, " n"]
+) -> Float[Array, "n d"]:
+    """Each column with mean 0 and mean square 1 over the shape; 0 on padding."""
+    centred = desc - (mass @ desc)[None, :]
+    size = jnp.sqrt(mass @ centred**2)
+    found = size > 0
+    scaled = jnp.where(found, centred / jnp.where(found, size, 1), 0)
+    return jnp.where((mass > 0)[:, None], scaled, 0)
+
+
 def _signature(spec, log_weight, landmarks):
     # Of narrow bands between two eigenvalues every weight may underflow: not here.
     weight = jax.nn.softmax(log_weight, axis=1)

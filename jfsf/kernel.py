@@ -31,12 +31,11 @@ def build(
         one_sided: weight of an entry that only one side asked for; the authors' code,
             which averages two kernels, has 0.5.
     """
-    log_xy = -lam_xy * near_xy.dist**power
-    log_yx = -lam_yx * near_yx.dist**power
+    log_xy, log_yx = _log(near_xy, lam_xy, power), _log(near_yx, lam_yx, power)
     mutual_xy = _asked_back(near_xy, near_yx)
     mutual_yx = _asked_back(near_yx, near_xy)
 
-    other = -lam_yx * near_xy.dist**power
+    other = _log(near_xy, lam_yx, power)
     both = jnp.logaddexp(log_xy, other) - jnp.log(2.0).astype(log_xy.dtype)
     alone = jnp.log(jnp.asarray(one_sided, log_xy.dtype))
     log_xy = jnp.where(mutual_xy, both, log_xy + alone)
@@ -98,6 +97,12 @@ def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):
     first = jnp.min(at_own, 1).at[kernel.idx_yx].min(at_other)
     found = best > -jnp.inf
     return jnp.where(found, first, 0), found
+
+
+def _log(near: Neighbours, lam, power):
+    # lam = 0 times inf is nan, and so is the slope of any lam at inf.
+    known = jnp.isfinite(near.dist)
+    return jnp.where(known, -lam * jnp.where(known, near.dist, 1) ** power, -jnp.inf)
 
 
 def _asked_back(near_xy: Neighbours, near_yx: Neighbours):

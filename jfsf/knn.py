@@ -1,8 +1,9 @@
 """The k0 nearest neighbours of every point, exact, in blocks of rows.
 
-Memory is O(n k0) beyond one block of rows; no n_x by n_y array is ever built. Candidates
-are selected in float32 through |q|^2 - 2 q.p + |p|^2, which cancels, so a few more than
-k0 are kept and ranked again by the sum of squared differences in the input's precision.
+Memory is O(n k0) beyond one block of rows; no n_x by n_y array is ever built.
+Candidates are selected in float32 through |q|^2 - 2 q.p + |p|^2, which cancels, so a few
+more than k0 are kept and ranked again by the sum of squared differences in the input's
+precision.
 """
 
 from functools import partial
@@ -48,19 +49,22 @@ def neighbours(
         )
     if not 1 <= k0 <= len(points):
         raise ValueError(f"neighbours: k0 is {k0}, there are {len(points)} points")
-    if valid is None:
-        valid = jnp.ones(len(points), bool)
-
-    offset = 0.5 * jnp.sum(points.astype(jnp.float32) ** 2, 1)
-    offset = jnp.where(valid & jnp.isfinite(offset), offset, jnp.inf)
-    # A point that may not be chosen must not reach a finite score through inf * 0.
+    finite = jnp.isfinite(points).all(1)
+    valid = finite if valid is None else valid & finite
+    # A point that may not be chosen must not reach a score through inf * 0.
     safe = jnp.where(valid[:, None], points, 0)
-    fast = safe.astype(jnp.float32)
+    centre, unit = _frame(safe, valid)
+    fast = ((safe - centre[None]) / unit).astype(jnp.float32)
+    offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), jnp.inf)
     fast, offset = _pad(fast, GROUP), _pad(offset, GROUP, jnp.inf)
+    # The columns that fill the last group are no points.
+    valid = _pad(valid, GROUP, False)
 
     def block(rows):
         score = jnp.matmul(
-            rows.astype(jnp.float32), fast.T, precision=jax.lax.Precision.HIGHEST
+            ((rows - centre[None]) / unit).astype(jnp.float32),
+            fast.T,
+            precision=jax.lax.Precision.HIGHEST,
         )
         near = _select(score - offset[None, :], min(k0 + MARGIN, len(points)))
         dist = jnp.sqrt(jnp.sum((rows[:, None] - safe[near]) ** 2, 2))
@@ -74,6 +78,19 @@ def neighbours(
     return Neighbours(*(x.reshape(-1, k0)[: len(queries)] for x in found))
 
 
+def _frame(points, valid):
+    """Where to put 0 and 1, so that float32 neither cancels nor overflows.
+
+    Both are rounded to a power of two: what is near 0 already does not move, and exact
+    ties stay exact.
+    """
+    count = jnp.maximum(valid.sum(), 1).astype(points.dtype)
+    centre = points.sum(0) / count
+    gap = jnp.where(valid[:, None], jnp.abs(points - centre[None]), 0)
+    unit = jnp.ldexp(jnp.ones((), points.dtype), jnp.frexp(gap.max())[1])
+    return jnp.round(centre / unit) * unit, unit
+
+
 def _select(score: Float[Array, "b m"], count: int):
     """The `count` largest of each row; exact, and cheaper than top_k of the row.
 
@@ -82,7 +99,8 @@ def _select(score: Float[Array, "b m"], count: int):
     groups = score.reshape(len(score), -1, GROUP)
     if groups.shape[1] <= count:
         return jax.lax.top_k(score, count)[1]
-    _, best = jax.lax.top_k(groups.max(2), count)
+    # In order, so that ties inside go to the lower index.
+    best = jnp.sort(jax.lax.top_k(groups.max(2), count)[1], 1)
     inside = jnp.take_along_axis(groups, best[:, :, None], 1).reshape(len(score), -1)
     _, at = jax.lax.top_k(inside, count)
     return jnp.take_along_axis(best, at // GROUP, 1) * GROUP + at % GROUP

@@ -9,7 +9,7 @@ from jaxtyping import Array, Int
 
 from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
-from jfsf.descriptors import hks, wks
+from jfsf.descriptors import hks, standardise, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import orient
 from jfsf.padding import bucket, pad
@@ -19,8 +19,8 @@ from jfsf.spectrum import spectrum
 from jfsf.types import Match, Mesh, Spectrum
 
 K = 200  # eigenpairs a shape
-# Each step may gain by half or so; finer schedules cost more and drift further.
-KS = (SECOND[-1], 65, 110, K)
+# A few rounds in place clean the start up; finer schedules drift further from it.
+KS = (30, 30, 30, 45, 65, 110, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 
 _sharp = partial(sinkhorn, num_iters=30)
@@ -91,7 +91,12 @@ def match_spectra(
     found = search(spec_x, spec_y, desc_x, desc_y, orientation=orientation)
     widest = min(len(spec_x.evals), len(spec_y.evals))
     ks = tuple(k for k in KS if k < widest) + (widest,)
-    C_yx = zoomout(spec_x, spec_y, found.C_yx[0], ks=ks, converter=_sharp)
+    start = (
+        found.C_yx[0],
+        standardise(desc_x, spec_x.mass),
+        standardise(desc_y, spec_y.mass),
+    )
+    C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_sharp)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)

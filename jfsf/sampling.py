@@ -36,7 +36,7 @@ def farthest_points(spec: Spectrum, *, num: int) -> Int[Array, " num"]:
 
     def step(state, _):
         far, new = state
-        gap = jnp.sum((points - points[new]) ** 2, 1)
+        gap = jnp.sum((points - points[new][None]) ** 2, 1)
         far = jnp.minimum(far, gap)
         return (far, jnp.argmax(far)), new
 
@@ -63,4 +63,4 @@ def restrict(spec: Spectrum, at: Int[Array, " s"]) -> Spectrum:
 def biharmonic(spec: Spectrum) -> Float[Array, "n d"]:
     """The embedding whose Euclidean distance is the biharmonic distance."""
     evals = spec.evals[1:DISTANCE_PAIRS]
-    return spec.evecs[:, 1:DISTANCE_PAIRS] / jnp.maximum(evals, 1e-6)
+    return spec.evecs[:, 1:DISTANCE_PAIRS] / jnp.maximum(evals, 1e-6)[None]

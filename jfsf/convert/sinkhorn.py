@@ -164,11 +164,15 @@ def plan_entries(filtered: Filtered):
     kernel = filtered.kernel
     plan = kernels.plan(kernel, filtered.f, filtered.g)
     n_x, n_y = len(plan.idx_xy), len(plan.idx_yx)
-    own_x = jnp.broadcast_to(jnp.arange(n_x)[:, None], plan.idx_xy.shape)
-    own_y = jnp.broadcast_to(jnp.arange(n_y)[:, None], plan.idx_yx.shape)
+    own_x = jnp.broadcast_to(_column(n_x, plan.idx_xy), plan.idx_xy.shape)
+    own_y = jnp.broadcast_to(_column(n_y, plan.idx_yx), plan.idx_yx.shape)
     rows = jnp.concatenate([own_x.ravel(), plan.idx_yx.ravel()])
     columns = jnp.concatenate([plan.idx_xy.ravel(), own_y.ravel()])
     return rows, columns, jnp.concatenate([plan.log_xy.ravel(), plan.log_yx.ravel()])
+
+
+def _column(n: int, like):
+    return jnp.arange(n, dtype=like.dtype)[:, None]
 
 
 def _near(queries, points, valid_q, valid_p, k0) -> Neighbours:

@@ -25,6 +25,8 @@ def zoomout(
     spec_x: Spectrum,
     spec_y: Spectrum,
     C_yx: Float[Array, "k_x k_y"],
+    extra_x: Float[Array, "n_x d"] | None = None,
+    extra_y: Float[Array, "n_y d"] | None = None,
     *,
     ks: tuple[int, ...],
     converter: Converter,
@@ -40,6 +42,8 @@ def zoomout(
     Args:
         spec_x, spec_y: spectra with ks[-1] eigenpairs or more; mass 0 is padding.
         C_yx: the start; its leading ks[0] x ks[0] block is used.
+        extra_x, extra_y: columns to append to both embeddings, such as descriptors
+            (`descriptors.standardise`): at small k they hold what the basis misses.
         ks: sizes of the basis, increasing; equal ones iterate in place.
         converter: `nearest`, `sinkhorn` or any other with their signature.
         space: "direct" is the field's and holds up while C_yx is still rough.
@@ -49,7 +53,8 @@ def zoomout(
         C_yx at ks[-1].
 
     Raises:
-        ValueError: ks is empty, decreases, or does not fit C_yx or the spectra.
+        ValueError: ks is empty, decreases, or does not fit C_yx or the spectra; only
+            one of extra_x and extra_y is given.
     """
     if not ks or list(ks) != sorted(ks):
         raise ValueError(f"zoomout: ks must not be empty or decrease, got {ks}")
@@ -58,12 +63,19 @@ def zoomout(
         raise ValueError(f"zoomout: ks ends at {ks[-1]}, there are {widest} eigenpairs")
     if not 1 <= ks[0] <= min(C_yx.shape):
         raise ValueError(f"zoomout: C_yx is {C_yx.shape}, ks starts at {ks[0]}")
+    if (extra_x is None) != (extra_y is None):
+        raise ValueError("zoomout: give both extra_x and extra_y, or neither")
+    extra = (spec_x.evecs[:, :0] if extra_x is None else extra_x), (
+        spec_y.evecs[:, :0] if extra_y is None else extra_y
+    )
     C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
     steps = zip(ks[:-1], ks[1:], strict=True)
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        C_yx = _grow(spec_x, spec_y, C_yx, list(group), width, converter, space, both)
+        C_yx = _grow(
+            spec_x, spec_y, C_yx, extra, list(group), width, converter, space, both
+        )
     return C_yx[: ks[-1], : ks[-1]]
 
 
@@ -71,9 +83,9 @@ def _width(k: int, last: int) -> int:
     return min(max(32, 1 << (k - 1).bit_length()), last)
 
 
-def _grow(spec_x, spec_y, C_yx, steps, width, converter, space, both):
+def _grow(spec_x, spec_y, C_yx, extra, steps, width, converter, space, both):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
-    back_x, back_y = evecs_x.T * spec_x.mass, evecs_y.T * spec_y.mass
+    back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
     gram_x, gram_y = back_x @ evecs_x, back_y @ evecs_y
     uniform_x, uniform_y = uniform(spec_x.mass), uniform(spec_y.mass)
     column = jnp.arange(width)
@@ -83,6 +95,8 @@ def _grow(spec_x, spec_y, C_yx, steps, width, converter, space, both):
         emb_x, emb_y = embeddings(
             C_yx, evecs_x * small[None], evecs_y * small[None], space=space
         )
+        emb_x = jnp.concatenate([emb_x, extra[0].astype(emb_x.dtype)], 1)
+        emb_y = jnp.concatenate([emb_y, extra[1].astype(emb_y.dtype)], 1)
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
         keep = column < ks[1]
         there = _least_squares(gram_x, back_x @ evecs_y[maps.T_xy], keep)
