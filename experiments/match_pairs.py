@@ -1,8 +1,8 @@
 """Match every listed pair of a data folder from its raw meshes; report the errors.
 
 The folder holds NAME.off, corres/NAME.vts (template point -> 1-based vertex) and, where
-there is one, corres/NAME.sym.vts (the left-right mirror image). The list has one pair of
-names a line. For the embedded shapes: --embedded.
+there is one, corres/NAME.sym.vts (the left-right mirror image). The list has one pair
+of names a line. For the embedded shapes: --embedded.
 
     python experiments/match_pairs.py --data FOLDER --pairs FILE --out RESULT.json
 """

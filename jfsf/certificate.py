@@ -19,6 +19,7 @@ def certify(
     C_yx: Float[Array, "k_x k_y"],
     spec_x: Spectrum,
     spec_y: Spectrum,
+    gap: Float[Array, ""] | float = jnp.nan,
 ) -> Certificate:
     """The evidence for `filtered`, which came from (emb_x, emb_y).
 
@@ -27,6 +28,7 @@ def certify(
         emb_x, emb_y: the aligned embeddings that were converted.
         C_yx: the functional map of filtered.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
+        gap: of the search that began it, if one did.
     """
     T_xy, T_yx = filtered.T_xy, filtered.T_yx
     real_x = spec_x.mass > 0
@@ -44,6 +46,7 @@ def certify(
         bijectivity_y=_there_and_back(T_xy[T_yx], spec_y),
         orthogonality=orthogonality(C_yx),
         orientation=score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k)),
+        gap=jnp.asarray(gap, C_yx.dtype),
         nn_agreement=agree.astype(C_yx.dtype),
         finite=finite,
     )

@@ -100,7 +100,8 @@ def match_spectra(
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
-    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y)
+    gap = found.energy[1] / found.energy[0] - 1
+    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 

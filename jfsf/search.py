@@ -1,15 +1,16 @@
-"""Find the initial functional map among many: symmetric shapes have many near-isometries.
+"""Find the initial functional map among many: symmetric shapes have many.
 
 A map can be flipped left to right, front to back, or both, and every flip is nearly as
-smooth as the right map. So: start from all sign patterns of the first eigenfunctions and
-from descriptor fits, zoom each out on samples, flip the signs of one or two further
-eigenfunctions (where the front-to-back odd functions live), zoom again, and rank what
-really differs. The idea of enumerating maps is MapTree's (Ren et al., SIGGRAPH Asia
-2020); here a few hundred hypotheses are one vmap.
+isometric as the right map. So: start from all sign patterns of the first eigenfunctions
+and from descriptor fits, zoom each out on samples, flip the signs of one or two further
+eigenfunctions (where the front-to-back odd functions live), zoom again, and keep the
+best that really differ. These few are refined on more samples, with the descriptors
+beside the eigenfunctions, before the last ranking. The idea of enumerating maps is
+MapTree's (Ren et al., SIGGRAPH Asia 2020); here a few hundred hypotheses are one vmap.
 
 The rank is the energy of a map, low for an isometry: it commutes with the Laplacian and
-keeps the descriptors. Energy cannot tell left from right, so the orientation score gates
-it.
+keeps the descriptors. Energy cannot tell left from right, so the orientation score
+gates it.
 """
 
 from functools import partial
@@ -21,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jfsf.descriptors import standardise
 from jfsf.fit import Weights, fit
 from jfsf.fmap import embeddings
 from jfsf.orientation import SEEN, brackets, score
@@ -34,6 +36,8 @@ SIGNED = 5  # eigenfunctions whose signs are tried, the constant's fixed
 FLIP_FROM, FLIP_TO = 6, 16  # eigenfunctions flipped alone and in pairs
 FIRST = (SIGNED, 7, 9, 12, FLIP_TO, 20)
 SECOND = (FLIP_TO, 18, 21, 24, 28, 33, 40)
+THIRD, FOURTH = (30, 30, 30, 40), (40, 55, 80)
+SAMPLES, FINAL_SAMPLES = 300, 800
 FIT_K = 30
 FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
 PARENTS = 4
@@ -47,6 +51,8 @@ class Candidates(NamedTuple):
 
     C_yx: functions on Y pulled back to X.
     energy: departure from an isometry that keeps the descriptors; lower is better.
+        Maps of the wrong orientation have `WRONG_WAY` added; a near copy of a better
+        one has inf.
     orientation: score in [-1, 1]; nan for point clouds.
     """
 
@@ -55,7 +61,7 @@ class Candidates(NamedTuple):
     orientation: Float[Array, " c"]
 
 
-@partial(jax.jit, static_argnames=("orientation", "num_samples", "num"))
+@partial(jax.jit, static_argnames=("orientation", "num"))
 def search(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -63,8 +69,7 @@ def search(
     desc_y: Float[Array, "n_y d"],
     *,
     orientation: Orientation = "preserve",
-    num_samples: int = 300,
-    num: int = 8,
+    num: int = 6,
 ) -> Candidates:
     """The `num` best and different functional maps between two shapes.
 
@@ -73,8 +78,7 @@ def search(
         desc_x, desc_y: descriptors, positive (WKS, HKS); column i of one corresponds
             to column i of the other.
         orientation: which maps to put first; the others rank behind all of them.
-        num_samples: farthest-point samples a shape that hypotheses are tried on.
-        num: candidates to return.
+        num: candidates to return, at most 80 x 80 each.
 
     Raises:
         ValueError: too few eigenpairs, or an unknown orientation.
@@ -90,42 +94,76 @@ def search(
             f"search: orientation is 'preserve', 'reverse' or 'any', not "
             f"{orientation!r}"
         )
-    at_x = farthest_points(spec_x, num=min(num_samples, len(spec_x.mass)))
-    at_y = farthest_points(spec_y, num=min(num_samples, len(spec_y.mass)))
-    few_x, few_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
+    few = _Samples.of(spec_x, spec_y, desc_x, desc_y, SAMPLES)
+    more = _Samples.of(spec_x, spec_y, desc_x, desc_y, FINAL_SAMPLES)
     seen_x, seen_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
     sign = -1 if orientation == "reverse" else 1
 
-    def zoom(C_yx, ks):
-        grow = lambda C: zoomout(few_x, few_y, C, ks=ks, converter=_dense, both=True)
-        return jax.vmap(grow)(C_yx)
-
-    def rank(C_yx):
-        energy = jax.lax.map(
-            lambda C: _energy(C, few_x, few_y, desc_x[at_x], desc_y[at_y]), C_yx
-        )
+    def gated(energy, C_yx):
         turned = jax.vmap(score, (0, None, None))(C_yx, seen_x, seen_y)
+        if orientation != "any":
+            energy = jnp.where(sign * turned < 0, energy + WRONG_WAY, energy)
         return energy, turned
 
-    fits = [
-        fit(spec_x, spec_y, desc_x, desc_y, w._replace(orientation=sign * w[3]), k=FIT_K)
-        for w in FITS
-    ]
-    dtype = few_x.evecs.dtype
+    weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
+    fits = [fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K) for w in weights]
+    dtype = spec_x.evecs.dtype
     fitted = jnp.stack([f.C_yx[:FLIP_TO, :FLIP_TO] for f in fits]).astype(dtype)
-    parents = jnp.concatenate(
-        [zoom(jnp.asarray(_signs(), dtype), FIRST), zoom(fitted, FIRST[-2:])]
-    )
-    parents = parents[_different(parents, rank(parents)[0], PARENTS)]
+    signs = jnp.asarray(_signs(), dtype)
+    parents = jnp.concatenate([few.zoom(signs, FIRST), few.zoom(fitted, FIRST[-2:])])
+    parents = parents[_different(parents, few.energy(parents), PARENTS)]
 
     flips = jnp.asarray(_flips(), dtype)
     children = parents[:, None, :FLIP_TO, :FLIP_TO] * flips[None, :, None, :]
-    children = zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND)
-    energy, turned = rank(children)
-    if orientation != "any":
-        energy = jnp.where(sign * turned < 0, energy + WRONG_WAY, energy)
-    best = _different(children, energy, num)
-    return Candidates(children[best], energy[best], turned[best])
+    children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND)
+    energy, _ = gated(few.energy(children), children)
+    best = children[_different(children, energy, num)]
+
+    widest = min(len(spec_x.evals), len(spec_y.evals))
+    third = more.zoom(best, THIRD, described=True)
+    last = more.zoom(third, tuple(min(k, widest) for k in FOURTH), described=True)
+    # Two sizes of the basis: the flips that one cannot tell apart the other often can.
+    energy, turned = gated(more.energy(third) + more.energy(last), last)
+    # Two starts may have ended in one map: copies go last, or they would pass for
+    # rivals.
+    kept = jnp.zeros(num, bool).at[_different(last, energy, num)].set(True)
+    energy = jnp.where(kept, energy, jnp.inf)
+    order = jnp.argsort(energy)
+    return Candidates(last[order], energy[order], turned[order])
+
+
+class _Samples(NamedTuple):
+    """Two shapes seen from samples, and what is done with hypotheses there."""
+
+    spec_x: Spectrum
+    spec_y: Spectrum
+    desc_x: Float[Array, "s d"]
+    desc_y: Float[Array, "t d"]
+    extra_x: Float[Array, "s d"]
+    extra_y: Float[Array, "t d"]
+
+    @classmethod
+    def of(cls, spec_x, spec_y, desc_x, desc_y, num):
+        at_x = farthest_points(spec_x, num=min(num, len(spec_x.mass)))
+        at_y = farthest_points(spec_y, num=min(num, len(spec_y.mass)))
+        return cls(
+            restrict(spec_x, at_x),
+            restrict(spec_y, at_y),
+            desc_x[at_x],
+            desc_y[at_y],
+            standardise(desc_x, spec_x.mass)[at_x],
+            standardise(desc_y, spec_y.mass)[at_y],
+        )
+
+    def zoom(self, C_yx, ks, *, described=False):
+        extra = (self.extra_x, self.extra_y) if described else ()
+        grow = lambda C: zoomout(
+            self.spec_x, self.spec_y, C, *extra, ks=ks, converter=_dense, both=True
+        )
+        return jax.vmap(grow)(C_yx)
+
+    def energy(self, C_yx):
+        return jax.lax.map(lambda C: _energy(C, *self[:4]), C_yx)
 
 
 def _energy(C_yx, spec_x, spec_y, desc_x, desc_y):

@@ -119,6 +119,8 @@ class Certificate(NamedTuple):
     orthogonality: |C^T C - I|_2, 0 for an area-preserving map.
     orientation: correlation in [-1, 1]; about +0.9 for a map that preserves
         orientation, -0.9 for a mirrored one; nan for point clouds.
+    gap: by how much more energy the runner-up of the search has, relative to the map's;
+        near 0 two really different maps fit the shapes equally well.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex.
     finite: whether every number the maps came from is finite.
     """
@@ -131,6 +133,7 @@ class Certificate(NamedTuple):
     bijectivity_y: Float[Array, ""]
     orthogonality: Float[Array, ""]
     orientation: Float[Array, ""]
+    gap: Float[Array, ""]
     nn_agreement: Float[Array, ""]
     finite: Bool[Array, ""]
 

@@ -1,4 +1,4 @@
-"""Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5 and 6 of Pai et al.)."""
+"""Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5, 6 of Pai et al.)."""
 
 import jax
 import jax.numpy as jnp

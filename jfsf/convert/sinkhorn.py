@@ -3,10 +3,10 @@
 Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours both
 ways (eq. 12), Sinkhorn scaling to the marginals, row and column argmax of the plan.
 
-In the paper's float64 the weights reach e^-500; float32 has nothing below e^-103. So the
-scalings live in the log domain: the first pair of updates is a log-sum-exp, and from
-then on no update changes a scaling by more than a factor 1 / min(marginal), so a few
-plain updates at a time, on a kernel that has absorbed the scalings, are safe.
+In the paper's float64 the weights reach e^-500; float32 has nothing below e^-103. So
+the scalings live in the log domain: the first pair of updates is a log-sum-exp, and
+from then on no update changes a scaling by more than a factor 1 / min(marginal), so a
+few plain updates at a time, on a kernel that has absorbed the scalings, are safe.
 """
 
 from functools import partial
