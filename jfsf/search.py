@@ -8,9 +8,9 @@ best that really differ. These few are refined on more samples, with the descrip
 beside the eigenfunctions, before the last ranking. The idea of enumerating maps is
 MapTree's (Ren et al., SIGGRAPH Asia 2020); here a few hundred hypotheses are one vmap.
 
-The rank is the energy of a map, low for an isometry: it commutes with the Laplacian and
-keeps the descriptors. Energy cannot tell left from right, so the orientation score
-gates it.
+The rank is the energy of a map, low for an isometry: it commutes with the Laplacian,
+keeps areas and keeps the descriptors. Energy cannot tell left from right, so the
+orientation score gates it.
 """
 
 from functools import partial
@@ -36,8 +36,8 @@ SIGNED = 5  # eigenfunctions whose signs are tried, the constant's fixed
 FLIP_FROM, FLIP_TO = 6, 16  # eigenfunctions flipped alone and in pairs
 FIRST = (SIGNED, 7, 9, 12, FLIP_TO, 20)
 SECOND = (FLIP_TO, 18, 21, 24, 28, 33, 40)
-THIRD, FOURTH = (30, 30, 30, 40), (40, 55, 80)
-SAMPLES, FINAL_SAMPLES = 300, 800
+THIRD = (30, 30, 30, 40)
+SAMPLES, FINAL_SAMPLES = 300, 1000
 FIT_K = 30
 FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
 PARENTS = 4
@@ -78,7 +78,7 @@ def search(
         desc_x, desc_y: descriptors, positive (WKS, HKS); column i of one corresponds
             to column i of the other.
         orientation: which maps to put first; the others rank behind all of them.
-        num: candidates to return, at most 80 x 80 each.
+        num: candidates to return.
 
     Raises:
         ValueError: too few eigenpairs, or an unknown orientation.
@@ -119,11 +119,8 @@ def search(
     energy, _ = gated(few.energy(children), children)
     best = children[_different(children, energy, num)]
 
-    widest = min(len(spec_x.evals), len(spec_y.evals))
-    third = more.zoom(best, THIRD, described=True)
-    last = more.zoom(third, tuple(min(k, widest) for k in FOURTH), described=True)
-    # Two sizes of the basis: the flips that one cannot tell apart the other often can.
-    energy, turned = gated(more.energy(third) + more.energy(last), last)
+    last = more.zoom(best, THIRD, described=True)
+    energy, turned = gated(more.energy(last), last)
     # Two starts may have ended in one map: copies go last, or they would pass for
     # rivals.
     kept = jnp.zeros(num, bool).at[_different(last, energy, num)].set(True)
@@ -172,9 +169,10 @@ def _energy(C_yx, spec_x, spec_y, desc_x, desc_y):
     top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
     commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
     maps = _dense(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
+    stretch = jnp.linalg.norm(C_yx.T @ C_yx - jnp.eye(k, dtype=C_yx.dtype))
     lost_x = _mismatch(desc_x, desc_y[maps.T_xy], spec_x.mass)
     lost_y = _mismatch(desc_y, desc_x[maps.T_yx], spec_y.mass)
-    return commute + lost_x + lost_y
+    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y
 
 
 def _mismatch(one, other, mass):
