@@ -48,11 +48,11 @@ def transpose(kernel: Kernel) -> Kernel:
     return Kernel(kernel.idx_yx, kernel.log_yx, kernel.idx_xy, kernel.log_xy)
 
 
-def matvec(kernel: Kernel, values: Float[Array, "n_y *c"]) -> Float[Array, "n_x *c"]:
+def matvec(kernel: Kernel, values: Float[Array, " n_y *c"]) -> Float[Array, " n_x *c"]:
     """K @ values, with the halves' `log_` fields read as plain weights."""
-    return jax.vmap(_matvec, (None, -1), -1)(kernel, values) if values.ndim > 1 else (
-        _matvec(kernel, values)
-    )
+    if values.ndim > 1:
+        return jax.vmap(_matvec, (None, -1), -1)(kernel, values)
+    return _matvec(kernel, values)
 
 
 def _matvec(kernel, values):

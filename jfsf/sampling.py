@@ -21,8 +21,8 @@ def farthest_points(spec: Spectrum, *, num: int) -> Int[Array, " num"]:
     """`num` vertices, each the farthest from those before it.
 
     The distance is the biharmonic one (Lipman et al., 2010): |Phi_i - Phi_j| weighted
-    by 1 / lambda. It does not change with pose, sign flips or vertex order, except where
-    two vertices are equally far. Padding (mass 0) is never chosen.
+    by 1 / lambda. It does not change with pose, sign flips or vertex order, except
+    where two vertices are equally far. Padding (mass 0) is never chosen.
 
     Raises:
         ValueError: `num` is not in 1..n.

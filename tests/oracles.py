@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.linalg
+import scipy.special
 
 
 def cotan(vertices, faces, mass="voronoi"):
@@ -127,3 +128,115 @@ def fit(residuals, k):
     for (i, j), value in zip(free, solution, strict=True):
         start[i, j] = value
     return start
+
+
+def neighbours(queries, points, k0, valid=None):
+    """k0 nearest by brute force, ties to the lower index: (indices, distances)."""
+    queries, points = np.asarray(queries, float), np.asarray(points, float)
+    square = ((queries[:, None] - points[None]) ** 2).sum(2)
+    if valid is not None:
+        square[:, ~np.asarray(valid)] = np.inf
+    idx = np.argsort(square, axis=1, kind="stable")[:, :k0]
+    dist = np.sqrt(np.take_along_axis(square, idx, 1))
+    return np.where(np.isfinite(dist), idx, 0), dist
+
+
+def log_kernel(near_xy, near_yx, lam_xy, lam_yx, power=1.0, one_sided=1.0):
+    """log K (n_x, n_y) on the union of (indices, distances) both ways, pair by pair."""
+    cost_xy = np.full((len(near_xy[0]), len(near_yx[0])), np.nan)
+    cost_yx = cost_xy.copy()
+    for (idx, dist), cost in ((near_xy, cost_xy), (near_yx, cost_yx.T)):
+        for i, j in np.argwhere(np.isfinite(dist)):
+            cost[i, idx[i, j]] = dist[i, j] ** power
+    asked_xy, asked_yx = ~np.isnan(cost_xy), ~np.isnan(cost_yx)
+    cost = np.nan_to_num(np.where(asked_xy, cost_xy, cost_yx))
+    with np.errstate(divide="ignore"):
+        alone = np.log(one_sided)
+        both = np.logaddexp(-lam_xy * cost, -lam_yx * cost) - np.log(2)
+    out = np.where(asked_xy, -lam_xy * cost + alone, -np.inf)
+    out = np.where(asked_yx, -lam_yx * cost + alone, out)
+    return np.where(asked_xy & asked_yx, both, out)
+
+
+def sinkhorn(log_k, marginal_x, marginal_y, num_iters):
+    """Dense log-domain scaling, Y first: (f, g, log plan, l1 gap of all sums)."""
+    f, g = np.zeros(len(log_k)), np.zeros(log_k.shape[1])
+
+    def scaling(log_k, other, marginal):
+        total = scipy.special.logsumexp(log_k + other, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.where(np.isfinite(total), np.log(marginal) - total, 0)
+
+    for _ in range(num_iters):
+        g = scaling(log_k.T, f, marginal_y)
+        f = scaling(log_k, g, marginal_x)
+    log_plan = f[:, None] + log_k + g
+    plan = np.exp(log_plan)
+    gap = np.abs(plan.sum(1) - marginal_x).sum()
+    return f, g, log_plan, gap + np.abs(plan.sum(0) - marginal_y).sum()
+
+
+def authors_filter(emb_x, emb_y, k0, lam, num_iters):
+    """The authors' settings, word for word: plain exp, plain scalings, float64."""
+    kernel = np.zeros((len(emb_x), len(emb_y)))
+    for one, other, out in ((emb_x, emb_y, kernel), (emb_y, emb_x, kernel.T)):
+        idx, dist = neighbours(one, other, k0)
+        for i in range(len(one)):
+            out[i, idx[i]] += np.exp(-lam / dist.max() * dist[i]) / 2
+    u = np.ones(len(emb_x))
+    for _ in range(num_iters):
+        v = 1 / len(emb_y) / (kernel.T @ u)
+        u = 1 / len(emb_x) / (kernel @ v)
+    plan = u[:, None] * kernel * v[None]
+    return plan.argmax(1), plan.argmax(0), plan
+
+
+def functional_map(T_xy, evecs_x, evecs_y, mass_x):
+    """Weighted least squares by lstsq."""
+    root = np.sqrt(mass_x)[:, None]
+    return np.linalg.lstsq(root * evecs_x, root * evecs_y[T_xy])[0]
+
+
+def nearest(emb_x, emb_y):
+    """Nearest neighbours both ways."""
+    T_xy = neighbours(emb_x, emb_y, 1)[0][:, 0]
+    return T_xy, neighbours(emb_y, emb_x, 1)[0][:, 0]
+
+
+def zoomout(spec_x, spec_y, C, ks, both=False):
+    """Nearest neighbour ZoomOut in the direct space, one basis size after the other."""
+    (phi_x, mass_x), (phi_y, mass_y) = (
+        (np.asarray(s.evecs), np.asarray(s.mass)) for s in (spec_x, spec_y)
+    )
+    C = np.asarray(C)[: ks[0], : ks[0]]
+    for k, grown in zip(ks[:-1], ks[1:], strict=True):
+        T_xy, T_yx = nearest(phi_x[:, :k], phi_y[:, :k] @ C.T)
+        C = functional_map(T_xy, phi_x[:, :grown], phi_y[:, :grown], mass_x)
+        if both:
+            back = functional_map(T_yx, phi_y[:, :grown], phi_x[:, :grown], mass_y)
+            C = (C + back.T) / 2
+    return C
+
+
+def icp(spec_x, spec_y, C, num_iters):
+    """Nearest neighbour ICP in the adjoint space, C made orthonormal each time."""
+    k_x, k_y = C.shape
+    phi_x, phi_y = np.asarray(spec_x.evecs)[:, :k_x], np.asarray(spec_y.evecs)[:, :k_y]
+    for _ in range(num_iters):
+        T_xy, _ = nearest(phi_x @ C, phi_y)
+        u, _, vt = np.linalg.svd(
+            functional_map(T_xy, phi_x, phi_y, np.asarray(spec_x.mass)),
+            full_matrices=False,
+        )
+        C = u @ vt
+    return C
+
+
+def farthest_points(points, real, num):
+    """Vertices one by one, each the farthest from all before; from the mean first."""
+    size = np.where(real, (points**2).sum(1), -1)
+    chosen = [int(size.argmax())]
+    while len(chosen) < num:
+        gap = ((points[:, None] - points[chosen][None]) ** 2).sum(2).min(1)
+        chosen.append(int(np.where(real, gap, -1).argmax()))
+    return np.array(chosen)

@@ -3,13 +3,15 @@
 Ezuz and Ben-Chen, Deblurring and denoising of maps between shapes (2017): the mapped
 embedding of X is projected to the triangles of Y's, not to its vertices only.
 
-Exact, up to rounding; in float32 a point that nearly touches the surface, where products
-cancel, may land at a distance some 1e-4 of it above the least. Let p be the point of a triangle nearest to q. It lies inside the
-triangle, an edge or a corner c, to which q - p is normal, so |q - c|^2 = |q - p|^2 +
-|p - c|^2: no triangle around c, its nearest corner, is nearer than |q - c|^2 - r^2, r
-the largest distance from a point of one to its corners. The k0 vertices with the least
-such bounds give the candidates; rows that the next bound does not settle, few on
-smooth embeddings, are measured against every triangle.
+Exact. The point p of a triangle nearest to q lies inside the triangle or an edge, to
+which q - p is normal, or is a corner; so |q - c|^2 = |q - p|^2 + |p - c|^2 for a corner
+c near it, and no triangle around a vertex v, as its nearest corner, is nearer to q than
+|q - v|^2 - r^2, r the largest distance from a point of one to its corners. The k0
+vertices with the least such bounds give the candidates; rows that the next bound does
+not settle, few on smooth embeddings, are measured against every triangle.
+
+Exact up to rounding: where a row all but touches the surface, products of float32 rows
+cancel, and the distance may come out larger than the least by some 1e-4 of itself.
 """
 
 from functools import partial

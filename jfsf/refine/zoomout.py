@@ -65,8 +65,9 @@ def zoomout(
         raise ValueError(f"zoomout: C_yx is {C_yx.shape}, ks starts at {ks[0]}")
     if (extra_x is None) != (extra_y is None):
         raise ValueError("zoomout: give both extra_x and extra_y, or neither")
-    extra = (spec_x.evecs[:, :0] if extra_x is None else extra_x), (
-        spec_y.evecs[:, :0] if extra_y is None else extra_y
+    extra = (
+        (spec_x.evecs[:, :0] if extra_x is None else extra_x),
+        (spec_y.evecs[:, :0] if extra_y is None else extra_y),
     )
     C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
     steps = zip(ks[:-1], ks[1:], strict=True)

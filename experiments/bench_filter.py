@@ -1,0 +1,147 @@
+"""Conversion side by side: the filter, nearest neighbour, and their rivals.
+
+Everything in one run, round after round, so that a busy moment hits all alike. On the
+authors' pair with --data (6890 vertices, errors Euclidean / sqrt(area)), on two
+embedded shapes without (some 5000, geodesic errors).
+
+    python experiments/bench_filter.py [--data FOLDER] [--out RESULT.json]
+"""
+
+import argparse
+import os
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import authors_pair
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpy_filter
+import results_file
+
+from jfsf import data
+from jfsf.convert import nearest, sinkhorn
+from jfsf.metrics import geodesic_error
+from jfsf.spectrum import spectrum
+
+NAMES = ("man_walk", "man_up")
+EVERY = 10  # template points: 1 in so many is measured
+OURS, RIVAL = "jfsf sinkhorn", "numpy filter"
+
+
+def interleave(contestants: dict[str, Callable], repeats: int) -> dict[str, dict]:
+    """Seconds of each: its first call, and the median of `repeats` rounds of all.
+
+    A contestant returns when its result is there.
+    """
+    times = {name: [_seconds(run)] for name, run in contestants.items()}
+    for _ in range(repeats):
+        for name, run in contestants.items():
+            times[name].append(_seconds(run))
+    return {
+        name: {
+            "cold": cold,
+            "warm": float(np.median(warm)),
+            "fastest": min(warm),
+            "slowest": max(warm),
+        }
+        for name, (cold, *warm) in times.items()
+    }
+
+
+def embedded(k: int, x: str, y: str):
+    """Aligned embeddings of two embedded shapes by their ground truth, float64.
+
+    The functional map is the least squares one over X's vertices with a partner.
+    """
+    one, two = data.load(x), data.load(y)
+    spec_x, spec_y = spectrum(one.mesh, k), spectrum(two.mesh, k)
+    seen, at = np.unique(one.template_to_vertex, return_index=True)
+    root = np.sqrt(spec_x.mass[seen])[:, None]
+    image = spec_y.evecs[two.template_to_vertex[at]]
+    C_yx = np.linalg.lstsq(root * spec_x.evecs[seen], root * image)[0]
+
+    def error(T_xy) -> float:
+        gt = (s.template_to_vertex[::EVERY] for s in (one, two))
+        return float(geodesic_error(T_xy, two.mesh, *gt).mean())
+
+    return spec_x.evecs @ C_yx, np.asarray(spec_y.evecs), error
+
+
+@jax.jit
+def product(emb_x, emb_y):
+    """What no dense search goes below: all products and the largest in each row."""
+    return jnp.matmul(emb_x, emb_y.T, precision=jax.lax.Precision.HIGHEST).max(1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
+    parser.add_argument("--embedded", action="store_true", help="even if there is data")
+    parser.add_argument("--k", type=int, default=100)
+    parser.add_argument("--repeats", type=int, default=7)
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_filter.json"
+    )
+    args = parser.parse_args()
+    if args.data is None or args.embedded:
+        what = f"embedded {NAMES[0]} to {NAMES[1]}, geodesic errors"
+        emb_x, emb_y, error = embedded(args.k, *NAMES)
+    else:
+        what = "the authors' pair, Euclidean errors"
+        pair = authors_pair.load(args.data)
+        emb_x, emb_y = authors_pair.embedded(pair, args.k)
+        error = lambda T_xy: authors_pair.measure(pair, T_xy, T_xy)["error"]
+
+    wide = emb_x, emb_y
+    narrow = tuple(x.astype(np.float32) for x in wide)
+    ours = tuple(map(jnp.asarray, narrow))
+    ready = lambda f, *embs: jax.block_until_ready(f(*embs))
+    converters = {
+        OURS: partial(ready, sinkhorn, *ours),
+        "jfsf nearest": partial(ready, nearest, *ours),
+        RIVAL: partial(numpy_filter.fast_sinkhorn, *wide),
+        "sklearn nearest": partial(numpy_filter.nearest, *wide),
+        "sklearn nearest float32": partial(numpy_filter.nearest, *narrow),
+    }
+    bare = {
+        "two products with row maxima": lambda: (
+            ready(product, *ours),
+            ready(product, *ours[::-1]),
+        )
+    }
+    print(f"{what}: {len(emb_x)} and {len(emb_y)} vertices, k = {args.k}")
+    rows = interleave({**converters, **bare}, args.repeats)
+    for name, run in converters.items():
+        # Both kinds of result begin with T_xy.
+        rows[name]["error"] = error(np.asarray(run()[0]))
+    for name, row in rows.items():
+        row["over_ours"] = row["warm"] / rows[OURS]["warm"]
+        shown = f"error {row['error']:.5f}" if "error" in row else ""
+        print(
+            f"{name:30s} warm {row['warm']:.3f} s ({row['fastest']:.3f} to "
+            f"{row['slowest']:.3f}), cold {row['cold']:.2f} s, "
+            f"{row['over_ours']:.2f} x ours {shown}"
+        )
+    settings = {
+        "data": what,
+        "vertices": [len(emb_x), len(emb_y)],
+        "k": args.k,
+        "repeats": args.repeats,
+        "seed": None,
+        "precision": "float32, numpy's float64 unless it says otherwise",
+        "both ways": "every row converts both ways",
+    }
+    results_file.write(args.out, settings=settings, rows=rows)
+
+
+def _seconds(run: Callable) -> float:
+    start = time.perf_counter()
+    run()
+    return time.perf_counter() - start
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,173 @@
+"""ZoomOut and the whole way from two meshes, against pyFM, in one run.
+
+ZoomOut: 20 to 100 by 5 from one start, spectra shared; ours gives maps both ways, with
+the Sinkhorn filter or with nearest neighbour, pyFM's one way by nearest neighbour.
+Whole: `jfsf.match` without its cache against the best pyFM recipe that we found: 150
+eigenpairs, 100 WKS of which every fifth, a 30 x 30 fit, ZoomOut 20 to 150 by 5.
+
+Two embedded shapes, or two of a folder with NAME.off and, for errors, corres/NAME.vts.
+
+    python experiments/bench_zoomout.py [--data FOLDER --x NAME --y NAME] [--out FILE]
+"""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import results_file
+from bench_filter import EVERY, interleave
+from pyFM.functional import FunctionalMapping
+from pyFM.mesh import TriMesh
+from pyFM.refine.zoomout import zoomout_refine
+from pyFM.spectral import FM_to_p2p
+
+import jfsf
+from jfsf import data, mapfiles
+from jfsf.convert import nearest, sinkhorn
+from jfsf.descriptors import wks
+from jfsf.fmap import embeddings, uniform
+from jfsf.mesh import orient
+from jfsf.metrics import geodesic_error
+from jfsf.refine import zoomout
+from jfsf.search import search
+from jfsf.spectrum import spectrum
+
+KS = tuple(range(20, 101, 5))
+WHOLE = 150  # eigenpairs of pyFM's recipe
+SHARP = partial(sinkhorn, num_iters=30)  # inside ZoomOut, as `match` does
+
+
+@partial(jax.jit, static_argnames=("inside", "last"))
+def ours(spec_x, spec_y, C_yx, inside, last):
+    """Maps both ways at ks[-1]."""
+    C_yx = zoomout(spec_x, spec_y, C_yx, ks=KS, converter=inside)
+    embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    found = last(*embs, uniform(spec_x.mass), uniform(spec_y.mass))
+    return found.T_xy, found.T_yx
+
+
+def theirs(spec_x, spec_y, C_yx):
+    """pyFM's map; its mesh 2 is our X."""
+    _, T_xy = zoomout_refine(
+        C_yx,
+        spec_y.evecs,
+        spec_x.evecs,
+        nit=len(KS) - 1,
+        step=KS[1] - KS[0],
+        A2=spec_x.mass,
+        return_p2p=True,
+    )
+    return T_xy, None
+
+
+def recipe(mesh_x, mesh_y):
+    """pyFM from the meshes to the map."""
+    meshes = [
+        TriMesh(mesh.vertices, mesh.faces, normalize=True) for mesh in (mesh_y, mesh_x)
+    ]
+    model = FunctionalMapping(*meshes)
+    model.preprocess(n_descr=100, descr_type="WKS", subsample_step=5, k_process=WHOLE)
+    model.fit(K=(30, 30), w_descr=1, w_lap=0.1, w_dcomm=1, w_orient=1)
+    start, step = KS[0], KS[1] - KS[0]
+    assert model.FM_12 is not None
+    C_yx = zoomout_refine(
+        model.FM_12[:start, :start],
+        model.mesh1.eigenvectors,
+        model.mesh2.eigenvectors,
+        nit=(WHOLE - start) // step,
+        step=step,
+        A2=model.mesh2.A,
+    )
+    return FM_to_p2p(C_yx, model.mesh1.eigenvectors, model.mesh2.eigenvectors), None
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, help="folder of meshes; else embedded")
+    parser.add_argument("--x", default="man_walk")
+    parser.add_argument("--y", default="man_up")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_zoomout.json"
+    )
+    args = parser.parse_args()
+    (mesh_x, gt_x), (mesh_y, gt_y) = (_load(args.data, n) for n in (args.x, args.y))
+    sizes = [len(mesh.vertices) for mesh in (mesh_x, mesh_y)]
+    print(f"{args.x} to {args.y}: {sizes[0]} and {sizes[1]} vertices")
+
+    wide = [spectrum(orient(mesh), KS[-1]) for mesh in (mesh_x, mesh_y)]
+    narrow = [
+        spec._replace(
+            **{
+                name: jnp.asarray(getattr(spec, name), jnp.float32)
+                for name in ("evals", "evecs", "mass")
+            },
+            faces=jnp.asarray(spec.faces),
+        )
+        for spec in wide
+    ]
+    candidates = search(*narrow, *(wks(spec)[:, ::5] for spec in narrow))
+    start = candidates.C_yx[0, : KS[0], : KS[0]]
+    start_wide = np.asarray(start, np.float64)
+
+    ready = lambda *args: jax.block_until_ready(ours(*narrow, start, *args))
+    zooms = {
+        "jfsf zoomout, sinkhorn": partial(ready, SHARP, sinkhorn),
+        "jfsf zoomout, nearest": partial(ready, nearest, nearest),
+        "pyFM zoomout": partial(theirs, *wide, start_wide),
+    }
+    wholes = {
+        "jfsf match": lambda: jax.block_until_ready(
+            jfsf.match(mesh_x, mesh_y, cache=False)
+        ),
+        "pyFM recipe": partial(recipe, mesh_x, mesh_y),
+    }
+    rows = {}
+    for contest, rival in ((zooms, "pyFM zoomout"), (wholes, "pyFM recipe")):
+        found = interleave(contest, args.repeats)
+        for name, row in found.items():
+            row["rival_over_this"] = found[rival]["warm"] / row["warm"]
+            shown = ""
+            if gt_x is not None and gt_y is not None:
+                T_xy = np.asarray(contest[name]()[0])
+                some = gt_x[::EVERY], gt_y[::EVERY]
+                row["error"] = float(geodesic_error(T_xy, mesh_y, *some).mean())
+                shown = f", error {row['error']:.4f}"
+            print(
+                f"{name:24s} warm {row['warm']:.3f} s ({row['fastest']:.3f} to "
+                f"{row['slowest']:.3f}), cold {row['cold']:.2f} s, {rival} takes "
+                f"{row['rival_over_this']:.2f} x that{shown}"
+            )
+        rows.update(found)
+    settings = {
+        "x": args.x,
+        "y": args.y,
+        "data": "folder" if args.data else "embedded",
+        "vertices": sizes,
+        "ks": KS,
+        "start": "leading block of the best candidate of jfsf.search",
+        "directions": "jfsf both, pyFM one",
+        "precision": "jfsf float32, pyFM float64",
+        "repeats": args.repeats,
+        "seed": None,
+    }
+    results_file.write(args.out, settings=settings, rows=rows)
+
+
+def _load(folder: Path | None, name: str):
+    """Mesh, and template point -> vertex or None."""
+    if folder is None:
+        sample = data.load(name)
+        return sample.mesh, sample.template_to_vertex
+    mesh = jfsf.read(folder / f"{name}.off")
+    path = folder / "corres" / f"{name}.vts"
+    if not path.exists():
+        return mesh, None
+    return mesh, mapfiles.read_map(path, n_to=len(mesh.vertices))
+
+
+if __name__ == "__main__":
+    main()

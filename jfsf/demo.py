@@ -1,0 +1,212 @@
+"""One embedded pair, converted and refined with nearest neighbour and with Sinkhorn.
+
+All start from one functional map, the search's best at 40 eigenfunctions, so what
+differs between two rows is the converter alone. Figures are measured on the spot.
+"""
+
+import json
+import platform
+from collections.abc import Callable
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.table import Table
+
+from jfsf.types import Mesh
+
+KS = tuple(range(40, 101, 10))
+EVERY = 10  # template points and vertices measured: one in so many
+HEADINGS = (
+    "\nerror\nx1000",
+    "bijec-\ntivity\nx1000",
+    "\ncoverage\n%",
+    "\nsmooth-\nness",
+    "\n\nseconds",
+    "\nfirst\ncall",
+)
+
+Say = Callable[[str], object]
+
+
+class Demo(NamedTuple):
+    """What `jfsf demo` shows.
+
+    record: the JSON: settings, versions, rows; plain values.
+    mesh_x, mesh_y: the pair.
+    T_xy: the map of the last row, `match`.
+    """
+
+    record: dict[str, Any]
+    mesh_x: Mesh
+    mesh_y: Mesh
+    T_xy: np.ndarray
+
+
+def measure(name_x: str, name_y: str, say: Say) -> Demo:
+    """Match two embedded shapes in five ways and measure each map.
+
+    Args:
+        name_x, name_y: of `jfsf.data.names()`.
+        say: told what is being done.
+
+    Raises:
+        ValueError: there is no such shape.
+    """
+    import jax
+    import jax.numpy as jnp
+
+    from jfsf import __version__
+    from jfsf.convert import nearest, sinkhorn
+    from jfsf.data import load
+    from jfsf.descriptors import wks
+    from jfsf.fmap import embeddings
+    from jfsf.match import EVERY as WKS_EVERY
+    from jfsf.match import K, match
+    from jfsf.metrics import bijectivity, coverage, geodesic_error, smoothness
+    from jfsf.refine import zoomout
+    from jfsf.search import search
+    from jfsf.spectrum import operators, spectrum
+
+    start = perf_counter()
+    (mesh_x, points_x), (mesh_y, points_y) = load(name_x), load(name_y)
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    k = min(K, n_x // 4, n_y // 4)
+    ks = tuple(size for size in KS if size <= k)
+
+    def timed(what: str, work: Callable[[], Any]):
+        say(what)
+        starts = [perf_counter()]
+        jax.block_until_ready(work())
+        starts.append(perf_counter())
+        result = jax.block_until_ready(work())
+        first, again = np.diff([*starts, perf_counter()])
+        return result, {"first_call": round(first, 3), "seconds": round(again, 3)}
+
+    def spectra():
+        pair = (spectrum(mesh, k, cache=False) for mesh in (mesh_x, mesh_y))
+        return tuple(jax.tree.map(jnp.asarray, spec) for spec in pair)
+
+    def start_map():
+        seen = (wks(spec)[:, ::WKS_EVERY] for spec in (spec_x, spec_y))
+        return search(spec_x, spec_y, *seen).C_yx[0]
+
+    def convert(converter, C_yx):
+        return converter(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
+
+    def refine(converter):
+        C_yx = zoomout(spec_x, spec_y, start_C, ks=ks, converter=converter)
+        return convert(converter, C_yx)
+
+    (spec_x, spec_y), spectra_took = timed("spectra", spectra)
+    start_C, search_took = timed("search for the initial functional map", start_map)
+    ways = {
+        "plain (NN)": lambda: convert(nearest, start_C),
+        "plain (Sinkhorn)": lambda: convert(sinkhorn, start_C),
+        "ZoomOut (NN)": lambda: refine(nearest),
+        "ZoomOut (Sinkhorn)": lambda: refine(sinkhorn),
+        "jfsf.match": lambda: match(mesh_x, mesh_y, cache=False),
+    }
+    stiffness_x, _ = operators(mesh_x)
+    at = np.arange(0, n_x, EVERY)
+    rows, T_xy = {}, np.zeros(0, np.int32)
+    for name, way in ways.items():
+        found, took = timed(name, way)
+        say(f"{name}: geodesics")
+        T_xy, T_yx = np.asarray(found.T_xy), np.asarray(found.T_yx)
+        truth = points_x[::EVERY], points_y[::EVERY]
+        rows[name] = {
+            "error": float(geodesic_error(T_xy, mesh_y, *truth).mean()),
+            "bijectivity": float(bijectivity(T_xy, T_yx, mesh_x, at=at).mean()),
+            "coverage": float(coverage(T_xy, np.asarray(spec_y.mass))),
+            "smoothness": smoothness(T_xy, mesh_y.vertices, stiffness_x),
+            **took,
+        }
+
+    device = jax.devices()[0]
+    record = {
+        "pair": [name_x, name_y],
+        "vertices": [n_x, n_y],
+        "settings": {
+            "start": f"best candidate of the search, {len(start_C)} eigenfunctions",
+            "zoomout": list(ks),
+            "eigenpairs": k,
+            "space": "direct",
+            "precision": str(start_C.dtype),
+            "geodesics": "heat method",
+            "measured_at": f"every {EVERY}th template point and vertex of X, from 0",
+            "seed": None,  # nothing here is random
+        },
+        "units": {
+            "error": "mean geodesic distance on Y / sqrt(area of Y)",
+            "bijectivity": "mean geodesic distance on X, there and back, / sqrt(area)",
+            "coverage": "share of Y's area that T_xy hits",
+            "smoothness": "mean Dirichlet energy of Y's coordinates, pulled back",
+            "seconds": "second call; ZoomOut without the search, match from the meshes",
+            "first_call": "seconds; compiles, or loads what an earlier run compiled",
+        },
+        "spectra": spectra_took,
+        "search": search_took,
+        "rows": rows,
+        "wall_seconds": round(perf_counter() - start, 1),
+        "device": f"{device.platform} {device.device_kind}",
+        "machine": platform.platform(),
+        "versions": {
+            "python": platform.python_version(),
+            "jfsf": __version__,
+            **{p: version(p) for p in ("jax", "jaxlib", "numpy", "scipy")},
+        },
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+    return Demo(record, mesh_x, mesh_y, T_xy)
+
+
+def table(record: dict[str, Any]) -> Table:
+    """The rows of the record, to print."""
+    (n_x, n_y), pair = record["vertices"], " -> ".join(record["pair"])
+    took = {name: record[name]["seconds"] for name in ("spectra", "search")}
+    settings = record["settings"]
+    ks = settings["zoomout"]
+    shown = Table(
+        title=f"{pair} ({n_x} and {n_y} vertices)",
+        caption=(
+            f"All but jfsf.match start from the search's best map (spectra "
+            f"{took['spectra']:.1f} s, search {took['search']:.1f} s); plain converts "
+            f"it at {ks[0]} eigenfunctions, ZoomOut goes to {ks[-1]}. seconds: second "
+            f"call; the first also compiles. Errors at {settings['measured_at']}."
+        ),
+        caption_justify="left",
+    )
+    shown.add_column("", no_wrap=True)
+    for heading in HEADINGS:
+        shown.add_column(heading, justify="right")
+    for name, row in record["rows"].items():
+        shown.add_row(
+            name,
+            f"{1000 * row['error']:.2f}",
+            f"{1000 * row['bijectivity']:.2f}",
+            f"{100 * row['coverage']:.1f}",
+            f"{row['smoothness']:.2f}",
+            f"{row['seconds']:.2f}",
+            f"{row['first_call']:.1f}",
+        )
+    return shown
+
+
+def write(demo: Demo, folder: Path) -> list[Path]:
+    """Write PAIR.json and, where matplotlib is there, PAIR.png; which were written."""
+    stem = "_".join(demo.record["pair"])
+    folder.mkdir(parents=True, exist_ok=True)
+    written = [folder / f"{stem}.json"]
+    written[0].write_text(json.dumps(demo.record, indent=2) + "\n")
+    picture = folder / f"{stem}.png"
+    try:
+        from jfsf.viz import draw_pair
+
+        draw_pair(demo.mesh_x, demo.mesh_y, demo.T_xy, path=picture)
+    except ImportError:
+        return written
+    return [*written, picture]

@@ -1,0 +1,64 @@
+"""Evidence for a map that is known to be right, and for one that is not."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jfsf import testing
+from jfsf.certificate import certify
+from jfsf.convert import nearest, sinkhorn
+from jfsf.fmap import embeddings, functional_map, uniform
+from jfsf.padding import pad
+
+N, K = 162, 30
+SPEC = testing.blob_spectrum(0, K)
+filtered = partial(sinkhorn, k0=8, num_iters=10)
+
+
+@jax.jit
+def evidence(spec_x, spec_y, C_yx):
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    found = filtered(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    C = functional_map(found.T_xy, spec_x, spec_y)
+    return certify(found, emb_x, emb_y, C, spec_x, spec_y)
+
+
+def test_the_identity_is_perfect():
+    found = evidence(SPEC, SPEC, jnp.eye(K))
+    assert found.finite and found.empty == 0
+    for value, truth in zip(found[2:9], (1, 1, 0, 0, 0, 1, 1), strict=True):
+        assert np.isclose(value, truth, atol=1e-8)
+
+
+def test_a_random_map_is_not():
+    C = np.linalg.qr(np.random.default_rng(0).normal(size=(K, K)))[0]
+    found = evidence(SPEC, SPEC, jnp.asarray(C))
+    assert found.finite and found.coverage_xy < 0.9 and abs(found.orientation) < 0.6
+    assert found.bijectivity_x > 0.02
+
+
+def test_nan_is_reported():
+    assert not evidence(SPEC, SPEC, jnp.eye(K).at[3, 3].set(jnp.nan)).finite
+
+
+def test_padding_is_invisible():
+    rng = np.random.default_rng(0)
+    C = jnp.eye(K) + 0.1 * jnp.asarray(rng.normal(size=(K, K)))
+    other = testing.blob_spectrum(1, K)
+    plain = evidence(SPEC, other, C)
+    padded = evidence(pad(SPEC, N + 5, 330), pad(other, N + 9, 340), C)
+    for ours, theirs in zip(padded, plain, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-8)
+
+
+def test_agreement_counts_what_nearest_neighbour_says():
+    C = jnp.eye(K) + 0.1 * jnp.asarray(np.random.default_rng(1).normal(size=(K, K)))
+    other = testing.blob_spectrum(1, K)
+    emb_x, emb_y = embeddings(C, SPEC.evecs, other.evecs, space="direct")
+    marginals = uniform(SPEC.mass), uniform(other.mass)
+    share = jnp.mean(
+        nearest(emb_x, emb_y).T_xy == filtered(emb_x, emb_y, *marginals).T_xy
+    )
+    assert np.isclose(evidence(SPEC, other, C).nn_agreement, share)

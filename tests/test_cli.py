@@ -1,0 +1,400 @@
+"""The command line on small bodies: what it writes, says and refuses."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import fast_simplification
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.spatial import KDTree
+from typer.testing import CliRunner
+
+from jfsf import __version__, spectrum
+from jfsf.cli import _certificate_table, _warnings, app
+from jfsf.data import Sample, load
+from jfsf.mapfiles import read_map, read_match, write_map
+from jfsf.mesh import orient, read
+from jfsf.types import Certificate, Mesh
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+PAIR = ("man_walk", "man_up")
+FACES = {"man_walk": 1400, "man_up": 1340}  # which leave clean manifolds
+VALUES = {
+    "empty": 0,
+    "bijectivity_x": 0.01,
+    "bijectivity_y": 0.01,
+    "orientation": 0.97,
+    "finite": True,
+}
+GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))
+
+
+def run(*args):
+    # As in a process of its own: float32.
+    with jax.enable_x64(False):
+        return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def refused(*args):
+    """stderr of a command that bad input ends: one line, exit code 1."""
+    result = run(*args)
+    assert result.exit_code == 1, result.output
+    assert re.fullmatch(r"jfsf: [^\n]+\n", result.stderr), result.stderr
+    return result.stderr
+
+
+def small(name):
+    sample = load(name)
+    vertices, faces = fast_simplification.simplify(
+        *sample.mesh, target_count=FACES[name], agg=3
+    )[:2]
+    vertices, faces = vertices.astype(np.float64), faces.astype(np.int32)
+    points = sample.mesh.vertices[sample.template_to_vertex]
+    return Sample(Mesh(vertices, faces), np.asarray(KDTree(vertices).query(points)[1]))
+
+
+def write_off(path, mesh):
+    with path.open("w") as file:
+        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
+        np.savetxt(file, mesh.vertices, "%.17g")
+        np.savetxt(file, np.insert(mesh.faces, 0, 3, axis=1), "%d")
+
+
+@pytest.fixture(scope="module")
+def shapes():
+    return {name: small(name) for name in PAIR}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, shapes):
+    """Meshes, ground truth, and what `jfsf match` writes about them."""
+    folder = tmp_path_factory.mktemp("cli")
+    for name, sample in shapes.items():
+        write_off(folder / f"{name}.off", sample.mesh)
+        write_map(folder / f"{name}.vts", sample.template_to_vertex)
+    x, y = (folder / f"{name}.off" for name in PAIR)
+    args = ("--out", folder / "map.npz", "--png", folder / "map.png", "--no-cache")
+    result = run("match", x, y, *args)
+    assert result.exit_code == 0, result.output
+    (folder / "said.txt").write_text(result.stdout)
+    return folder
+
+
+@pytest.fixture
+def x(folder):
+    return folder / "man_walk.off"
+
+
+@pytest.fixture
+def y(folder):
+    return folder / "man_up.off"
+
+
+def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
+    found = read_match(folder / "map.npz")
+    assert len(found.T_xy) == len(read(x).vertices)
+    assert len(found.T_yx) == len(read(y).vertices)
+    assert found.T_xy.dtype == np.int32
+    assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
+    said = (folder / "said.txt").read_text()
+    assert "keeps left and right" in said and "warning" not in said
+    for name in Certificate._fields:
+        assert name in said
+
+
+def test_evaluate_measures_the_match_against_ground_truth(folder, x, y):
+    args = ("evaluate", x, y, folder / "map.npz", "--every", 10)
+    truth = ("--gt-x", folder / "man_walk.vts", "--gt-y", folder / "man_up.vts")
+    result = run(*args, *truth, "--json", folder / "figures.json")
+    assert result.exit_code == 0, result.output
+    record = json.loads((folder / "figures.json").read_text())
+    figures = record["figures"]
+    assert record["every"] == 10 and record["geodesics"] == "heat method"
+    assert figures["error_mean"] < 0.06
+    assert figures["bijectivity_x"] < 0.02 < 0.8 < figures["coverage_xy"]
+    assert {"auc_0.25", "smoothness", "orthogonality"} < set(figures)
+    for name in figures:
+        assert name.replace("_", " ") in result.stdout
+
+    plain = run(*args)
+    assert plain.exit_code == 0 and "error" not in plain.stdout
+    exact = run(*args[:4], "--every", 200, "--exact", *truth)
+    assert exact.exit_code == 0, exact.output
+
+
+def test_evaluate_takes_a_plain_map_in_either_base(folder, x, y):
+    T_xy = read_match(folder / "map.npz").T_xy
+    write_map(folder / "one.map", T_xy)
+    write_map(folder / "zero.map", T_xy, base=0)
+    one = run("evaluate", x, y, folder / "one.map")
+    zero = run("evaluate", x, y, folder / "zero.map", "--base", 0)
+    assert one.exit_code == zero.exit_code == 0
+    assert "bijectivity" not in one.stdout
+    assert one.stdout.splitlines()[2:] == zero.stdout.splitlines()[2:]
+
+
+def test_evaluate_refuses_what_does_not_fit(folder, x, y):
+    found = folder / "map.npz"
+    assert "the map runs the other way" in refused("evaluate", y, x, found)
+    assert "both --gt-x and --gt-y" in refused("evaluate", x, y, found, "--gt-x", x)
+    assert "none.npz" in refused("evaluate", x, y, folder / "none.npz")
+    assert "written as .json" in refused(
+        "evaluate", x, y, found, "--json", folder / "a.txt"
+    )
+    assert run("evaluate", x, y, found, "--every", 0).exit_code == 2
+
+
+@pytest.fixture
+def in_pieces(folder, shapes):
+    """man_up with a triangle in front of its first vertex."""
+    vertices, faces = shapes["man_up"].mesh
+    flake = np.array([[9.0, 9, 9], [9.1, 9, 9], [9, 9.1, 9]])
+    mesh = Mesh(np.r_[flake, vertices], np.r_[[[0, 1, 2]], faces + 3])
+    write_off(path := folder / "pieces.off", mesh)
+    return path
+
+
+def test_largest_component_writes_kept_vertices_and_their_numbers(
+    folder, x, y, in_pieces
+):
+    out = folder / "kept.npz"
+    args = ("match", x, in_pieces, "--out", out, "--no-cache")
+    assert "--largest-component" in refused(*args)
+    result = run(*args, "--largest-component")
+    assert result.exit_code == 0, result.output
+    plain, kept = read_match(folder / "map.npz"), read_match(out)
+    assert np.array_equal(kept.T_xy, plain.T_xy)
+    n_x, n_y = len(plain.T_xy), len(plain.T_yx)
+    with np.load(out) as file:
+        assert np.array_equal(file["index_x"], np.arange(n_x))
+        assert np.array_equal(file["index_y"], np.arange(n_y) + 3)
+
+    shifted = read_map(folder / "man_up.vts") + np.int32(3)
+    write_map(folder / "pieces.vts", shifted)
+    figures = []
+    for target, found, truth in ((y, "map", "man_up"), (in_pieces, "kept", "pieces")):
+        where = folder / f"{found}.json"
+        result = run(
+            *("evaluate", x, target, folder / f"{found}.npz", "--every", 50),
+            *("--gt-x", folder / "man_walk.vts", "--gt-y", folder / f"{truth}.vts"),
+            *("--json", where),
+        )
+        assert result.exit_code == 0, result.output
+        figures.append(json.loads(where.read_text())["figures"])
+    assert figures[0] == pytest.approx(figures[1])
+
+
+def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
+    found = read_match(folder / "map.npz")
+    seen = {}
+
+    def match(mesh_x, mesh_y, **options):
+        seen.update(options)
+        return found
+
+    monkeypatch.setattr(sys.modules["jfsf.match"], "match", match)
+    pairs = folder / "pairs.txt"
+    pairs.write_text("# head, foot\n3 8\n\n4 9  # knee\n")
+    args = ("match", x, y, "--out", folder / "m.npz", "--landmarks", pairs)
+    result = run(*args, "--orientation", "reverse")
+    assert result.exit_code == 0, result.output
+    assert seen["orientation"] == "reverse" and seen["cache"]
+    assert seen["landmarks"].tolist() == [[3, 8], [4, 9]]
+    assert "warning: orientation" in result.stdout
+
+    args = ("match", x, in_pieces, *args[3:], "--largest-component")
+    assert run(*args).exit_code == 0
+    assert seen["landmarks"].tolist() == [[3, 5], [4, 6]]
+    pairs.write_text("3 2\n")
+    assert "vertex 2 of Y is not in the largest piece" in refused(*args)
+    for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n"):
+        pairs.write_text(text)
+        assert "a vertex of X and one of Y" in refused(*args)
+
+
+def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
+    out = ("--out", folder / "m.npz")
+    assert "none.off: does not exist" in refused("match", x, folder / "none.off", *out)
+    assert "written as .npz" in refused("match", x, y, "--out", folder / "m.txt")
+    assert "no folder" in refused("match", x, y, "--out", folder / "no" / "m.npz")
+    assert "written as .png" in refused("match", x, y, *out, "--png", folder / "a.jpg")
+    monkeypatch.setattr("jfsf.cli.find_spec", lambda name: None)
+    assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
+    assert run("match", x, y).exit_code == 2
+    assert run("match", x, y, *out, "--orientation", "left").exit_code == 2
+
+
+def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):
+    result = run("info", x)
+    assert result.exit_code == 0 and "can be matched" in result.stdout
+    assert "closed" in result.stdout and "nonmanifold edges" in result.stdout
+    result = run("info", in_pieces)
+    assert result.exit_code == 1
+    assert "cannot be matched" in result.stdout
+    assert "match --largest-component" in result.stdout
+    few = folder / "few.off"
+    write_off(few, Mesh(np.eye(3), np.array([[0, 1, 2]])))
+    result = run("info", few)
+    assert result.exit_code == 1 and "matching needs 160" in result.stdout
+    cloud = folder / "cloud.off"
+    write_off(cloud, Mesh(read(x).vertices, np.zeros((0, 3), int)))
+    result = run("info", cloud)
+    assert result.exit_code == 0 and "tells no left from right" in result.stdout
+    assert "none.off" in refused("info", folder / "none.off")
+
+
+def test_info_says_that_a_mesh_is_one_sided(folder):
+    turn, across = np.meshgrid(np.arange(100), [-1, 0, 1], indexing="ij")
+    angle, side = 2 * np.pi * turn.ravel() / 100, across.ravel() / 4
+    radius = 1 + side * np.cos(angle / 2)
+    strip = (radius * np.cos(angle), radius * np.sin(angle), side * np.sin(angle / 2))
+    faces = []
+    for i in range(100):
+        for j in range(2):
+            a, b = 3 * i + j, 3 * i + j + 1
+            c, d = (a + 3, b + 3) if i < 99 else (2 - j, 1 - j)
+            faces += [[a, c, b], [b, c, d]]
+    write_off(path := folder / "moebius.off", Mesh(np.stack(strip, 1), np.array(faces)))
+    result = run("info", path)
+    assert result.exit_code == 0 and "cannot be wound consistently" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "orientation", "warning"),
+    [
+        ({}, "preserve", None),
+        ({}, "any", None),
+        ({"orientation": -0.97}, "reverse", None),
+        ({"orientation": np.nan}, "any", None),
+        ({"orientation": 0.3}, "preserve", "swapped"),
+        ({"orientation": 0.3}, "any", "swapped"),
+        ({}, "reverse", "swapped"),
+        ({"finite": False}, "preserve", "not finite"),
+        ({"empty": 3}, "preserve", "3 vertices"),
+        ({"coverage_yx": 0.2}, "preserve", "20%"),
+        ({"bijectivity_x": 0.4}, "preserve", "disagree"),
+    ],
+)
+def test_certificate_is_read_in_plain_words(change, orientation, warning):
+    changes = {name: jnp.asarray(value) for name, value in change.items()}
+    found = _warnings(GOOD._replace(**changes), orientation)
+    assert len(found) == (warning is not None)
+    assert warning is None or warning in found[0]
+
+
+@pytest.mark.parametrize(
+    ("orientation", "reading"),
+    [
+        (0.97, "keeps left and right"),
+        (-0.9, "swaps left and right"),
+        (0.2, "unclear"),
+        (np.nan, "point cloud"),
+    ],
+)
+def test_certificate_says_which_way_round(orientation, reading):
+    console = Console(width=120)
+    with console.capture() as shown:
+        turned = GOOD._replace(orientation=jnp.asarray(orientation))
+        console.print(_certificate_table(turned))
+    assert reading in shown.get()
+
+
+def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
+    from jfsf.fmap import functional_map, truncate
+    from jfsf.search import Candidates
+
+    def search(spec_x, spec_y, *descriptors):
+        # The true map at 40: small bodies, and quick.
+        truth = KDTree(shapes[PAIR[0]].mesh.vertices)
+        points = shapes[PAIR[0]].template_to_vertex, shapes[PAIR[1]].template_to_vertex
+        first = np.full(len(truth.data), -1)
+        first[points[0]] = points[1]
+        known = np.flatnonzero(first >= 0)
+        near = known[KDTree(truth.data[known]).query(truth.data)[1]]
+        C_yx = functional_map(first[near], truncate(spec_x, 40), truncate(spec_y, 40))
+        return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1))
+
+    monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
+    monkeypatch.setattr(sys.modules["jfsf.search"], "search", search)
+    monkeypatch.setattr("jfsf.demo.KS", (40, 50))
+    monkeypatch.setattr("jfsf.demo.EVERY", 30)
+    result = run("demo", "--out", folder / "demo")
+    assert result.exit_code == 0, result.output
+    assert (folder / "demo" / "man_walk_man_up.png").exists()
+    record = json.loads((folder / "demo" / "man_walk_man_up.json").read_text())
+    assert record["settings"]["zoomout"] == [40, 50]
+    assert {"device", "date", "versions", "units"} < set(record)
+    assert record["versions"]["jfsf"] == __version__
+    rows = record["rows"]
+    for way in ("plain", "ZoomOut"):
+        nearest, sinkhorn = rows[f"{way} (NN)"], rows[f"{way} (Sinkhorn)"]
+        assert sinkhorn["bijectivity"] < nearest["bijectivity"]
+        assert sinkhorn["coverage"] > nearest["coverage"]
+        assert f"{way} (Sinkhorn)" in result.stdout
+    assert f"{1000 * rows['jfsf.match']['error']:.2f}" in result.stdout
+
+
+def test_demo_knows_its_shapes(folder):
+    assert "no shape 'cat'" in refused(
+        "demo", "--pair", "cat", "dog", "--out", folder / "demo"
+    )
+
+
+@pytest.mark.parametrize("command", ["demo", "match", "evaluate", "info"])
+def test_help_has_an_example(command):
+    result = run(command, "--help")
+    assert result.exit_code == 0 and f"Example: jfsf {command}" in result.stdout
+
+
+def test_version():
+    assert run("--version").stdout == f"jfsf {__version__}\n"
+
+
+def test_commands_leave_jax_settings_alone(folder, x):
+    assert jax.config.values["jax_compilation_cache_dir"] is None
+
+
+def test_process_says_one_line_and_ends_with_the_code(tmp_path):
+    command = [sys.executable, "-m", "jfsf", "info", str(tmp_path / "none.off")]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 1 and done.stdout == ""
+    assert done.stderr.startswith("jfsf: ") and done.stderr.count("\n") == 1
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.M | re.S)
+
+
+def test_readme_python_runs(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    monkeypatch.setenv("JFSF_CACHE", str(folder / "cache"))
+    first, converter = blocks("python")
+    scope = {}
+    with jax.enable_x64(False):
+        exec(first, scope)
+    assert float(capsys.readouterr().out.split()[0]) < 0.06
+    with jax.enable_x64(False):
+        exec(converter, scope)
+    spectra = [
+        spectrum(orient(scope[name]), len(scope["FM_12"]), cache=False)
+        for name in ("mesh1", "mesh2")
+    ]
+    back = spectra[1].evecs.T * spectra[1].mass
+    FM_12 = back @ spectra[0].evecs[scope["p2p_21"]]
+    assert np.abs(FM_12 - np.asarray(scope["FM_12"])).max() < 1e-3
+
+
+def test_readme_has_the_two_commands_and_only_its_own_pictures():
+    for marker, end in (("main", "jfsf demo"), ("test", "pytest")):
+        after = README.split(f"<!-- ci: {marker} -->\n")[1]
+        command = re.match(r"```bash\n(.*)\n```", after)
+        assert command and command[1].endswith(end)
+    for picture in re.findall(r"!\[.*?\]\((.*?)\)", README):
+        assert (ROOT / picture).is_file()

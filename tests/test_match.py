@@ -1,0 +1,146 @@
+"""Two meshes to a map, and what must not change it. One size: one compilation."""
+
+from functools import cache
+
+import fast_simplification
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+import jfsf
+import jfsf.data
+from jfsf import testing
+from jfsf.metrics import geodesic_error
+from jfsf.types import Mesh
+
+
+@cache
+def small(name, faces):
+    """A decimated shape, and its vertex for each template point."""
+    mesh, template = jfsf.data.load(name)
+    points, corners = fast_simplification.simplify(
+        mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
+    )
+    near = cKDTree(points).query(mesh.vertices)[1]
+    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[template]
+
+
+@cache
+def plain():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    return jfsf.match(mesh_x, mesh_y, cache=False)
+
+
+def shapes():
+    return small("man_walk", 1000), small("man_up", 900)
+
+
+def error(found, mesh_y=None):
+    (_, gt_x), (own_y, gt_y) = shapes()
+    at = slice(None, None, 20)
+    return geodesic_error(found.T_xy, mesh_y or own_y, gt_x[at], gt_y[at]).mean()
+
+
+def same(found, share=1.0):
+    for ours, theirs in ((found.T_xy, plain().T_xy), (found.T_yx, plain().T_yx)):
+        assert (np.asarray(ours) == np.asarray(theirs)).mean() >= share
+
+
+def test_the_truth_is_found():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    found = plain()
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    assert n_x != n_y
+    assert found.T_xy.shape == (n_x,) and found.T_yx.shape == (n_y,)
+    assert 0 <= found.T_xy.min() and found.T_xy.max() < n_y
+    assert 0 <= found.T_yx.min() and found.T_yx.max() < n_x
+    assert error(found) < 0.05
+
+
+def test_the_certificate_says_so():
+    found = plain().certificate
+    assert found.finite and found.empty == 0
+    assert found.orientation > 0.8
+    assert 0.7 < found.coverage_xy <= 1 and 0.7 < found.coverage_yx <= 1
+    assert 0 <= found.bijectivity_x < 0.1 and 0 <= found.bijectivity_y < 0.1
+    assert 0.3 < found.nn_agreement <= 1 and 0 <= found.marginal_error < 0.5
+    assert 0 <= found.orthogonality < 2
+    assert all(np.shape(field) == () for field in found)
+
+
+def test_units_motion_and_winding_change_nothing():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    moved = testing.move(mesh_x, turned(), unit=1000.0)
+    inside_out = mesh_y._replace(faces=mesh_y.faces[:, ::-1])
+    same(jfsf.match(moved, inside_out, cache=False), 0.98)
+
+
+def turned():
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    return turn * np.sign(np.linalg.det(turn)), np.array([1.0, -2.0, 3.0])
+
+
+@pytest.mark.slow  # one more compilation each
+def test_reverse_asks_for_the_mirror_image():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    found = jfsf.match(mesh_x, mesh_y, orientation="reverse", cache=False)
+    assert found.certificate.orientation < -0.5
+    # Against the mirror image of Y it is the right map.
+    other = jfsf.match(
+        mesh_x, testing.mirror(mesh_y), orientation="reverse", cache=False
+    )
+    assert other.certificate.orientation < -0.5 and error(other) < 0.05
+
+
+@pytest.mark.slow
+def test_landmarks_do_no_harm():
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    known = np.stack([gt_x[::4000], gt_y[::4000]], 1)
+    found = jfsf.match(mesh_x, mesh_y, landmarks=known, cache=False)
+    assert error(found) < 0.05
+
+
+@pytest.mark.slow
+def test_point_clouds():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
+    found = jfsf.match(cloud, mesh_y, cache=False)
+    assert found.T_xy.shape == (len(mesh_x.vertices),)
+    assert np.isnan(found.certificate.orientation) and found.certificate.finite
+
+
+@pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])
+def test_a_bad_mesh_is_named(side):
+    good = testing.blob(0)
+    twice = Mesh(
+        np.concatenate([good.vertices, good.vertices + 9]),
+        np.concatenate([good.faces, good.faces + len(good.vertices)]),
+    )
+    pair = {"mesh_x": good, "mesh_y": good} | {side: twice}
+    with pytest.raises(jfsf.MeshError, match=f"{side}: has 2 connected components"):
+        jfsf.match(**pair, cache=False)
+    pair[side] = testing.blob(0, subdivisions=0)
+    with pytest.raises(jfsf.MeshError, match=f"{side}: has 12 vertices, fewer than"):
+        jfsf.match(**pair, cache=False)
+
+
+@pytest.mark.parametrize(
+    "landmarks, message",
+    [
+        ([1, 2], r"landmarks have shape \(2,\)"),
+        (np.zeros((0, 2), int), r"landmarks have shape \(0, 2\)"),
+        ([[0, 0, 0]], r"landmarks have shape \(1, 3\)"),
+        ([[0, 0], [162, 0]], "0 to 162 of mesh_x, which has vertices 0 to 161"),
+        ([[0, -1]], "-1 to -1 of mesh_y, which has vertices 0 to 161"),
+    ],
+)
+def test_bad_landmarks(landmarks, message):
+    good = testing.blob(0)
+    with pytest.raises(ValueError, match="match: .*" + message):
+        jfsf.match(good, good, landmarks=landmarks, cache=False)
+
+
+def test_an_unknown_orientation():
+    good = testing.blob(0)
+    with pytest.raises(ValueError, match="'preserve', 'reverse' or 'any', not 'left'"):
+        jfsf.match(good, good, orientation="left", cache=False)  # type: ignore

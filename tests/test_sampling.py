@@ -1,0 +1,87 @@
+"""Farthest points one by one, and spectra seen from them."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given, settings
+
+from jfsf import testing
+from jfsf.padding import pad
+from jfsf.sampling import biharmonic, farthest_points, restrict
+
+N, K, NUM = 162, 20, 25
+spectra = testing.spectra(K)
+
+
+@given(spectra)
+def test_one_by_one_the_farthest(spec):
+    ours = farthest_points(spec, num=NUM)
+    points = np.asarray(biharmonic(spec))
+    assert np.array_equal(ours, oracles.farthest_points(points, np.ones(N, bool), NUM))
+    assert len(set(ours.tolist())) == NUM and ours.dtype == jnp.int32
+
+
+def test_all_vertices_once():
+    spec = testing.blob_spectrum(0, K, 2)
+    assert sorted(farthest_points(spec, num=N).tolist()) == list(range(N))
+
+
+@settings(max_examples=8)
+@given(spectra, testing.permutations(N), testing.signs(K))
+def test_labels_and_signs_change_nothing(spec, order, by):
+    plain = farthest_points(spec, num=NUM)
+    moved = testing.flip_signs(testing.relabel_spectrum(spec, order), by)
+    assert np.array_equal(order[farthest_points(moved, num=NUM)], plain)
+
+
+@given(spectra)
+def test_padding_is_never_chosen(spec):
+    padded = pad(spec, N + 30, 400)
+    assert np.array_equal(
+        farthest_points(padded, num=NUM), farthest_points(spec, num=NUM)
+    )
+    # Not even when there is nothing else.
+    every = farthest_points(padded, num=N + 10)
+    assert set(every.tolist()) == set(range(N))
+    few = restrict(padded, every)
+    assert np.isclose(few.mass.sum(), 1) and np.isfinite(few.evecs).all()
+
+
+@given(spectra)
+def test_each_sample_weighs_its_cell(spec):
+    at = farthest_points(spec, num=NUM)
+    few = restrict(spec, at)
+    points = np.asarray(biharmonic(spec))
+    cell = oracles.neighbours(points, points[at], 1)[0][:, 0]
+    truth = np.bincount(cell, np.asarray(spec.mass), NUM)
+    np.testing.assert_allclose(few.mass, truth, atol=1e-14)
+    assert np.isclose(few.mass.sum(), 1) and (few.mass > 0).all()
+    assert np.array_equal(few.evecs, spec.evecs[at]) and few.faces.shape == (0, 3)
+    assert np.array_equal(few.evals, spec.evals)
+    hidden = restrict(pad(spec, N + 30, 400), at)
+    np.testing.assert_allclose(hidden.mass, few.mass)
+
+
+def test_vmap_equals_the_loop():
+    specs = [testing.blob_spectrum(seed, K, 2) for seed in range(3)]
+    batch = testing.stack(specs)
+    at = jax.vmap(lambda s: farthest_points(s, num=NUM))(batch)
+    few = jax.vmap(restrict)(batch, at)
+    for i, spec in enumerate(specs):
+        assert np.array_equal(at[i], farthest_points(spec, num=NUM))
+        np.testing.assert_allclose(few.mass[i], restrict(spec, at[i]).mass)
+
+
+def test_float32():
+    spec = testing.cast(testing.blob_spectrum(0, K, 2), jnp.float32)
+    at = farthest_points(spec, num=NUM)
+    assert np.array_equal(at, farthest_points(testing.blob_spectrum(0, K, 2), num=NUM))
+    assert restrict(spec, at).mass.dtype == jnp.float32
+
+
+@pytest.mark.parametrize("num", [0, 163])
+def test_num_out_of_range_is_an_error(num):
+    with pytest.raises(ValueError, match=f"num is {num}, the shape has 162 vertices"):
+        farthest_points(testing.blob_spectrum(0, K, 2), num=num)

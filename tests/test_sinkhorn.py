@@ -1,0 +1,436 @@
+"""The filter against dense Sinkhorn, the authors' arithmetic, and POT."""
+
+import os
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf import testing
+from jfsf.convert import nearest, plan_entries, pull_back, scale_kernel, sinkhorn
+from jfsf.fmap import embeddings, functional_map, truncate
+from jfsf.mesh import read
+from jfsf.refine import zoomout
+from jfsf.spectrum import operators, spectrum
+from jfsf.types import Kernel
+
+N_X, N_Y, K0, WIDTH = 23, 31, 5, 3
+FULL = max(N_X, N_Y)
+NUM = 20
+pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)
+AUTHORS = partial(sinkhorn, lam=500.0, k0=10, num_iters=11, scale="max", one_sided=0.5)
+brief = partial(sinkhorn, k0=K0, num_iters=NUM)
+
+
+def draw(seed=0, n_x=N_X, n_y=N_Y, dtype=jnp.float64):
+    """One smooth surface, sampled twice."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(2, WIDTH)) * 2
+    return [
+        jnp.asarray(np.sin(rng.uniform(-1, 1, (n, 2)) @ waves), dtype)
+        for n in (n_x, n_y)
+    ]
+
+
+def weights(seed, n, low=0.2):
+    found = np.random.default_rng(seed).uniform(low, 1, n)
+    return jnp.asarray(found / found.sum())
+
+
+def dense(filtered):
+    """The plan (n_x, n_y); adding repeated entries, of which there are none."""
+    rows, columns, values = map(np.asarray, plan_entries(filtered))
+    out = np.zeros((len(filtered.T_xy), len(filtered.T_yx)))
+    np.add.at(out, (rows, columns), values)
+    return out
+
+
+def truth_for(emb_x, emb_y, marginal_x, marginal_y, lam, k0, num, scale, one_sided):
+    """The dense log plan and marginal gap, from the definitions."""
+    near = [oracles.neighbours(*e, k0) for e in ((emb_x, emb_y), (emb_y, emb_x))]
+    if scale == "max":
+        length = [dist.max() for _, dist in near]
+    else:
+        both = np.sqrt(np.prod([np.median(dist[:, 0]) for _, dist in near]))
+        length = [both, both]
+    log_k = oracles.log_kernel(
+        *near, lam / length[0], lam / length[1], one_sided=one_sided
+    )
+    return oracles.sinkhorn(log_k, marginal_x, marginal_y, num)
+
+
+def check_maps(filtered, log_plan, tol=1e-9):
+    """Both maps are an argmax of the plan, ties aside."""
+    T_xy, T_yx = np.asarray(filtered.T_xy), np.asarray(filtered.T_yx)
+    rows, columns = np.arange(len(T_xy)), np.arange(len(T_yx))
+    assert (log_plan[rows, T_xy] >= log_plan.max(1) - tol).all()
+    assert (log_plan[T_yx, columns] >= log_plan.max(0) - tol).all()
+
+
+@pytest.mark.parametrize("k0", [K0, FULL])
+@pytest.mark.parametrize(
+    "scale, lam, one_sided", [("max", 30.0, 0.5), ("nearest", 5.0, 1.0)]
+)
+@given(pair=pairs, seed=testing.seeds)
+def test_the_dense_oracle_agrees(k0, scale, lam, one_sided, pair, seed):
+    emb_x, emb_y = pair
+    a, b = weights(seed, N_X), weights(seed + 1, N_Y)
+    ours = sinkhorn(
+        *map(jnp.asarray, pair),
+        a,
+        b,
+        lam,
+        k0=k0,
+        num_iters=NUM,
+        scale=scale,
+        one_sided=one_sided,
+    )
+    f, g, log_plan, gap = truth_for(
+        emb_x, emb_y, a, b, lam, min(k0, N_X), NUM, scale, one_sided
+    )
+    check_maps(ours, log_plan)
+    np.testing.assert_allclose(ours.f, f, atol=1e-8)
+    np.testing.assert_allclose(ours.g, g, atol=1e-8)
+    np.testing.assert_allclose(ours.marginal_error, gap, atol=1e-10)
+    np.testing.assert_allclose(dense(ours), np.exp(log_plan), atol=1e-12)
+    assert ours.empty_x == ours.empty_y == 0
+
+
+def test_pot_agrees():
+    ot = pytest.importorskip("ot")
+    emb_x, emb_y = draw(n_x=N_X, n_y=N_Y)
+    a, b = weights(0, N_X), weights(1, N_Y)
+    ours = sinkhorn(emb_x, emb_y, a, b, 1.0, k0=FULL, num_iters=500)
+    cost = np.linalg.norm(np.asarray(emb_x)[:, None] - np.asarray(emb_y)[None], axis=2)
+    length = np.sqrt(np.median(cost.min(0)) * np.median(cost.min(1)))
+    theirs = ot.sinkhorn(
+        np.asarray(a),
+        np.asarray(b),
+        cost,
+        length,
+        numItermax=500,
+        stopThr=0,
+        warn=False,
+    )
+    np.testing.assert_allclose(dense(ours), theirs, atol=1e-10)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@given(seed=st.integers(0, 50))
+def test_the_authors_settings(dtype, seed):
+    emb_x, emb_y = (np.asarray(e, np.float64) for e in draw(seed, 60, 80, dtype))
+    T_xy, T_yx, plan = oracles.authors_filter(emb_x, emb_y, 10, 500.0, 11)
+    ours = AUTHORS(jnp.asarray(emb_x, dtype), jnp.asarray(emb_y, dtype))
+    # Rows that send all they have to one column are a tie, up to rounding.
+    tol = 1e-8 if dtype == jnp.float64 else 2e-2
+    with np.errstate(divide="ignore"):
+        check_maps(ours, np.log(plan), tol)
+    np.testing.assert_allclose(dense(ours), plan, atol=tol / 10)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("lam", [0.0, 1e-3, 1e3, 1e4, 1e6])
+def test_no_sharpness_makes_nan(dtype, lam):
+    emb_x, emb_y = draw(dtype=dtype)
+    ours = brief(emb_x, emb_y, lam=lam)
+    for value in (ours.f, ours.g, ours.marginal_error, *plan_entries(ours)):
+        assert np.isfinite(value).all()
+    assert ours.f.dtype == ours.marginal_error.dtype == dtype
+    assert ours.marginal_error < 2.001 and ours.empty_x == 0
+    if lam > 1e4:
+        return  # float32 has no digits left of a log weight of -1e6
+    # The rows were scaled last.
+    np.testing.assert_allclose(dense(ours).sum(1), 1 / N_X, rtol=1e-2)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_marginals_far_apart_make_no_nan(dtype):
+    emb_x, emb_y = draw(dtype=dtype)
+    a = np.geomspace(1e-9, 1, N_X)
+    a = jnp.asarray(a / a.sum(), dtype)
+    ours = brief(emb_x, emb_y, a, None, 300.0)
+    assert all(
+        np.isfinite(value).all() for value in (ours.f, ours.g, *plan_entries(ours))
+    )
+
+
+@given(pairs, testing.seeds)
+def test_sums_match_to_the_reported_residual(pair, seed):
+    a, b = weights(seed, N_X, 0.01), weights(seed + 1, N_Y, 0.01)
+    ours = brief(*map(jnp.asarray, pair), a, b)
+    plan = dense(ours)
+    gap = np.abs(plan.sum(1) - a).sum() + np.abs(plan.sum(0) - b).sum()
+    np.testing.assert_allclose(ours.marginal_error, gap, atol=1e-12)
+    np.testing.assert_allclose(plan.sum(1), a, rtol=1e-9)
+
+
+def test_more_updates_lower_the_residual():
+    emb_x, emb_y = draw()
+    gaps = [
+        float(sinkhorn(emb_x, emb_y, k0=FULL, lam=0.5, num_iters=n).marginal_error)
+        for n in (1, 5, 40)
+    ]
+    assert gaps == sorted(gaps, reverse=True) and gaps[-1] < 1e-3
+
+
+@given(pairs, testing.permutations(N_X), testing.permutations(N_Y), testing.seeds)
+def test_relabelling_relabels(pair, order_x, order_y, seed):
+    emb_x, emb_y = map(jnp.asarray, pair)
+    a, b = weights(seed, N_X), weights(seed + 1, N_Y)
+    plain = brief(emb_x, emb_y, a, b)
+    moved = brief(emb_x[order_x], emb_y[order_y], a[order_x], b[order_y])
+    plan = dense(plain)[order_x][:, order_y]
+    np.testing.assert_allclose(dense(moved), plan, rtol=1e-6, atol=1e-12)
+    with np.errstate(divide="ignore"):
+        check_maps(moved, np.log(plan))
+
+
+@pytest.mark.parametrize("scale", ["max", "nearest"])
+@given(pair=pairs, seed=testing.seeds, unit=st.sampled_from([1e-6, 0.3, 1e5]))
+def test_rigid_motion_and_scaling_change_nothing(scale, pair, seed, unit):
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(WIDTH, WIDTH)))[0]
+    moved = [unit * (e @ turn + 3.0) for e in pair]
+    plain, other = (brief(*map(jnp.asarray, p), scale=scale) for p in (pair, moved))
+    np.testing.assert_allclose(dense(other), dense(plain), rtol=1e-5, atol=1e-9)
+    with np.errstate(divide="ignore"):
+        check_maps(other, np.log(dense(plain)), tol=1e-6)
+
+
+@given(pairs, testing.seeds)
+def test_padding_is_invisible(pair, seed):
+    emb_x, emb_y = map(jnp.asarray, pair)
+    a, b = weights(seed, N_X), weights(seed + 1, N_Y)
+    plain = brief(emb_x, emb_y, a, b)
+    # Padding anywhere, holding anything finite.
+    rng = np.random.default_rng(seed)
+    at_x = np.sort(rng.choice(N_X + 4, N_X, replace=False))
+    at_y = np.sort(rng.choice(N_Y + 6, N_Y, replace=False))
+    wide = [jnp.asarray(rng.normal(size=(n, WIDTH))) for n in (N_X + 4, N_Y + 6)]
+    padded = brief(
+        wide[0].at[at_x].set(emb_x),
+        wide[1].at[at_y].set(emb_y),
+        jnp.zeros(N_X + 4).at[at_x].set(a),
+        jnp.zeros(N_Y + 6).at[at_y].set(b),
+    )
+    plan = dense(padded)
+    np.testing.assert_allclose(plan[np.ix_(at_x, at_y)], dense(plain), rtol=1e-9)
+    assert np.isclose(plan.sum(), 1)
+    assert np.array_equal(padded.T_xy[at_x], at_y[plain.T_xy])
+    assert np.array_equal(padded.T_yx[at_y], at_x[plain.T_yx])
+    for value, at in ((padded.f, at_x), (padded.g, at_y)):
+        assert not np.delete(value, at).any()
+    np.testing.assert_allclose(padded.marginal_error, plain.marginal_error, atol=1e-12)
+    assert padded.empty_x == padded.empty_y == 0
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@given(order=testing.permutations(N_X), seed=testing.seeds)
+def test_coincident_embeddings_give_the_permutation(dtype, order, seed):
+    emb_x = draw(seed % 50, dtype=dtype)[0]
+    ours = brief(emb_x, emb_x[order])
+    assert np.array_equal(np.asarray(order)[ours.T_xy], np.arange(N_X))
+    assert np.array_equal(ours.T_yx, order)
+    assert np.isfinite(ours.marginal_error)
+
+
+def test_all_points_in_one_place():
+    ours = brief(jnp.zeros((N_X, WIDTH)), jnp.zeros((N_Y, WIDTH)))
+    assert np.isfinite(ours.f).all() and np.isfinite(ours.marginal_error)
+
+
+def test_float32_agrees_but_for_near_ties():
+    emb_x, emb_y = draw(n_x=400, n_y=500)
+    # With equal masses, exact ties are common.
+    a, b = weights(0, 400), weights(1, 500)
+    high, low = (
+        brief(*(e.astype(t) for e in (emb_x, emb_y, a, b)))
+        for t in (jnp.float64, jnp.float32)
+    )
+    assert low.f.dtype == jnp.float32
+    with np.errstate(divide="ignore"):
+        check_maps(low, np.log(dense(high)), tol=2e-2)
+    assert (np.asarray(low.T_xy) != np.asarray(high.T_xy)).mean() < 0.01
+
+
+def test_vmap_equals_the_loop():
+    batch = [jnp.stack(e) for e in zip(*(draw(s) for s in range(3)), strict=True)]
+    lam = jnp.asarray([10.0, 80.0, 300.0])
+    run = lambda x, y, l: brief(x, y, lam=l)
+    found = jax.vmap(run)(*batch, lam)
+    for i in range(3):
+        single = run(batch[0][i], batch[1][i], lam[i])
+        assert np.array_equal(found.T_xy[i], single.T_xy)
+        assert np.array_equal(found.T_yx[i], single.T_yx)
+        np.testing.assert_allclose(found.f[i], single.f, rtol=1e-9)
+        np.testing.assert_allclose(found.marginal_error[i], single.marginal_error)
+
+
+def test_it_is_more_bijective_than_nearest_neighbour():
+    emb_x, emb_y = draw(n_x=400, n_y=400)
+    ours, plain = sinkhorn(emb_x, emb_y, k0=10, num_iters=NUM), nearest(emb_x, emb_y)
+    hit = [len(np.unique(np.asarray(m.T_xy))) for m in (ours, plain)]
+    assert hit[0] > 1.15 * hit[1]
+
+
+def test_pull_back_is_the_average_under_the_plan():
+    ours = brief(*draw())
+    values = jnp.asarray(np.random.default_rng(0).normal(size=(N_Y, 2)))
+    plan = dense(ours)
+    truth = plan @ values / plan.sum(1, keepdims=True)
+    np.testing.assert_allclose(pull_back(ours, values), truth)
+    np.testing.assert_allclose(pull_back(ours, jnp.ones((N_Y, 1))), 1)
+
+
+@pytest.mark.parametrize("scale, masked", [("nearest", False), ("max", True)])
+def test_gradients_match_finite_differences(scale, masked):
+    emb_x, emb_y = draw()
+    rng = np.random.default_rng(0)
+    values = jnp.asarray(rng.normal(size=(N_Y, 2)))
+    a = weights(0, N_X).at[3].set(0) if masked else weights(0, N_X)
+    b = jnp.zeros(N_Y).at[:3].set(1 / 3) if masked else weights(1, N_Y)
+
+    # The length scale is held fixed in the derivative: differ along with it.
+    def value(x, y, lam):
+        found = brief(x, y, a, b, lam, scale=scale)
+        f = jnp.where(a > 0, found.f, 0)
+        return jnp.sum(jnp.sin(pull_back(found, values))) + f.sum() / 10
+
+    def length(x, y):
+        found = brief(x, y, a, b, 1.0, scale=scale)
+        # log K of one sure entry over its distance: the sharpness in use.
+        at = 0, int(found.kernel.idx_xy[0, 0])
+        return -jnp.linalg.norm(x[0] - y[at[1]]) / found.kernel.log_xy[0, 0]
+
+    steps = [jnp.asarray(rng.normal(size=e.shape)) for e in (emb_x, emb_y)]
+    lam, h = 5.0, 1e-6
+    slopes = jax.grad(value, (0, 1, 2))(emb_x, emb_y, lam)
+    assert all(np.isfinite(s).all() for s in slopes)
+    if masked:
+        assert not slopes[0][3].any() and not slopes[1][3:].any()
+    gap = value(emb_x, emb_y, lam + h) - value(emb_x, emb_y, lam - h)
+    assert np.isclose(gap / (2 * h), slopes[2], rtol=1e-5)
+    if scale == "max":
+        return  # one length a direction: no single factor on lam undoes the change
+    out = []
+    for sign in (1, -1):
+        x, y = (e + sign * h * d for e, d in zip((emb_x, emb_y), steps, strict=True))
+        out.append(value(x, y, lam * length(x, y) / length(emb_x, emb_y)))
+    exact = sum(jnp.sum(s * d) for s, d in zip(slopes, steps, strict=False))
+    assert np.isclose((out[0] - out[1]) / (2 * h), exact, rtol=1e-4)
+
+
+def test_the_gradient_where_points_coincide_is_finite():
+    emb = draw()[0]
+    value = lambda x: jnp.sum(pull_back(brief(x, emb), emb) ** 2)
+    assert np.isfinite(jax.grad(value)(emb)).all()
+
+
+def test_no_mass_reaches_an_empty_row():
+    inf = -jnp.inf
+    kernel = Kernel(
+        jnp.array([[1], [0], [0]]),
+        jnp.array([[0.0], [inf], [-1.0]]),
+        jnp.zeros((4, 1), jnp.int32),
+        jnp.full((4, 1), inf),
+    )
+    found = scale_kernel(kernel, jnp.full(3, 1 / 3), jnp.full(4, 0.25), num_iters=9)
+    assert found.empty_x == 1 and found.empty_y == 2
+    assert np.isfinite(found.f).all() and np.isfinite(found.g).all()
+    # A third of X and half of Y is out of reach; the rest is off by what is in reach.
+    np.testing.assert_allclose(found.marginal_error, 1 / 3 + 1 / 2 + 2 / 12)
+    assert not pull_back(found, jnp.ones((4, 1)))[1].any()
+
+
+def test_a_point_that_is_not_finite_is_counted_and_harms_no_other():
+    emb_x, emb_y = draw()
+    found = brief(emb_x.at[4].set(jnp.nan), emb_y)
+    assert found.empty_x == 1 and found.empty_y == 0
+    assert np.isfinite(found.f).all() and not (found.T_yx == 4).any()
+
+
+def test_k0_beyond_the_points_is_all_of_them():
+    emb_x, emb_y = draw()
+    more, full = (sinkhorn(emb_x, emb_y, k0=k, num_iters=NUM) for k in (1000, FULL))
+    np.testing.assert_allclose(dense(more), dense(full))
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 60"),
+        ({"num_iters": 0}, "k0 and num_iters must be positive, got 20 and 0"),
+        ({"scale": "mean"}, "scale is 'nearest' or 'max', not 'mean'"),
+        ({"emb_y": jnp.ones((5, 2))}, "emb_x has 3 columns, emb_y 2"),
+        ({"marginal_x": jnp.ones(5)}, r"marginal_x has shape \(5,\), emb_x has 4 rows"),
+        ({"marginal_y": jnp.ones(4)}, r"marginal_y has shape \(4,\), emb_y has 5 rows"),
+    ],
+)
+def test_errors(options, message):
+    good = {"emb_x": jnp.ones((4, 3)), "emb_y": jnp.ones((5, 3))}
+    with pytest.raises(ValueError, match="sinkhorn: " + message):
+        sinkhorn(**(good | options))
+
+
+CONVERSION = {  # k: nearest neighbour's and the filter's (error, bijectivity)
+    10: ((0.04126, 0.03519), (0.03424, 0.01193)),
+    20: ((0.02338, 0.02298), (0.01732, 0.00665)),
+    30: ((0.0216, 0.01993), (0.0134, 0.00522)),
+    40: ((0.01504, 0.01445), (0.00856, 0.00347)),
+    50: ((0.01186, 0.01105), (0.0066, 0.00243)),
+    60: ((0.00849, 0.00825), (0.00399, 0.00163)),
+    70: ((0.00676, 0.00737), (0.00318, 0.0015)),
+    80: ((0.00521, 0.00513), (0.00224, 0.00096)),
+    90: ((0.0039, 0.00356), (0.00173, 0.0007)),
+    100: ((0.00238, 0.00244), (0.00127, 0.00054)),
+}
+REFINEMENT = (0.01739, 0.00727), (0.0127, 0.00155)  # ZoomOut, likewise
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_the_authors_numbers(dtype):
+    """Their code on their pair; errors are Euclidean / sqrt(area), as they measure."""
+    folder = os.environ.get("JFSF_DATA")
+    at = Path(folder or Path(__file__).parents[2] / "shared" / "data") / "authors_pair"
+    if not at.is_dir():
+        pytest.skip("the authors' pair is not here: set JFSF_DATA")
+    meshes = [read(at / f"Man{i}.off") for i in (0, 1)]
+    spectra = [spectrum(m, 100, laplacian="cotan", cache=False) for m in meshes]
+    spec_x, spec_y = (
+        # They pull back by least squares without weights.
+        testing.cast(s._replace(mass=np.full(6890, 1 / 6890)), dtype)
+        for s in spectra
+    )
+    roots = [np.sqrt(operators(m, laplacian="cotan")[1].sum()) for m in meshes]
+    filtered = partial(AUTHORS, k0=50)
+
+    def check(maps, truth, rtol):
+        T_xy, T_yx = np.asarray(maps.T_xy), np.asarray(maps.T_yx)
+        (x, _), (y, _) = meshes
+        error = np.linalg.norm(y[T_xy] - y, axis=1).mean() / roots[1]
+        there_and_back = np.linalg.norm(x[T_yx[T_xy]] - x, axis=1).mean() / roots[0]
+        np.testing.assert_allclose((error, there_and_back), truth, rtol=rtol)
+
+    identity = jnp.arange(6890, dtype=jnp.int32)
+    for k, rows in CONVERSION.items():
+        C = functional_map(identity, truncate(spec_x, k), truncate(spec_y, k))
+        emb = embeddings(C, spec_x.evecs, spec_y.evecs)
+        for converter, truth in zip((nearest, filtered), rows, strict=True):
+            check(converter(*emb), truth, 0.01)
+
+    rough = np.loadtxt(at / "Man0_Man1.map", int) - 1
+    C = functional_map(
+        jnp.asarray(rough, jnp.int32), truncate(spec_x, 20), truncate(spec_y, 20)
+    )
+    ks = (20, 36, 52, 68, 84, 100)
+    for converter, truth in zip((nearest, filtered), REFINEMENT, strict=True):
+        found = zoomout(spec_x, spec_y, C, ks=ks, converter=converter)
+        emb = embeddings(found, spec_x.evecs, spec_y.evecs, space="direct")
+        check(converter(*emb), truth, 0.03)

@@ -1,0 +1,133 @@
+"""ZoomOut against the plain loop, and what must not change it."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given, settings
+
+from jfsf import testing
+from jfsf.convert import nearest, sinkhorn
+from jfsf.fmap import embeddings, functional_map
+from jfsf.padding import pad
+from jfsf.refine import zoomout
+
+N, K = 162, 40
+KS = (6, 10, 10, 20, 36, 40)  # two widths, and a size twice
+spectra = testing.spectra(K)
+run = partial(zoomout, ks=KS, converter=nearest)
+filtered = partial(sinkhorn, k0=5, num_iters=5)
+
+
+def close_to_identity(seed):
+    """The identity of a blob with some rows of the map spoilt."""
+    rng = np.random.default_rng(seed)
+    T, at = np.arange(N), rng.choice(N, 20, replace=False)
+    T[at] = rng.integers(N, size=20)
+    return jnp.asarray(T, jnp.int32)
+
+
+def start(spec_x, spec_y, seed=0):
+    return functional_map(close_to_identity(seed), spec_x, spec_y)
+
+
+def pair(seed):
+    return testing.blob_spectrum(seed, K), testing.blob_spectrum(seed + 1, K)
+
+
+@pytest.mark.parametrize("both", [False, True])
+@settings(max_examples=5)
+@given(spec_x=spectra, spec_y=spectra, seed=testing.seeds)
+def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
+    C = start(spec_x, spec_y, seed)
+    ours = run(spec_x, spec_y, C, both=both)
+    np.testing.assert_allclose(
+        ours, oracles.zoomout(spec_x, spec_y, C, KS, both), atol=1e-8
+    )
+
+
+def test_one_size_converts_nothing():
+    spec_x, spec_y = pair(0)
+    C = start(spec_x, spec_y)
+    ours = zoomout(spec_x, spec_y, C, ks=(7,), converter=nearest)
+    assert np.array_equal(ours, C[:7, :7])
+
+
+@pytest.mark.parametrize("converter", [nearest, filtered])
+def test_a_known_permutation_is_recovered(converter):
+    spec_x = testing.blob_spectrum(2, K)
+    order = np.random.default_rng(0).permutation(N)
+    spec_y = testing.relabel_spectrum(spec_x, order)
+    truth = jnp.asarray(np.argsort(order), jnp.int32)
+    rough = functional_map(truth[close_to_identity(0)], spec_x, spec_y)
+    C = zoomout(spec_x, spec_y, rough, ks=KS, converter=converter)
+    maps = converter(*embeddings(C, spec_x.evecs, spec_y.evecs, space="direct"))
+    assert np.array_equal(maps.T_xy, truth) and np.array_equal(maps.T_yx, order)
+
+
+@settings(max_examples=5)
+@given(spectra, spectra, testing.permutations(N), testing.signs(K), testing.signs(K))
+def test_labels_and_signs_change_nothing_but_C(spec_x, spec_y, order, by_x, by_y):
+    C = start(spec_x, spec_y)
+    other_x = testing.flip_signs(testing.relabel_spectrum(spec_x, order), by_x)
+    other_y = testing.flip_signs(spec_y, by_y)
+    moved = run(other_x, other_y, testing.flip_map(C, by_x, by_y))
+    plain = testing.flip_map(run(spec_x, spec_y, C), by_x, by_y)
+    np.testing.assert_allclose(moved, plain, atol=1e-8)
+
+
+@pytest.mark.parametrize("converter", [filtered])
+def test_padding_is_invisible(converter):
+    spec_x, spec_y = pair(3)
+    C = start(spec_x, spec_y)
+    plain = zoomout(spec_x, spec_y, C, ks=KS, converter=converter, both=True)
+    wide = pad(spec_x, N + 5, 330), pad(spec_y, N + 9, 340)
+    padded = zoomout(*wide, C, ks=KS, converter=converter, both=True)
+    np.testing.assert_allclose(padded, plain, atol=1e-8)
+
+
+def test_vmap_equals_the_loop():
+    pairs = [pair(seed) for seed in (0, 2, 4)]
+    starts = [start(*p) for p in pairs]
+    batch = [testing.stack(list(s)) for s in zip(*pairs, strict=True)]
+    found = jax.vmap(run)(*batch, jnp.stack(starts))
+    for i, (p, C) in enumerate(zip(pairs, starts, strict=True)):
+        np.testing.assert_allclose(found[i], run(*p, C), atol=1e-8)
+
+
+def test_pairs_of_equal_size_compile_once():
+    run(*pair(0), start(*pair(0)))
+    before = zoomout._cache_size()  # type: ignore
+    for seed in (1, 2, 3):
+        run(*pair(seed), start(*pair(seed)))
+    assert zoomout._cache_size() == before  # type: ignore
+
+
+def test_float32_agrees_but_for_near_ties():
+    spec_x = testing.blob_spectrum(2, K)
+    order = np.random.default_rng(0).permutation(N)
+    spec_y = testing.relabel_spectrum(spec_x, order)
+    low = [testing.cast(s, jnp.float32) for s in (spec_x, spec_y)]
+    truth = jnp.asarray(np.argsort(order), jnp.int32)
+    rough = functional_map(truth[close_to_identity(0)], *low)
+    C = run(*low, rough)
+    assert C.dtype == jnp.float32
+    np.testing.assert_allclose(C, np.eye(K), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "ks, message",
+    [
+        ((), r"ks must not be empty or decrease, got \(\)"),
+        ((9, 8), r"ks must not be empty or decrease, got \(9, 8\)"),
+        ((9, 41), "ks ends at 41, there are 40 eigenpairs"),
+        ((21, 30), r"C_yx is \(20, 30\), ks starts at 21"),
+        ((0, 30), r"C_yx is \(20, 30\), ks starts at 0"),
+    ],
+)
+def test_errors(ks, message):
+    with pytest.raises(ValueError, match="zoomout: " + message):
+        zoomout(*pair(0), jnp.ones((20, 30)), ks=ks, converter=nearest)
