@@ -76,7 +76,7 @@ def standardise(
     centred = desc - (mass @ desc)[None, :]
     size = jnp.sqrt(mass @ centred**2)
     found = size > 0
-    scaled = jnp.where(found, centred / jnp.where(found, size, 1), 0)
+    scaled = centred * jnp.where(found, 1 / jnp.where(found, size, 1), 0)[None, :]
     return jnp.where((mass > 0)[:, None], scaled, 0)
 
 

@@ -99,7 +99,7 @@ def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):
     return jnp.where(found, first, 0), found
 
 
-def _log(near: Neighbours, lam, power):
+def _log(near: Neighbours, lam: Array, power: float) -> Array:
     # lam = 0 times inf is nan, and so is the slope of any lam at inf.
     known = jnp.isfinite(near.dist)
     return jnp.where(known, -lam * jnp.where(known, near.dist, 1) ** power, -jnp.inf)

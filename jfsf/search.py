@@ -99,7 +99,7 @@ def search(
     seen_x, seen_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
     sign = -1 if orientation == "reverse" else 1
 
-    def gated(energy, C_yx):
+    def gated(energy: Array, C_yx: Array) -> tuple[Array, Array]:
         turned = jax.vmap(score, (0, None, None))(C_yx, seen_x, seen_y)
         if orientation != "any":
             energy = jnp.where(sign * turned < 0, energy + WRONG_WAY, energy)

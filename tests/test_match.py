@@ -5,7 +5,7 @@ from functools import cache
 import fast_simplification
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 import jfsf
 import jfsf.data
@@ -21,7 +21,7 @@ def small(name, faces):
     points, corners = fast_simplification.simplify(
         mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
     )
-    near = cKDTree(points).query(mesh.vertices)[1]
+    near = np.asarray(KDTree(points).query(mesh.vertices)[1])
     return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[template]
 
 

@@ -70,7 +70,7 @@ def test_nearest_of_all_points(seed, noise):
     check(precise(emb_x, emb_y, FACES), emb_x, emb_y)
 
 
-@pytest.mark.parametrize("k0, degree", [(1, 1), (3, 5), (500, 6)])
+@pytest.mark.parametrize("k0, degree", [(1, 1), (24, 2), (500, 6)])
 def test_options_change_the_time_alone(k0, degree):
     emb_x, emb_y = embedded(0)
     check(precise(emb_x, emb_y, FACES, k0=k0, degree=degree), emb_x, emb_y)

@@ -124,7 +124,7 @@ def scale_kernel(
 
     rounds, rest = divmod(num_iters - 1, ABSORB_EVERY)
     f, g = jax.lax.fori_loop(
-        0, rounds, lambda _, fg: absorbed(*fg, ABSORB_EVERY), (f, g)
+        0, rounds, lambda _, fg: absorbed(fg[0], fg[1], ABSORB_EVERY), (f, g)
     )
     f, g = absorbed(f, g, rest)
 
@@ -199,12 +199,12 @@ def _length(near: Neighbours, scale: Scale):
     return jax.lax.stop_gradient(jnp.where(length > 0, length, 1))
 
 
-def _minus(log_marginal, log_sum):
+def _minus(log_marginal: Array, log_sum: Array) -> Array:
     # An empty row keeps scaling 1: it holds no entries, so nothing follows from it.
     return jnp.where(jnp.isfinite(log_sum), log_marginal - log_sum, 0)
 
 
-def _ratio(marginal, weight):
+def _ratio(marginal: Array, weight: Array) -> Array:
     ok = (weight > 0) & (marginal > 0)
     return jnp.where(ok, marginal / jnp.where(ok, weight, 1), 1)
 

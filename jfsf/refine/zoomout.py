@@ -111,7 +111,7 @@ def _grow(spec_x, spec_y, C_yx, extra, steps, width, converter, space, both):
     return jax.lax.scan(step, start, jnp.asarray(steps))[0]
 
 
-def _least_squares(gram, right, keep):
+def _least_squares(gram: Array, right: Array, keep: Array) -> Array:
     """Solve in the first eigenfunctions only; zero elsewhere."""
     inside = keep[:, None] & keep[None, :]
     gram = jnp.where(inside, gram, jnp.eye(len(gram), dtype=gram.dtype))
