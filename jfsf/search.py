@@ -196,6 +196,8 @@ def _different(C_yx, energy, num):
 
 def _dense(emb_x, emb_y, *_) -> Maps:
     """Nearest neighbour both ways from one product: for a few hundred samples only."""
+    # Samples are far apart: float32 tells them apart, and top_k in float64 is slow.
+    emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)
     product = emb_x @ emb_y.T
     half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
     # top_k is faster than argmax on CPU.

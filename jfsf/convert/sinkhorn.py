@@ -34,7 +34,7 @@ def sinkhorn(
     lam: Float[Array, ""] | float = 80.0,
     *,
     k0: int = 20,
-    num_iters: int = 60,
+    num_iters: int = 90,
     scale: Scale = "nearest",
     power: float = 1.0,
     one_sided: float = 1.0,
@@ -48,7 +48,7 @@ def sinkhorn(
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
         k0: neighbours a vertex, both ways.
         num_iters: updates of each side. More lower the marginal error; on shapes
-            sampled differently the map gains nothing past some 60.
+            sampled differently the map gains nothing past some 90.
         scale: the length that lam is relative to. "nearest" is the median distance to
             the nearest neighbour, one for both directions: no outlier moves it, nor
             the size of the mesh. "max" is the largest neighbour distance of each
@@ -94,7 +94,7 @@ def scale_kernel(
     marginal_x: Float[Array, " n_x"],
     marginal_y: Float[Array, " n_y"],
     *,
-    num_iters: int = 60,
+    num_iters: int = 90,
 ) -> Filtered:
     """Scale `kernel` to the marginals and read both maps off the plan.
 
