@@ -364,7 +364,7 @@ def test_k0_beyond_the_points_is_all_of_them():
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 60"),
+        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 90"),
         ({"num_iters": 0}, "k0 and num_iters must be positive, got 20 and 0"),
         ({"scale": "mean"}, "scale is 'nearest' or 'max', not 'mean'"),
         ({"emb_y": jnp.ones((5, 2))}, "emb_x has 3 columns, emb_y 2"),
