@@ -1,9 +1,10 @@
-"""The k0 nearest neighbours of every point, exact, in blocks of rows.
+"""The k0 nearest neighbours of every point, by exhaustive search in blocks of rows.
 
 Memory is O(n k0) beyond one block of rows; no n_x by n_y array is ever built.
 Candidates are selected in float32 through |q|^2 - 2 q.p + |p|^2, which cancels, so a
 few more than k0 are kept and ranked again by the sum of squared differences in the
-input's precision.
+input's precision. In a tight cluster far from the centre that margin may not suffice: a
+neighbour may then be some 0.1 % farther than the nearest.
 """
 
 from functools import partial
