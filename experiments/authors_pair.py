@@ -36,12 +36,14 @@ REFERENCE = {
     "lam": 500.0,
     "k0": 50,
     "num_iters": 11,
+    "relax": 1.0,
     "scale": "max",
     "one_sided": 0.5,
 }
 GRID = {
     "k0": (10, 20, 50),
-    "num_iters": (11, 30, 60, 100),
+    "num_iters": (10, 20, 40),
+    "relax": (1.0, 1.7),
     "lam": (40.0, 80.0, 160.0),
 }
 

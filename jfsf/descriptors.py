@@ -15,6 +15,9 @@ from jaxtyping import Array, Float, Int
 from jfsf.types import Spectrum
 
 SMALLEST = 1e-6  # eigenvalues below are the constant's: log and division stay finite
+# Of the curvature's heat flow on a shape of area 1: half the wavelengths they damp are
+# some 0.04 to 0.3, from a wrist to a thigh.
+TIMES = (1 / 8000, 1 / 4000, 1 / 2000, 1 / 1000, 1 / 500, 1 / 250, 1 / 125)
 HIGHEST = jax.lax.Precision.HIGHEST
 
 
@@ -69,6 +72,38 @@ def hks(
 
 
 @jax.jit
+def curvature(spec: Spectrum) -> Float[Array, "n d"]:
+    """Bending of the surface in space, at four heat scales: what no spectrum holds.
+
+    Positions diffused by heat for a time t move along the mean curvature normal,
+    dx/dt = -2 H n (Desbrun et al., 1999). The steps between successive times are taken
+    along the outward normal, signed: a nose is not a nape. Then come their lengths,
+    for which no faces are needed. Bending at a joint changes them nearby only.
+
+    Args:
+        spec: with its vertices; faces wound outward. Eigenpairs beyond the 200th, which
+            the shortest time damps to a third, hardly matter.
+
+    Returns:
+        (n, 8): signed, then unsigned, fine to coarse, in units of sqrt(area). Nothing
+        changes under rigid motion, scaling or mirroring. Without faces the signed ones
+        are 0. Rows of zeros on padding.
+    """
+    dtype = spec.evecs.dtype
+    weight = jnp.exp(-spec.evals[None] * jnp.asarray(TIMES, dtype)[:, None])
+    flow = jnp.matmul(
+        (spec.evecs * spec.mass[:, None]).T, spec.vertices, precision=HIGHEST
+    )
+    flow = jnp.einsum("nk,tk,kc->tnc", spec.evecs, weight, flow, precision=HIGHEST)
+    step = flow[:-1] - flow[1:]
+    signed = jnp.sum(step * _normals(flow[0], spec.faces)[None], 2)
+    size = jnp.sum(step**2, 2)
+    moved = size > 0
+    size = jnp.where(moved, jnp.sqrt(jnp.where(moved, size, 1)), 0)
+    return jnp.concatenate([signed, size]).T
+
+
+@jax.jit
 def standardise(
     desc: Float[Array, "n d"], mass: Float[Array, " n"]
 ) -> Float[Array, "n d"]:
@@ -88,6 +123,17 @@ def _signature(spec, log_weight, landmarks):
     seen = spec.evecs[landmarks][:, None] * weight[None]
     seen = seen.reshape(-1, weight.shape[1])
     return jnp.matmul(spec.evecs, seen.T, precision=HIGHEST)
+
+
+def _normals(points, faces):
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    across = jnp.cross(b - a, c - a)
+    total = jnp.zeros_like(points)
+    for i in range(3):
+        total = total.at[faces[:, i]].add(across)
+    size = jnp.sum(total**2, 1, keepdims=True)
+    found = size > 0
+    return total * jnp.where(found, 1 / jnp.sqrt(jnp.where(found, size, 1)), 0)
 
 
 def _check(name, spec, num):

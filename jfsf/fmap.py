@@ -15,6 +15,9 @@ from jfsf.types import Spectrum
 
 Space = Literal["adjoint", "direct"]
 
+# Accelerators would round the factors otherwise.
+_dot = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
+
 
 @jax.jit
 def functional_map(
@@ -37,8 +40,8 @@ def functional_map(
             f"{len(spec_x.evecs)} vertices"
         )
     weighted = spec_x.evecs * spec_x.mass[:, None]
-    right = weighted.T @ spec_y.evecs[T_xy]
-    return jax.scipy.linalg.solve(weighted.T @ spec_x.evecs, right, assume_a="pos")
+    right = _dot(weighted.T, spec_y.evecs[T_xy])
+    return jax.scipy.linalg.solve(_dot(weighted.T, spec_x.evecs), right, assume_a="pos")
 
 
 @partial(jax.jit, static_argnames="space")
@@ -67,9 +70,9 @@ def embeddings(
         )
     evecs_x, evecs_y = evecs_x[:, :k_x], evecs_y[:, :k_y]
     if space == "adjoint":
-        return evecs_x @ C_yx, evecs_y
+        return _dot(evecs_x, C_yx), evecs_y
     if space == "direct":
-        return evecs_x, evecs_y @ C_yx.T
+        return evecs_x, _dot(evecs_y, C_yx.T)
     raise ValueError(f"embeddings: space is 'adjoint' or 'direct', not {space!r}")
 
 

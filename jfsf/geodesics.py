@@ -1,10 +1,11 @@
 """Geodesic distances from the vertices that are asked for, never an n by n matrix.
 
 Heat method (Crane, Weischedel and Wardetzky 2013) by potpourri3d: about 1 % off in the
-mean, more within an edge or two of the source; one factorisation, then milliseconds a
-source. Exact polyhedral distances (Mitchell, Mount and Papadimitriou 1987) by
-pygeodesic: use them for reported numbers, on a sample where time matters: 0.03 s a
-source at 2500 vertices, 0.4 s at 10 000 (heat: 0.003 s).
+mean, but distances of an edge or two, such as the errors of good maps, may come out
+10 % low; one factorisation, then milliseconds a source. Exact polyhedral distances
+(Mitchell, Mount and Papadimitriou 1987) by pygeodesic: use them for reported numbers,
+on a sample where time matters: 0.03 s a source at 2500 vertices, 0.4 s at 10 000 (heat:
+0.003 s).
 """
 
 from collections.abc import Callable

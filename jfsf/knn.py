@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 from jfsf.types import Neighbours
 
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
-GROUP = 16  # columns a group, see _select
+GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 
 
@@ -38,7 +38,7 @@ def neighbours(
     Returns:
         Indices into `points` and distances; where fewer than k0 points are valid the
         rest has index 0 and distance inf. A query that is not finite has no
-        neighbours.
+        neighbours. Distances are differentiable; the slope of a distance 0 is 0.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..m.
@@ -54,21 +54,28 @@ def neighbours(
     valid = finite if valid is None else valid & finite
     # A point that may not be chosen must not reach a score through inf * 0.
     safe = jnp.where(valid[:, None], points, 0)
-    centre, unit = _frame(safe, valid)
-    fast = ((safe - centre[None]) / unit).astype(jnp.float32)
+    # The choice of neighbours is not differentiable; their distances are.
+    frozen = jax.lax.stop_gradient(safe)
+    centre, unit = _frame(frozen, valid)
+    scaled = lambda x: ((x - centre[None]) / unit).astype(jnp.float32)
+    fast = scaled(frozen)
     offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), jnp.inf)
     fast, offset = _pad(fast, GROUP), _pad(offset, GROUP, jnp.inf)
-    # The columns that fill the last group are no points.
+    # The rows that fill the last group are no points.
     valid = _pad(valid, GROUP, False)
 
     def block(rows):
+        # Points down, queries across: maxima over groups of points then vectorise.
         score = jnp.matmul(
-            ((rows - centre[None]) / unit).astype(jnp.float32),
-            fast.T,
+            fast,
+            scaled(jax.lax.stop_gradient(rows)).T,
             precision=jax.lax.Precision.HIGHEST,
         )
-        near = _select(score - offset[None, :], min(k0 + MARGIN, len(points)))
-        dist = jnp.sqrt(jnp.sum((rows[:, None] - safe[near]) ** 2, 2))
+        near = _select(score - offset[:, None], min(k0 + MARGIN, len(points)))
+        square = jnp.sum((rows[:, None] - safe[near]) ** 2, 2)
+        # The slope of sqrt at 0 is infinite; a coincident pair has none to give.
+        apart = square > 0
+        dist = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1)), square)
         dist = jnp.where(valid[near] & jnp.isfinite(dist), dist, jnp.inf)
         dist, near = jax.lax.sort((dist, near), num_keys=2)
         dist, near = dist[:, :k0], near[:, :k0]
@@ -92,18 +99,19 @@ def _frame(points, valid):
     return jnp.round(centre / unit) * unit, unit
 
 
-def _select(score: Float[Array, "b m"], count: int):
-    """The `count` largest of each row; exact, and cheaper than top_k of the row.
+def _select(score: Float[Array, "m b"], count: int):
+    """The `count` largest of each column; exact, and cheaper than top_k of it all.
 
     An entry of the top `count` lies in one of the `count` groups of largest maximum.
     """
-    groups = score.reshape(len(score), -1, GROUP)
-    if groups.shape[1] <= count:
-        return jax.lax.top_k(score, count)[1]
+    queries = jnp.arange(score.shape[1])
+    groups = score.reshape(-1, GROUP, len(queries))
+    if len(groups) <= count:
+        return jax.lax.top_k(score.T, count)[1]
     # In order, so that ties inside go to the lower index.
-    best = jnp.sort(jax.lax.top_k(groups.max(2), count)[1], 1)
-    inside = jnp.take_along_axis(groups, best[:, :, None], 1).reshape(len(score), -1)
-    _, at = jax.lax.top_k(inside, count)
+    best = jnp.sort(jax.lax.top_k(groups.max(1).T, count)[1], 1)
+    member = best[:, :, None], jnp.arange(GROUP)[None, None], queries[:, None, None]
+    _, at = jax.lax.top_k(groups[member].reshape(len(queries), -1), count)
     return jnp.take_along_axis(best, at // GROUP, 1) * GROUP + at % GROUP
 
 

@@ -9,21 +9,23 @@ from jaxtyping import Array, Int
 
 from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
-from jfsf.descriptors import hks, standardise, wks
+from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import orient
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
-from jfsf.search import SECOND, Orientation, search
+from jfsf.search import SECOND, Orientation, appearance, search
 from jfsf.spectrum import spectrum
 from jfsf.types import Match, Mesh, Spectrum
 
 K = 200  # eigenpairs a shape
-# A few rounds in place clean the start up; finer schedules drift further from it.
-KS = (30, 30, 30, 45, 65, 110, K)
+# The rounds in place, where descriptors weigh most, clean the start up; finer schedules
+# drift further from it.
+KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 
-_sharp = partial(sinkhorn, num_iters=30)
+# Plain updates: these few, over-relaxed, would leave ties to rounding.
+_brief = partial(sinkhorn, num_iters=8, relax=1.0)
 
 
 def match(
@@ -90,13 +92,13 @@ def match_spectra(
         desc_y = jnp.concatenate([desc_y, seen_y], 1)
     found = search(spec_x, spec_y, desc_x, desc_y, orientation=orientation)
     widest = min(len(spec_x.evals), len(spec_y.evals))
-    ks = tuple(k for k in KS if k < widest) + (widest,)
+    ks = tuple(min(k, widest) for k in KS)
     start = (
         found.C_yx[0],
-        standardise(desc_x, spec_x.mass),
-        standardise(desc_y, spec_y.mass),
+        appearance(spec_x, desc_x),
+        appearance(spec_y, desc_y),
     )
-    C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_sharp)
+    C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_brief, weighted=True)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
@@ -129,6 +131,7 @@ def _in_default_precision(spec: Spectrum) -> Spectrum:
         evals=spec.evals.astype(dtype),
         evecs=spec.evecs.astype(dtype),
         mass=spec.mass.astype(dtype),
+        vertices=spec.vertices.astype(dtype),
     )
 
 
@@ -141,6 +144,8 @@ def _landmarks(landmarks, n_x: int, n_y: int):
             f"match: landmarks have shape {pairs.shape}; give rows (vertex of X, "
             "vertex of Y)"
         )
+    if not np.issubdtype(pairs.dtype, np.integer):
+        raise ValueError(f"match: landmarks are {pairs.dtype}; give vertex numbers")
     for column, n, name in ((0, n_x, "mesh_x"), (1, n_y, "mesh_y")):
         low, high = pairs[:, column].min(), pairs[:, column].max()
         if low < 0 or high >= n:

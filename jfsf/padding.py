@@ -23,6 +23,7 @@ def pad(spec: Spectrum, n: int, m: int) -> Spectrum:
         jnp.pad(spec.evecs, (*rows, (0, 0))),
         jnp.pad(spec.mass, rows),
         jnp.pad(spec.faces, faces),
+        jnp.pad(spec.vertices, (*rows, (0, 0))),
     )
 
 

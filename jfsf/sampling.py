@@ -57,7 +57,7 @@ def restrict(spec: Spectrum, at: Int[Array, " s"]) -> Spectrum:
     points = biharmonic(spec)
     cell = neighbours(points, points[at], k0=1).idx[:, 0]
     mass = jnp.zeros(len(at), spec.mass.dtype).at[cell].add(spec.mass)
-    return Spectrum(spec.evals, spec.evecs[at], mass, spec.faces[:0])
+    return Spectrum(spec.evals, spec.evecs[at], mass, spec.faces[:0], spec.vertices[at])
 
 
 def biharmonic(spec: Spectrum) -> Float[Array, "n d"]:

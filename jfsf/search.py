@@ -4,13 +4,14 @@ A map can be flipped left to right, front to back, or both, and every flip is ne
 isometric as the right map. So: start from all sign patterns of the first eigenfunctions
 and from descriptor fits, zoom each out on samples, flip the signs of one or two further
 eigenfunctions (where the front-to-back odd functions live), zoom again, and keep the
-best that really differ. These few are refined on more samples, with the descriptors
-beside the eigenfunctions, before the last ranking. The idea of enumerating maps is
-MapTree's (Ren et al., SIGGRAPH Asia 2020); here a few hundred hypotheses are one vmap.
+best that really differ. These few are refined on more samples before the last ranking.
+The idea of enumerating maps is MapTree's (Ren et al., SIGGRAPH Asia 2020); here a few
+hundred hypotheses are one vmap.
 
 The rank is the energy of a map, low for an isometry: it commutes with the Laplacian,
-keeps areas and keeps the descriptors. Energy cannot tell left from right, so the
-orientation score gates it.
+keeps areas, the descriptors and the bending of the surface. By all but the last a thin
+body turned front to back is as good. None can tell left from right, so the orientation
+score gates them.
 """
 
 from functools import partial
@@ -22,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jfsf.descriptors import standardise
+from jfsf.descriptors import curvature, standardise
 from jfsf.fit import Weights, fit
 from jfsf.fmap import embeddings
 from jfsf.orientation import SEEN, brackets, score
@@ -43,6 +44,9 @@ FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
 PARENTS = 4
 APART = 0.04  # share of the leading block's energy in which two maps must differ
 COMPARED = 20  # size of that block
+BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
+BENT_ENERGY = 0.125  # energy of curvatures that differ by one standard deviation
+TURNED = 0.2  # energy of a map that keeps orientation on half of the shape only
 WRONG_WAY = 100.0  # beyond any energy
 
 
@@ -96,13 +100,15 @@ def search(
         )
     few = _Samples.of(spec_x, spec_y, desc_x, desc_y, SAMPLES)
     more = _Samples.of(spec_x, spec_y, desc_x, desc_y, FINAL_SAMPLES)
-    seen_x, seen_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
+    wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
     sign = -1 if orientation == "reverse" else 1
 
     def gated(energy: Array, C_yx: Array) -> tuple[Array, Array]:
-        turned = jax.vmap(score, (0, None, None))(C_yx, seen_x, seen_y)
+        turned = jax.vmap(score, (0, None, None))(C_yx, wound_x, wound_y)
         if orientation != "any":
-            energy = jnp.where(sign * turned < 0, energy + WRONG_WAY, energy)
+            # Point clouds have no score.
+            half = jnp.where(jnp.isnan(turned), 0, TURNED * (1 - sign * turned))
+            energy = energy + jnp.where(sign * turned < 0, WRONG_WAY, half)
         return energy, turned
 
     weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
@@ -110,12 +116,20 @@ def search(
     dtype = spec_x.evecs.dtype
     fitted = jnp.stack([f.C_yx[:FLIP_TO, :FLIP_TO] for f in fits]).astype(dtype)
     signs = jnp.asarray(_signs(), dtype)
-    parents = jnp.concatenate([few.zoom(signs, FIRST), few.zoom(fitted, FIRST[-2:])])
+    # Descriptors mend a start that the eigenfunctions alone lead astray, and the other
+    # way round.
+    parents = jnp.concatenate(
+        [
+            few.zoom(signs, FIRST),
+            few.zoom(signs, FIRST, described=True),
+            few.zoom(fitted, FIRST[-2:], described=True),
+        ]
+    )
     parents = parents[_different(parents, few.energy(parents), PARENTS)]
 
     flips = jnp.asarray(_flips(), dtype)
     children = parents[:, None, :FLIP_TO, :FLIP_TO] * flips[None, :, None, :]
-    children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND)
+    children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND, described=True)
     energy, _ = gated(few.energy(children), children)
     best = children[_different(children, energy, num)]
 
@@ -129,6 +143,16 @@ def search(
     return Candidates(last[order], energy[order], turned[order])
 
 
+@jax.jit
+def appearance(spec: Spectrum, desc: Float[Array, "n d"]) -> Float[Array, "n e"]:
+    """Columns that tell points apart beside eigenfunctions: descriptors, curvature.
+
+    Each is standardised over the shape; curvature then weighs `BENT`.
+    """
+    bent = BENT * standardise(curvature(spec), spec.mass)
+    return jnp.concatenate([standardise(desc, spec.mass), bent], 1)
+
+
 class _Samples(NamedTuple):
     """Two shapes seen from samples, and what is done with hypotheses there."""
 
@@ -136,8 +160,10 @@ class _Samples(NamedTuple):
     spec_y: Spectrum
     desc_x: Float[Array, "s d"]
     desc_y: Float[Array, "t d"]
-    extra_x: Float[Array, "s d"]
-    extra_y: Float[Array, "t d"]
+    bent_x: Float[Array, "s b"]
+    bent_y: Float[Array, "t b"]
+    extra_x: Float[Array, "s e"]
+    extra_y: Float[Array, "t e"]
 
     @classmethod
     def of(cls, spec_x, spec_y, desc_x, desc_y, num):
@@ -148,22 +174,31 @@ class _Samples(NamedTuple):
             restrict(spec_y, at_y),
             desc_x[at_x],
             desc_y[at_y],
-            standardise(desc_x, spec_x.mass)[at_x],
-            standardise(desc_y, spec_y.mass)[at_y],
+            standardise(curvature(spec_x), spec_x.mass)[at_x],
+            standardise(curvature(spec_y), spec_y.mass)[at_y],
+            appearance(spec_x, desc_x)[at_x],
+            appearance(spec_y, desc_y)[at_y],
         )
 
     def zoom(self, C_yx, ks, *, described=False):
         extra = (self.extra_x, self.extra_y) if described else ()
         grow = lambda C: zoomout(
-            self.spec_x, self.spec_y, C, *extra, ks=ks, converter=_dense, both=True
+            self.spec_x,
+            self.spec_y,
+            C,
+            *extra,
+            ks=ks,
+            converter=_dense,
+            weighted=described,
+            both=True,
         )
         return jax.vmap(grow)(C_yx)
 
     def energy(self, C_yx):
-        return jax.lax.map(lambda C: _energy(C, *self[:4]), C_yx)
+        return jax.lax.map(lambda C: _energy(C, *self[:6]), C_yx)
 
 
-def _energy(C_yx, spec_x, spec_y, desc_x, desc_y):
+def _energy(C_yx, spec_x, spec_y, desc_x, desc_y, bent_x, bent_y):
     k = len(C_yx)
     gap = spec_x.evals[:k, None] - spec_y.evals[None, :k]
     top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
@@ -172,7 +207,13 @@ def _energy(C_yx, spec_x, spec_y, desc_x, desc_y):
     stretch = jnp.linalg.norm(C_yx.T @ C_yx - jnp.eye(k, dtype=C_yx.dtype))
     lost_x = _mismatch(desc_x, desc_y[maps.T_xy], spec_x.mass)
     lost_y = _mismatch(desc_y, desc_x[maps.T_yx], spec_y.mass)
-    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y
+    bent = _differ(bent_x, bent_y[maps.T_xy], spec_x.mass)
+    bent += _differ(bent_y, bent_x[maps.T_yx], spec_y.mass)
+    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y + BENT_ENERGY * bent
+
+
+def _differ(one, other, mass):
+    return mass @ jnp.sum((one - other) ** 2, 1) / one.shape[1]
 
 
 def _mismatch(one, other, mass):
@@ -198,7 +239,7 @@ def _dense(emb_x, emb_y, *_) -> Maps:
     """Nearest neighbour both ways from one product: for a few hundred samples only."""
     # Samples are far apart: float32 tells them apart, and top_k in float64 is slow.
     emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)
-    product = emb_x @ emb_y.T
+    product = jnp.matmul(emb_x, emb_y.T, precision=jax.lax.Precision.HIGHEST)
     half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
     # top_k is faster than argmax on CPU.
     T_xy = jax.lax.top_k(product - half_y[None, :], 1)[1][:, 0]

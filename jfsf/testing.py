@@ -119,7 +119,10 @@ def relabel_spectrum(spec: Spectrum, order: Int[np.ndarray, " n"]) -> Spectrum:
     """The spectrum of `relabel(mesh, order)`, eigenvectors and all."""
     place = jnp.asarray(np.argsort(order), jnp.int32)
     return spec._replace(
-        evecs=spec.evecs[order], mass=spec.mass[order], faces=place[spec.faces]
+        evecs=spec.evecs[order],
+        mass=spec.mass[order],
+        faces=place[spec.faces],
+        vertices=spec.vertices[order],
     )
 
 
@@ -146,10 +149,10 @@ def flip_map(
     return C_yx * jnp.asarray(by_x[:, None] * by_y[None], C_yx.dtype)
 
 
-def cast(spec: Spectrum, dtype: Any) -> Spectrum:
+def cast(spec: Spectrum, dtype: Any = jnp.float64) -> Spectrum:
     """The spectrum as jax arrays, its reals in `dtype`."""
-    real = [jnp.asarray(a, dtype) for a in spec[:3]]
-    return Spectrum(real[0], real[1], real[2], jnp.asarray(spec.faces, jnp.int32))
+    real = Spectrum(*(jnp.asarray(a, dtype) for a in spec))
+    return real._replace(faces=jnp.asarray(spec.faces, jnp.int32))
 
 
 def stack(records: list[Any]) -> Any:

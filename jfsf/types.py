@@ -30,12 +30,15 @@ class Spectrum(NamedTuple):
     mass: lumped vertex areas, they sum to 1; 0 marks padding.
     faces: wound outward; only the orientation term and score read them. (0, 3) for
         a point cloud. A padding face is (0, 0, 0).
+    vertices: positions, centred, of the shape scaled to unit area; only curvature reads
+        them. 0 on padding.
     """
 
     evals: Float[Array, " k"]
     evecs: Float[Array, "n k"]
     mass: Float[Array, " n"]
     faces: Int[Array, "m 3"]
+    vertices: Float[Array, "n 3"]
 
 
 class Maps(NamedTuple):

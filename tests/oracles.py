@@ -158,18 +158,26 @@ def log_kernel(near_xy, near_yx, lam_xy, lam_yx, power=1.0, one_sided=1.0):
     return np.where(asked_xy & asked_yx, both, out)
 
 
-def sinkhorn(log_k, marginal_x, marginal_y, num_iters):
-    """Dense log-domain scaling, Y first: (f, g, log plan, l1 gap of all sums)."""
+def sinkhorn(log_k, marginal_x, marginal_y, num_iters, relax=1.0):
+    """Dense log-domain scaling, Y first: (f, g, log plan, l1 gap of all sums).
+
+    The first and last updates are plain, and none but the first moves a scaling by more
+    than a factor 100 before it is relaxed.
+    """
     f, g = np.zeros(len(log_k)), np.zeros(log_k.shape[1])
 
-    def scaling(log_k, other, marginal):
+    def moved(own, log_k, other, marginal, step):
         total = scipy.special.logsumexp(log_k + other, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(np.isfinite(total), np.log(marginal) - total, 0)
+            found = np.where(np.isfinite(total), np.log(marginal) - total, 0)
+        if step == 0:
+            return found
+        gap = np.clip(found - own, -np.log(100), np.log(100))
+        return own + (1 if step == num_iters - 1 else relax) * gap
 
-    for _ in range(num_iters):
-        g = scaling(log_k.T, f, marginal_y)
-        f = scaling(log_k, g, marginal_x)
+    for step in range(num_iters):
+        g = moved(g, log_k.T, f, marginal_y, step)
+        f = moved(f, log_k, g, marginal_x, step)
     log_plan = f[:, None] + log_k + g
     plan = np.exp(log_plan)
     gap = np.abs(plan.sum(1) - marginal_x).sum()
@@ -203,14 +211,25 @@ def nearest(emb_x, emb_y):
     return T_xy, neighbours(emb_y, emb_x, 1)[0][:, 0]
 
 
-def zoomout(spec_x, spec_y, C, ks, both=False):
-    """Nearest neighbour ZoomOut in the direct space, one basis size after the other."""
+def zoomout(spec_x, spec_y, C, ks, both=False, extra=None):
+    """Nearest neighbour ZoomOut in the direct space, one basis size after the other.
+
+    With `extra` columns, weighted ones.
+    """
     (phi_x, mass_x), (phi_y, mass_y) = (
         (np.asarray(s.evecs), np.asarray(s.mass)) for s in (spec_x, spec_y)
     )
     C = np.asarray(C)[: ks[0], : ks[0]]
+    T_xy = None
     for k, grown in zip(ks[:-1], ks[1:], strict=True):
-        T_xy, T_yx = nearest(phi_x[:, :k], phi_y[:, :k] @ C.T)
+        emb_x, emb_y = phi_x[:, :k], phi_y[:, :k] @ C.T[:k, :k]
+        if extra is not None:
+            emb_x, emb_y = np.c_[emb_x, extra[0]], np.c_[emb_y, extra[1]]
+            if T_xy is not None:
+                differ = (mass_x[:, None] * (emb_x - emb_y[T_xy]) ** 2).sum(0)
+                weight = 1 / np.sqrt(differ + 0.05)
+                emb_x, emb_y = emb_x * weight, emb_y * weight
+        T_xy, T_yx = nearest(emb_x, emb_y)
         C = functional_map(T_xy, phi_x[:, :grown], phi_y[:, :grown], mass_x)
         if both:
             back = functional_map(T_yx, phi_y[:, :grown], phi_x[:, :grown], mass_y)

@@ -18,7 +18,8 @@ from jfsf.fit import DEFAULT, Weights, solve, terms
 from jfsf.fmap import functional_map
 from jfsf.orientation import brackets, score
 from jfsf.spectrum import spectrum
-from jfsf.types import Mesh, Spectrum
+from jfsf.testing import cast
+from jfsf.types import Mesh
 
 module = sys.modules["jfsf.fit"]  # its name may be the function's
 seeds = st.integers(0, 10**6)
@@ -44,13 +45,8 @@ def mirrored(mesh):
     return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
 
 
-def jaxed(spec, dtype=jnp.float64):
-    real = [jnp.asarray(a, dtype) for a in spec[:3]]
-    return Spectrum(real[0], real[1], real[2], jnp.asarray(spec.faces, jnp.int32))
-
-
 def spec_of(mesh, k=30):
-    return jaxed(spectrum(mesh, k, cache=False))
+    return cast(spectrum(mesh, k, cache=False))
 
 
 def random(seed, *shape):
@@ -117,7 +113,7 @@ def test_a_real_shape_finds_itself():
 def test_relabelling_changes_nothing(seed):
     order = np.random.default_rng(seed).permutation(N_Y)
     faces = jnp.asarray(np.argsort(order)[Y.faces], jnp.int32)
-    other = Spectrum(Y.evals, Y.evecs[order], Y.mass[order], faces)
+    other = Y._replace(evecs=Y.evecs[order], mass=Y.mass[order], faces=faces)
     plain = fit(X, Y, DESC_X, DESC_Y, k=K)
     assert jnp.allclose(
         fit(X, other, DESC_X, DESC_Y[order], k=K).C_yx, plain.C_yx, atol=1e-7
@@ -196,7 +192,7 @@ def test_strength_and_offset_of_a_descriptor_do_not_matter(seed):
 
 @pytest.mark.parametrize("value, dtype", [(0.0, "float32"), (3.7, "float32")])
 def test_a_constant_descriptor_says_nothing(value, dtype):
-    x, y = jaxed(X, dtype), jaxed(Y, dtype)
+    x, y = cast(X, dtype), cast(Y, dtype)
     desc_x, desc_y = DESC_X.astype(dtype), DESC_Y.astype(dtype)
     plain = terms(x, y, desc_x, desc_y, k=K)
     more = terms(
@@ -302,7 +298,7 @@ def test_gradients_at_weight_zero_are_those_from_above(name):
 @solvers
 def test_float32(solver):
     short = [a.astype(jnp.float32) for a in (DESC_X, DESC_Y)]
-    specs = jaxed(X, jnp.float32), jaxed(Y, jnp.float32)
+    specs = cast(X, jnp.float32), cast(Y, jnp.float32)
     found = fit(*specs, *short, k=K, solver=solver)
     assert found.C_yx.dtype == found.residual.dtype == jnp.float32
     exact = np.asarray(fit(X, Y, DESC_X, DESC_Y, k=K).C_yx)

@@ -13,7 +13,8 @@ import jfsf.data
 from jfsf.fmap import functional_map
 from jfsf.orientation import PULLED, SEEN, brackets, score
 from jfsf.spectrum import spectrum
-from jfsf.types import Mesh, Spectrum
+from jfsf.testing import cast
+from jfsf.types import Mesh
 
 seeds = st.integers(0, 10**6)
 
@@ -30,13 +31,8 @@ def mirrored(mesh):
     return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
 
 
-def jaxed(spec, dtype=jnp.float64):
-    real = [jnp.asarray(a, dtype) for a in spec[:3]]
-    return Spectrum(real[0], real[1], real[2], jnp.asarray(spec.faces, jnp.int32))
-
-
 def spec_of(mesh, k=30):
-    return jaxed(spectrum(mesh, k, cache=False))
+    return cast(spectrum(mesh, k, cache=False))
 
 
 SPEC = spec_of(blob())
@@ -116,7 +112,7 @@ def test_real_shapes_and_their_mirrors():
     back[x.template_to_vertex] = np.arange(len(x.template_to_vertex))
     T_xy = y.template_to_vertex[back]
     known = np.isin(np.arange(len(back)), x.template_to_vertex)
-    sample = jaxed(spectrum(x.mesh, 30, cache=False))
+    sample = cast(spectrum(x.mesh, 30, cache=False))
     weight = sample.mass * jnp.asarray(known, float)
     sample = sample._replace(mass=weight / weight.sum())
     for mesh, sign in ((y.mesh, 1), (mirrored(y.mesh), -1)):
@@ -177,7 +173,7 @@ def test_the_gradient_is_right():
 
 
 def test_float32():
-    tensor, exact = brackets(jaxed(SPEC, jnp.float32), k=SEEN), brackets(SPEC, k=SEEN)
+    tensor, exact = brackets(cast(SPEC, jnp.float32), k=SEEN), brackets(SPEC, k=SEEN)
     assert tensor.dtype == jnp.float32
     assert np.allclose(tensor, exact, atol=1e-5 * float(jnp.abs(exact).max()))
     value = score(ANY.astype(jnp.float32), tensor, tensor)

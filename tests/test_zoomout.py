@@ -49,6 +49,16 @@ def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
     )
 
 
+@settings(max_examples=5)
+@given(spec_x=spectra, spec_y=spectra, seed=testing.seeds)
+def test_weighted_columns_match_the_plain_loop(spec_x, spec_y, seed):
+    C = start(spec_x, spec_y, seed)
+    extra = [np.random.default_rng(seed + i).normal(size=(N, 3)) for i in (0, 1)]
+    ours = run(spec_x, spec_y, C, *map(jnp.asarray, extra), weighted=True)
+    truth = oracles.zoomout(spec_x, spec_y, C, KS, extra=extra)
+    np.testing.assert_allclose(ours, truth, atol=1e-8)
+
+
 def test_one_size_converts_nothing():
     spec_x, spec_y = pair(0)
     C = start(spec_x, spec_y)

@@ -3,10 +3,13 @@
 Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours both
 ways (eq. 12), Sinkhorn scaling to the marginals, row and column argmax of the plan.
 
+Updates are over-relaxed (Thibault et al., 2017; Lehmann et al., 2021): twenty do what
+a hundred plain ones do.
+
 In the paper's float64 the weights reach e^-500; float32 has nothing below e^-103. So
 the scalings live in the log domain: the first pair of updates is a log-sum-exp, and
-from then on no update changes a scaling by more than a factor 1 / min(marginal), so a
-few plain updates at a time, on a kernel that has absorbed the scalings, are safe.
+from then on a few bounded updates at a time, on a kernel that has absorbed the
+scalings, are safe.
 """
 
 from functools import partial
@@ -22,7 +25,10 @@ from jfsf.types import Filtered, Kernel, Neighbours
 
 Scale = Literal["nearest", "max"]
 
-ABSORB_EVERY = 4  # updates; 4 factors of 1 / min(marginal) stay inside float32
+ABSORB_EVERY = 4  # updates
+# The most that an update may change a scaling by, before relaxation: an infeasible
+# marginal sends scalings to infinity, and this keeps them inside float32 on the way.
+BOUND = 100.0
 
 
 @partial(jax.jit, static_argnames=("k0", "num_iters", "scale", "power", "one_sided"))
@@ -33,8 +39,9 @@ def sinkhorn(
     marginal_y: Float[Array, " n_y"] | None = None,
     lam: Float[Array, ""] | float = 80.0,
     *,
-    k0: int = 20,
-    num_iters: int = 90,
+    k0: int = 10,
+    num_iters: int = 20,
+    relax: Float[Array, ""] | float = 1.7,
     scale: Scale = "nearest",
     power: float = 1.0,
     one_sided: float = 1.0,
@@ -48,7 +55,9 @@ def sinkhorn(
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
         k0: neighbours a vertex, both ways.
         num_iters: updates of each side. More lower the marginal error; on shapes
-            sampled differently the map gains nothing past some 90.
+            sampled differently the map gains nothing past some 20.
+        relax: each update of a log scaling is taken this many times, in (0, 2); 1 is
+            the plain algorithm. The last update is plain.
         scale: the length that lam is relative to. "nearest" is the median distance to
             the nearest neighbour, one for both directions: no outlier moves it, nor
             the size of the mesh. "max" is the largest neighbour distance of each
@@ -56,7 +65,7 @@ def sinkhorn(
         power: p of d^p.
         one_sided: weight of a pair that only one side counts among its neighbours.
 
-    The authors' own settings are lam=500, k0=50, num_iters=11, scale="max",
+    The authors' own settings are lam=500, k0=50, num_iters=11, relax=1, scale="max",
     one_sided=0.5.
 
     Returns:
@@ -85,7 +94,9 @@ def sinkhorn(
         power=power,
         one_sided=one_sided,
     )
-    return scale_kernel(kernel, marginal_x, marginal_y, num_iters=num_iters)
+    return scale_kernel(
+        kernel, marginal_x, marginal_y, num_iters=num_iters, relax=relax
+    )
 
 
 @partial(jax.jit, static_argnames="num_iters")
@@ -94,7 +105,8 @@ def scale_kernel(
     marginal_x: Float[Array, " n_x"],
     marginal_y: Float[Array, " n_y"],
     *,
-    num_iters: int = 90,
+    num_iters: int = 20,
+    relax: Float[Array, ""] | float = 1.7,
 ) -> Filtered:
     """Scale `kernel` to the marginals and read both maps off the plan.
 
@@ -102,6 +114,7 @@ def scale_kernel(
         kernel: entries only between vertices of positive marginal.
         marginal_x, marginal_y: each sums to 1; 0 on padding.
         num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
+        relax: as in `sinkhorn`.
     """
     flipped = kernels.transpose(kernel)
     log_x = jnp.log(jnp.where(marginal_x > 0, marginal_x, 1))
@@ -110,23 +123,27 @@ def scale_kernel(
     g = _minus(log_y, kernels.log_matvec(flipped, f))
     f = _minus(log_x, kernels.log_matvec(kernel, g))
 
-    def absorbed(f, g, updates):
+    def absorbed(f, g, updates, relax):
         plan = kernels.plan(kernel, f, g)
         back = kernels.transpose(plan)
 
         def update(_, uv):
-            v = _ratio(marginal_y, kernels.matvec(back, uv[0]))
-            return _ratio(marginal_x, kernels.matvec(plan, v)), v
+            u, v = uv
+            v = v * _factor(marginal_y, v * kernels.matvec(back, u)) ** relax
+            u = u * _factor(marginal_x, u * kernels.matvec(plan, v)) ** relax
+            return u, v
 
         ones = jnp.ones_like(f), jnp.ones_like(g)
         u, v = jax.lax.fori_loop(0, updates, update, ones)
         return f + jnp.log(u), g + jnp.log(v)
 
-    rounds, rest = divmod(num_iters - 1, ABSORB_EVERY)
+    relax = jnp.asarray(relax, f.dtype)
+    rounds, rest = divmod(max(num_iters - 2, 0), ABSORB_EVERY)
     f, g = jax.lax.fori_loop(
-        0, rounds, lambda _, fg: absorbed(fg[0], fg[1], ABSORB_EVERY), (f, g)
+        0, rounds, lambda _, fg: absorbed(*fg, ABSORB_EVERY, relax), (f, g)
     )
-    f, g = absorbed(f, g, rest)
+    f, g = absorbed(f, g, rest, relax)
+    f, g = absorbed(f, g, min(num_iters - 1, 1), jnp.ones_like(relax))
 
     T_xy, found_x = kernels.row_argmax(kernel, g)
     T_yx, found_y = kernels.row_argmax(flipped, f)
@@ -176,15 +193,8 @@ def _column(n: int, like):
 
 
 def _near(queries, points, valid_q, valid_p, k0) -> Neighbours:
-    # The choice of neighbours is not differentiable; their distances are.
-    frozen = jax.lax.stop_gradient((queries, points))
-    idx, dist = neighbours(*frozen, valid_p, k0=min(k0, len(points), len(queries)))
-    square = jnp.sum((queries[:, None] - points[idx]) ** 2, 2)
-    # The gradient of sqrt at 0 is infinite; a coincident pair has none to give.
-    apart = square > 0
-    length = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1)), 0)
-    known = valid_q[:, None] & jnp.isfinite(dist)
-    return Neighbours(idx, jnp.where(known, length, jnp.inf))
+    near = neighbours(queries, points, valid_p, k0=min(k0, len(points), len(queries)))
+    return near._replace(dist=jnp.where(valid_q[:, None], near.dist, jnp.inf))
 
 
 def _length(near: Neighbours, scale: Scale):
@@ -204,9 +214,11 @@ def _minus(log_marginal: Array, log_sum: Array) -> Array:
     return jnp.where(jnp.isfinite(log_sum), log_marginal - log_sum, 0)
 
 
-def _ratio(marginal: Array, weight: Array) -> Array:
-    ok = (weight > 0) & (marginal > 0)
-    return jnp.where(ok, marginal / jnp.where(ok, weight, 1), 1)
+def _factor(marginal: Array, total: Array) -> Array:
+    """What brings a total to its marginal."""
+    ok = (total > 0) & (marginal > 0)
+    factor = jnp.where(ok, marginal / jnp.where(ok, total, 1), 1)
+    return jnp.clip(factor, 1 / BOUND, BOUND)
 
 
 def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):

@@ -1,7 +1,8 @@
 """ZoomOut: alternate map and functional map while the basis grows.
 
 Melzi et al. (SIGGRAPH Asia 2019), as an instance of algorithm 1 of Pai et al. (CVPR
-2021), over any converter.
+2021), over any converter. Descriptors may stand beside the eigenfunctions, each column
+weighted by how well it corresponds so far.
 """
 
 from collections.abc import Callable
@@ -19,8 +20,10 @@ from jfsf.types import Spectrum
 # (emb_x, emb_y, marginal_x, marginal_y) -> a record with T_xy and T_yx.
 Converter = Callable[..., Any]
 
+SLACK = 0.05  # mean square that a column may differ by before it loses weight
 
-@partial(jax.jit, static_argnames=("ks", "converter", "space", "both"))
+
+@partial(jax.jit, static_argnames=("ks", "converter", "space", "weighted", "both"))
 def zoomout(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -31,6 +34,7 @@ def zoomout(
     ks: tuple[int, ...],
     converter: Converter,
     space: Space = "direct",
+    weighted: bool = False,
     both: bool = False,
 ) -> Float[Array, "k k"]:
     """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
@@ -47,6 +51,10 @@ def zoomout(
         ks: sizes of the basis, increasing; equal ones iterate in place.
         converter: `nearest`, `sinkhorn` or any other with their signature.
         space: "direct" is the field's and holds up while C_yx is still rough.
+        weighted: from the second conversion on, divide each column by the root of its
+            mean squared difference under the map so far. Functions that one shape does
+            not share with the other (an eigenfunction of a hand that is a fist there)
+            then count for little.
         both: average the functional map of T_xy with the adjoint of that of T_yx.
 
     Returns:
@@ -70,13 +78,17 @@ def zoomout(
         (spec_y.evecs[:, :0] if extra_y is None else extra_y),
     )
     C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
+    T_xy = jnp.full(len(spec_x.mass), -1, jnp.int32)  # none yet
     steps = zip(ks[:-1], ks[1:], strict=True)
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        C_yx = _grow(
-            spec_x, spec_y, C_yx, extra, list(group), width, converter, space, both
-        )
+        step = _step(spec_x, spec_y, extra, width, converter, space, weighted, both)
+        size = len(C_yx)
+        if size < width:
+            C_yx = jnp.pad(C_yx, (0, width - size))
+        start = C_yx[:width, :width], T_xy
+        (C_yx, T_xy), _ = jax.lax.scan(step, start, jnp.asarray(list(group)))
     return C_yx[: ks[-1], : ks[-1]]
 
 
@@ -84,31 +96,38 @@ def _width(k: int, last: int) -> int:
     return min(max(32, 1 << (k - 1).bit_length()), last)
 
 
-def _grow(spec_x, spec_y, C_yx, extra, steps, width, converter, space, both):
+def _step(spec_x, spec_y, extra, width, converter, space, weighted, both):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
-    gram_x, gram_y = back_x @ evecs_x, back_y @ evecs_y
+    gram_x, gram_y = _dot(back_x, evecs_x), _dot(back_y, evecs_y)
     uniform_x, uniform_y = uniform(spec_x.mass), uniform(spec_y.mass)
     column = jnp.arange(width)
 
-    def step(C_yx, ks):
+    def step(state, ks):
+        C_yx, T_xy = state
         small = (column < ks[0]).astype(evecs_x.dtype)
         emb_x, emb_y = embeddings(
             C_yx, evecs_x * small[None], evecs_y * small[None], space=space
         )
         emb_x = jnp.concatenate([emb_x, extra[0].astype(emb_x.dtype)], 1)
         emb_y = jnp.concatenate([emb_y, extra[1].astype(emb_y.dtype)], 1)
+        if weighted:
+            differ = spec_x.mass @ (emb_x - emb_y[T_xy]) ** 2
+            weight = jnp.where(T_xy[0] < 0, 1, 1 / jnp.sqrt(differ + SLACK))
+            emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
         keep = column < ks[1]
-        there = _least_squares(gram_x, back_x @ evecs_y[maps.T_xy], keep)
+        there = _least_squares(gram_x, _dot(back_x, evecs_y[maps.T_xy]), keep)
         if both:
-            back = _least_squares(gram_y, back_y @ evecs_x[maps.T_yx], keep)
+            back = _least_squares(gram_y, _dot(back_y, evecs_x[maps.T_yx]), keep)
             there = (there + back.T) / 2
-        return there, None
+        return (there, maps.T_xy.astype(jnp.int32)), None
 
-    size = len(C_yx)
-    start = jnp.pad(C_yx, (0, width - size)) if size < width else C_yx[:width, :width]
-    return jax.lax.scan(step, start, jnp.asarray(steps))[0]
+    return step
+
+
+# Accelerators would round the factors otherwise.
+_dot = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
 
 
 def _least_squares(gram: Array, right: Array, keep: Array) -> Array:

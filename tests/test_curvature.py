@@ -1,0 +1,88 @@
+"""The curvature descriptor: exact on a sphere, and what must not change it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import trimesh
+from hypothesis import given, settings
+
+from jfsf import testing
+from jfsf.descriptors import TIMES, curvature
+from jfsf.padding import pad
+from jfsf.spectrum import spectrum
+from jfsf.types import Mesh
+
+K, N = 40, 162
+STEPS = len(TIMES) - 1
+
+
+def spec_of(mesh):
+    return testing.cast(spectrum(mesh, K, cache=False))
+
+
+def test_a_sphere_shrinks_at_the_known_rate():
+    # Coordinates are eigenfunctions: of area 1 the radius decays as exp(-8 pi t).
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    found = curvature(spec_of(Mesh(np.array(ball.vertices), np.array(ball.faces))))
+    radius = np.exp(-8 * np.pi * np.array(TIMES)) / np.sqrt(4 * np.pi)
+    exact = np.broadcast_to(radius[:-1] - radius[1:], (len(found), STEPS))
+    np.testing.assert_allclose(found[:, :STEPS], exact, rtol=0.01)
+    np.testing.assert_allclose(found[:, STEPS:], exact, rtol=0.01)
+
+
+def test_dents_are_negative():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    v = np.array(ball.vertices)
+    v *= 1 - 0.5 * np.exp(-8 * (1 - v[:, 2:]))
+    found = curvature(spec_of(Mesh(v, np.array(ball.faces))))
+    top, bottom = v[:, 2].argmax(), v[:, 2].argmin()
+    pit = np.linalg.norm(v, axis=1).argmin()
+    # Seen from afar there is no pit.
+    assert (found[pit, :4] < 0).all() and (found[bottom, :STEPS] > 0).all()
+    assert (found[top, STEPS:] > 0).all()
+
+
+@settings(max_examples=5)
+@given(testing.meshes(), testing.motions(), testing.permutations(N))
+def test_motion_units_mirroring_and_labels_change_nothing(mesh, motion, order):
+    plain = np.asarray(curvature(spec_of(mesh)))
+    for other in (testing.move(mesh, motion, unit=1000.0), testing.mirror(mesh)):
+        np.testing.assert_allclose(curvature(spec_of(other)), plain, atol=1e-7)
+    moved = curvature(spec_of(testing.relabel(mesh, order)))
+    np.testing.assert_allclose(moved, plain[order], atol=1e-7)
+
+
+@given(testing.spectra(K), testing.signs(K))
+def test_signs_of_eigenvectors_change_nothing(spec, by):
+    np.testing.assert_allclose(
+        curvature(testing.flip_signs(spec, by)), curvature(spec), atol=1e-12
+    )
+
+
+def test_padding_is_invisible():
+    spec = testing.blob_spectrum(0, K)
+    padded = np.asarray(curvature(pad(spec, N + 5, 330)))
+    np.testing.assert_allclose(padded[:N], curvature(spec), atol=1e-12)
+    assert not padded[N:].any()
+
+
+def test_without_faces_only_lengths_are_left():
+    spec = testing.blob_spectrum(0, K)
+    cloud = np.asarray(curvature(spec._replace(faces=spec.faces[:0])))
+    assert not cloud[:, :STEPS].any()
+    np.testing.assert_allclose(cloud[:, STEPS:], curvature(spec)[:, STEPS:])
+
+
+def test_float32_vmap_and_gradients():
+    specs = [testing.blob_spectrum(seed, K) for seed in (0, 1)]
+    batch = jax.vmap(curvature)(testing.stack(specs))
+    for found, spec in zip(batch, specs, strict=True):
+        exact = np.asarray(curvature(spec))
+        np.testing.assert_allclose(found, exact, atol=1e-12)
+        low = np.asarray(curvature(testing.cast(spec, jnp.float32)))
+        assert low.dtype == np.float32
+        np.testing.assert_allclose(low, exact, atol=1e-5)
+    slope = jax.grad(lambda v: curvature(specs[0]._replace(vertices=v)).sum())
+    assert jnp.isfinite(slope(specs[0].vertices)).all()
+    # Where nothing moves, a length has no slope, but it must not be nan.
+    assert jnp.isfinite(slope(jnp.zeros_like(specs[0].vertices))).all()
