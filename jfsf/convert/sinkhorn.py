@@ -20,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf import kernel as kernels
-from jfsf.knn import neighbours
+from jfsf.knn import mutual_neighbours
 from jfsf.types import Filtered, Kernel, Neighbours
 
 Scale = Literal["nearest", "max"]
@@ -80,8 +80,8 @@ def sinkhorn(
     if marginal_y is None:
         marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
     valid_x, valid_y = marginal_x > 0, marginal_y > 0
-    near_xy = _near(emb_x, emb_y, valid_x, valid_y, k0)
-    near_yx = _near(emb_y, emb_x, valid_y, valid_x, k0)
+    k0 = min(k0, len(emb_x), len(emb_y))
+    near_xy, near_yx = mutual_neighbours(emb_x, emb_y, valid_x, valid_y, k0=k0)
     length_xy, length_yx = _length(near_xy, scale), _length(near_yx, scale)
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
@@ -140,7 +140,7 @@ def scale_kernel(
     relax = jnp.asarray(relax, f.dtype)
     rounds, rest = divmod(max(num_iters - 2, 0), ABSORB_EVERY)
     f, g = jax.lax.fori_loop(
-        0, rounds, lambda _, fg: absorbed(*fg, ABSORB_EVERY, relax), (f, g)
+        0, rounds, lambda _, fg: absorbed(fg[0], fg[1], ABSORB_EVERY, relax), (f, g)
     )
     f, g = absorbed(f, g, rest, relax)
     f, g = absorbed(f, g, min(num_iters - 1, 1), jnp.ones_like(relax))
@@ -190,11 +190,6 @@ def plan_entries(filtered: Filtered):
 
 def _column(n: int, like):
     return jnp.arange(n, dtype=like.dtype)[:, None]
-
-
-def _near(queries, points, valid_q, valid_p, k0) -> Neighbours:
-    near = neighbours(queries, points, valid_p, k0=min(k0, len(points), len(queries)))
-    return near._replace(dist=jnp.where(valid_q[:, None], near.dist, jnp.inf))
 
 
 def _length(near: Neighbours, scale: Scale):

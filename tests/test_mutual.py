@@ -1,0 +1,135 @@
+"""Neighbours both ways from one product, against brute force."""
+
+import jax
+import jax.numpy as jnp
+import jax.test_util
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf import data, testing
+from jfsf.knn import BINS, ROWS, mutual_neighbours
+
+N, M, WIDTH = 150, 301, 4  # neither fills its last block
+MANY_X, MANY_Y, K0 = 2101, 1303, 6  # with K0, bins of several points, both ways
+
+
+def random(seed, *shape):
+    return np.random.default_rng(seed).normal(size=shape)
+
+
+def arrays(*args):
+    return tuple(map(jnp.asarray, args))
+
+
+def recall(found, idx):
+    kept = [
+        len(np.intersect1d(a, b)) / len(b) for a, b in zip(found, idx, strict=True)
+    ]
+    return np.mean(kept)
+
+
+def test_the_sizes_are_awkward():
+    assert N % ROWS and M % ROWS
+    assert M < 2 * BINS * 4 and 4 * BINS * K0 < MANY_Y < 8 * BINS * K0 < MANY_X
+
+
+@given(
+    testing.point_sets(N, WIDTH),
+    testing.point_sets(M, WIDTH),
+    testing.seeds,
+    st.sampled_from([4, 20, N]),
+)
+def test_few_points_are_all_compared(x, y, seed, k0):
+    rng = np.random.default_rng(seed)
+    valid_x, valid_y = rng.random(N) < 0.8, rng.random(M) < 0.8
+    valid_x[0] = valid_y[0] = True
+    # What takes no part may hold anything.
+    x[~valid_x], y[~valid_y] = rng.choice([0, 1e300, np.inf, np.nan], 2)
+    xy, yx = mutual_neighbours(*arrays(x, y, valid_x, valid_y), k0=k0)
+    x[~valid_x], y[~valid_y] = 0, 0
+    for found, sides, valid in (
+        (xy, (x, y), (valid_x, valid_y)),
+        (yx, (y, x), (valid_y, valid_x)),
+    ):
+        _, dist = oracles.neighbours(*sides, k0, valid[1])
+        dist[~valid[0]] = np.inf
+        # The order, and which of equally far ones come first, is up to float32.
+        np.testing.assert_allclose(np.sort(found.dist, 1), dist, rtol=1e-5, atol=1e-6)
+        known = np.isfinite(found.dist)
+        gap = sides[0][:, None] - sides[1][found.idx]
+        np.testing.assert_allclose(
+            found.dist[known], np.linalg.norm(gap, axis=2)[known]
+        )
+        assert valid[1][found.idx[known]].all() and not found.idx[~known].any()
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_with_bins_the_nearest_is_found_and_few_others_are_missed(dtype):
+    x, y = random(0, MANY_X, WIDTH), random(1, MANY_Y, WIDTH)
+    sides = (x, y), (y, x)
+    found = mutual_neighbours(jnp.asarray(x, dtype), jnp.asarray(y, dtype), k0=K0)
+    for near, (queries, points) in zip(found, sides, strict=True):
+        assert near.dist.dtype == dtype
+        idx, dist = oracles.neighbours(queries, points, K0)
+        np.testing.assert_allclose(near.dist.min(1), dist[:, 0], rtol=1e-4)
+        assert recall(near.idx, idx) > 0.985
+        assert all(len(set(row)) == K0 for row in np.asarray(near.idx))
+
+
+def test_the_order_of_a_mesh_costs_no_neighbours():
+    # Neighbours on a mesh are neighbours in its file, or a fixed stride apart.
+    x = data.load("man_walk").mesh.vertices.astype(np.float32)
+    y = data.load("man_up").mesh.vertices.astype(np.float32)
+    for near, sides in zip(
+        mutual_neighbours(*arrays(x, y), k0=10), ((x, y), (y, x)), strict=True
+    ):
+        idx, dist = oracles.neighbours(*(s.astype(float) for s in sides), 10)
+        np.testing.assert_allclose(near.dist.min(1), dist[:, 0], rtol=1e-3, atol=1e-5)
+        assert recall(near.idx, idx) > 0.98
+
+
+def test_values_that_are_not_finite():
+    x, y = random(0, N, WIDTH), random(1, M, WIDTH)
+    x[3, 1], x[4, 0], y[10:30, 2] = np.nan, np.inf, np.nan
+    xy, yx = mutual_neighbours(*arrays(x, y), k0=20)
+    assert jnp.isinf(xy.dist[3:5]).all() and jnp.isinf(yx.dist[10:30]).all()
+    assert not np.isin(yx.idx[:10], [3, 4]).any()
+    assert not np.isin(xy.idx[:3], np.r_[10:30]).any()
+
+
+@pytest.mark.parametrize("unit", [1e-30, 1e-3, 1e3, 1e30])
+def test_the_unit_and_the_place_change_nothing(unit):
+    x, y = random(0, N, WIDTH), random(1, M, WIDTH)
+    plain = mutual_neighbours(*arrays(x, y), k0=8)
+    moved = mutual_neighbours(*arrays(x * unit + 100 * unit, (y + 100) * unit), k0=8)
+    for near, was in zip(moved, plain, strict=True):
+        np.testing.assert_allclose(near.dist, was.dist * unit, rtol=1e-9)
+
+
+def test_vmap_equals_the_loop():
+    x, y = arrays(random(0, 2, MANY_X, 3), random(1, 2, MANY_Y, 3))
+    run = lambda x, y: mutual_neighbours(x, y, k0=K0)
+    batch = jax.vmap(run)(x, y)
+    for i in range(2):
+        for one, many in zip(run(x[i], y[i]), batch, strict=True):
+            assert np.array_equal(one.idx, many.idx[i])
+
+
+def test_distances_have_slopes():
+    x, y = arrays(random(0, 40, 3), random(1, 30, 3))
+    total = lambda x, y: sum(n.dist.sum() for n in mutual_neighbours(x, y, k0=3))
+    jax.test_util.check_grads(total, (x, y), 1, modes=("rev",), rtol=1e-4)
+
+
+@pytest.mark.parametrize("k0", [0, 4])
+def test_k0_out_of_range_is_an_error(k0):
+    with pytest.raises(ValueError, match=f"k0 is {k0}, there are 3 and 5 points"):
+        mutual_neighbours(jnp.ones((3, 2)), jnp.ones((5, 2)), k0=k0)
+
+
+def test_widths_that_differ_are_an_error():
+    with pytest.raises(ValueError, match="x has 2 columns, y has 3"):
+        mutual_neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)
