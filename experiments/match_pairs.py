@@ -1,24 +1,20 @@
 """Match every listed pair of a data folder from its raw meshes; report the errors.
 
-The folder holds NAME.off, corres/NAME.vts (template point -> 1-based vertex) and, where
-there is one, corres/NAME.sym.vts (the left-right mirror image). The list has one pair
-of names a line. For the embedded shapes: --embedded.
+What a folder holds is in datasets.py. For the embedded shapes: --embedded.
 
     python experiments/match_pairs.py --data FOLDER --pairs FILE --out RESULT.json
 """
 
 import argparse
-import os
 import time
-from itertools import permutations
 from pathlib import Path
 
+import datasets
 import jax
 import numpy as np
 import results_file
 
 import jfsf
-from jfsf import data, mapfiles
 from jfsf.metrics import geodesic_error
 
 LOST = 0.06  # a mean error above this is a wrong map, not an imprecise one
@@ -26,24 +22,17 @@ LOST = 0.06  # a mean error above this is a wrong map, not an imprecise one
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
-    parser.add_argument("--pairs", type=Path, help="default: dev_pairs.txt in --data")
-    parser.add_argument("--embedded", action="store_true", help="shapes of the package")
+    datasets.add_arguments(parser)
     parser.add_argument("--every", type=int, default=5, help="template points: 1 in N")
-    parser.add_argument("--spread", type=int, help="only N pairs, spread over the list")
     parser.add_argument("--exact", action="store_true", help="exact geodesics, slow")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    if not args.embedded and args.data is None:
-        parser.error("give --data FOLDER, set JFSF_DATA, or pass --embedded")
-
-    pairs = _pairs(args)
-    if args.spread:
-        at = np.linspace(0, len(pairs) - 1, args.spread).round().astype(int)
-        pairs = [pairs[i] for i in at]
+    datasets.check_arguments(parser, args)
+    pairs = datasets.pairs(args)
     rows = []
     for x, y in pairs:
-        row = {"x": x, "y": y, **_measure(_load(args, x), _load(args, y), args)}
+        shapes = (datasets.load(args, name) for name in (x, y))
+        row = {"x": x, "y": y, **_measure(*shapes, args)}
         rows.append(row)
         mirrored = f" mirrored {row['mirrored']:.4f}" if "mirrored" in row else ""
         print(
@@ -56,29 +45,6 @@ def main() -> None:
     if args.out:
         settings = {"every": args.every, "exact": args.exact, "lost": LOST}
         results_file.write(args.out, settings=settings, summary=summary, pairs=rows)
-
-
-def _pairs(args) -> list[tuple[str, str]]:
-    if args.embedded:
-        return list(permutations(data.names(), 2))
-    path = args.pairs or args.data / "dev_pairs.txt"
-    return [tuple(line.split()[:2]) for line in path.read_text().splitlines() if line]
-
-
-def _load(args, name: str):
-    """Mesh, template point -> vertex, and the mirrored one or None."""
-    if args.embedded:
-        sample = data.load(name)
-        return sample.mesh, sample.template_to_vertex, None
-    mesh = jfsf.read(args.data / f"{name}.off")
-    corres = args.data / "corres"
-    n = len(mesh.vertices)
-    mirror = corres / f"{name}.sym.vts"
-    return (
-        mesh,
-        mapfiles.read_map(corres / f"{name}.vts", n_to=n),
-        mapfiles.read_map(mirror, n_to=n) if mirror.exists() else None,
-    )
 
 
 def _measure(x, y, args) -> dict:

@@ -73,7 +73,7 @@ def hks(
 
 @jax.jit
 def curvature(spec: Spectrum) -> Float[Array, "n d"]:
-    """Bending of the surface in space, at four heat scales: what no spectrum holds.
+    """Bending of the surface in space, at six heat scales: what no spectrum holds.
 
     Positions diffused by heat for a time t move along the mean curvature normal,
     dx/dt = -2 H n (Desbrun et al., 1999). The steps between successive times are taken
@@ -85,7 +85,7 @@ def curvature(spec: Spectrum) -> Float[Array, "n d"]:
             the shortest time damps to a third, hardly matter.
 
     Returns:
-        (n, 8): signed, then unsigned, fine to coarse, in units of sqrt(area). Nothing
+        (n, 12): signed, then unsigned, fine to coarse, in units of sqrt(area). Nothing
         changes under rigid motion, scaling or mirroring. Without faces the signed ones
         are 0. Rows of zeros on padding.
     """

@@ -11,7 +11,7 @@ from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.mesh import orient
+from jfsf.mesh import orient, validate
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
 from jfsf.search import SECOND, Orientation, appearance, search
@@ -55,7 +55,7 @@ def match(
         MeshError: a mesh that cannot be matched, with the reason.
         ValueError: bad landmarks, or an unknown orientation.
     """
-    mesh_x, mesh_y = _oriented(mesh_x), _oriented(mesh_y)
+    mesh_x, mesh_y = _oriented("mesh_x", mesh_x), _oriented("mesh_y", mesh_y)
     pairs = _landmarks(landmarks, len(mesh_x.vertices), len(mesh_y.vertices))
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
@@ -112,7 +112,8 @@ def _eigenpairs(n_x: int, n_y: int) -> int:
     return max(SECOND[-1], min(K, n_x // 4, n_y // 4))
 
 
-def _oriented(mesh: Mesh) -> Mesh:
+def _oriented(name: str, mesh: Mesh) -> Mesh:
+    validate(mesh, k=SECOND[-1], name=name)
     return orient(mesh) if len(mesh.faces) else mesh
 
 

@@ -122,6 +122,10 @@ def test_a_bad_mesh_is_named(side):
     pair[side] = testing.blob(0, subdivisions=0)
     with pytest.raises(jfsf.MeshError, match=f"{side}: has 12 vertices, fewer than"):
         jfsf.match(**pair, cache=False)
+    # Found before the faces are wound, which would trip over it.
+    pair[side] = good._replace(faces=good.faces + 9)
+    with pytest.raises(jfsf.MeshError, match=f"{side}: a face names vertex"):
+        jfsf.match(**pair, cache=False)
 
 
 @pytest.mark.parametrize(

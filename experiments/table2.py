@@ -1,0 +1,119 @@
+"""Table 2 of Pai et al. (CVPR 2021): refinement of an initial map.
+
+The start is the data folder's WKSini_direct/X_Y.map or, where there is none, the
+nearest-neighbour map of a fit to descriptors (WKS, 30 x 30, all four terms). ICP and
+ZoomOut compare in the direct space, the field's.
+
+    python experiments/table2.py --embedded --out experiments/results/table2.json
+    python experiments/table2.py --data TOSCA --spread 60 --out t2.json
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import compare
+import datasets
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jfsf.baselines import bcicp, deblur, pmf, rhm
+from jfsf.convert import nearest, sinkhorn
+from jfsf.descriptors import wks
+from jfsf.fit import fit
+from jfsf.fmap import embeddings, functional_map, truncate
+from jfsf.refine import icp, zoomout
+from jfsf.types import Maps
+
+K = 100  # eigenfunctions that the metrics see, and ZoomOut ends with
+K_ICP = 50
+KS = tuple(range(20, K + 1, 5))
+FIT_K = 30
+WKS_EVERY = 5
+
+
+class Start(NamedTuple):
+    pair: compare.Pair
+    maps: Maps
+
+    def C_yx(self, k: int) -> Float[Array, "k k"]:
+        specs = (truncate(spec, k) for spec in self.pair[2:])
+        return functional_map(self.maps.T_xy, *specs)
+
+
+def convert(start: Start, C_yx, converter) -> Maps:
+    specs = start.pair[2:]
+    emb = embeddings(C_yx, *(spec.evecs for spec in specs), space="direct")
+    maps = converter(*emb)
+    return Maps(maps.T_xy, maps.T_yx)
+
+
+def _icp(start: Start, converter) -> Maps:
+    specs = start.pair[2:]
+    C_yx = icp(*specs, start.C_yx(K_ICP), converter=converter, space="direct")
+    return convert(start, C_yx, converter)
+
+
+def _zoomout(start: Start, converter) -> Maps:
+    specs = start.pair[2:]
+    C_yx = zoomout(*specs, start.C_yx(KS[0]), ks=KS, converter=converter)
+    return convert(start, C_yx, converter)
+
+
+def _meshes(start: Start):
+    return start.pair.x.mesh, start.pair.y.mesh
+
+
+METHODS: dict[str, compare.Method] = {
+    "Ini": lambda start: start.maps,
+    "ICP": lambda start: _icp(start, nearest),
+    "ICP (sink)": lambda start: _icp(start, sinkhorn),
+    "Deblur": lambda start: deblur(*start.pair[2:], start.C_yx(K_ICP)),
+    "RHM": lambda start: rhm(*_meshes(start), start.maps),
+    "PMF": lambda start: pmf(*start.pair[2:], start.maps),
+    "BCICP": lambda start: bcicp(*_meshes(start), *start.pair[2:], start.maps),
+    "ZoomOut": lambda start: _zoomout(start, nearest),
+    "ZoomOut (sink)": lambda start: _zoomout(start, sinkhorn),
+}
+
+
+def main() -> None:
+    parser = compare.arguments(__doc__, METHODS)
+    args = parser.parse_args()
+    datasets.check_arguments(parser, args)
+
+    start = partial(start_of, args)
+    compare.run(args, METHODS, start, k=K, functional=True)
+
+
+def start_of(args, names: tuple[str, str], pair: compare.Pair) -> Start:
+    """The maps that every method is given."""
+    x, y = names
+    there = datasets.initial_map(args, x, y)
+    back = datasets.initial_map(args, y, x)
+    if there is None:
+        return Start(pair, _fitted(pair))
+    if back is None:
+        return Start(pair, _reversed(pair, there))
+    return Start(pair, Maps(jnp.asarray(there), jnp.asarray(back)))
+
+
+def _fitted(pair: compare.Pair) -> Maps:
+    desc = (wks(spec)[:, ::WKS_EVERY] for spec in pair[2:])
+    C_yx = fit(*pair[2:], *desc, k=FIT_K).C_yx
+    return _nearest(pair, C_yx)
+
+
+def _reversed(pair: compare.Pair, T_xy: np.ndarray) -> Maps:
+    specs = (truncate(spec, FIT_K) for spec in pair[2:])
+    back = _nearest(pair, functional_map(T_xy, *specs))
+    return Maps(jnp.asarray(T_xy), back.T_yx)
+
+
+def _nearest(pair: compare.Pair, C_yx) -> Maps:
+    evecs = (spec.evecs for spec in pair[2:])
+    return nearest(*embeddings(C_yx, *evecs, space="direct"))
+
+
+if __name__ == "__main__":
+    main()
