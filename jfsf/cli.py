@@ -5,24 +5,28 @@ Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
 
 import json
 import os
-import tempfile
 import warnings
 from enum import StrEnum
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 from typer.core import TyperGroup
 
-from jfsf.types import Certificate, Mesh
-
-FEWEST = 160  # vertices; see `match`
-THRESHOLDS = (0.01, 0.02, 0.05, 0.1)
+from jfsf.cli_files import (
+    can_write,
+    matchable,
+    need_matplotlib,
+    one_sided,
+    read_landmarks,
+    read_pair,
+    validate,
+    write_found,
+)
+from jfsf.cli_report import certificate_table, figures_of, warnings_of
 
 
 class _OneLine(TyperGroup):
@@ -161,15 +165,15 @@ def match(
     from jfsf.match import match as match_meshes
     from jfsf.viz import draw_pair
 
-    _can_write(out, ".npz")
+    can_write(out, ".npz")
     if png is not None:
-        _can_write(png, ".png")
-        _need_matplotlib()
-    mesh_x, index_x = _matchable(x, largest_component)
-    mesh_y, index_y = _matchable(y, largest_component)
+        can_write(png, ".png")
+        need_matplotlib()
+    mesh_x, index_x = matchable(x, largest_component)
+    mesh_y, index_y = matchable(y, largest_component)
     pairs = None
     if landmarks is not None:
-        pairs = _landmarks(landmarks, (index_x, index_y))
+        pairs = read_landmarks(landmarks, (index_x, index_y))
     _keep_compiled(ctx, not no_cache)
     with _status("matching (the first time, this compiles) ...") as status:
         found = match_meshes(
@@ -180,15 +184,15 @@ def match(
             cache=not no_cache,
         )
         status.update("writing ...")
-        _write(out, found, index_x=index_x, index_y=index_y)
+        write_found(out, found, index_x=index_x, index_y=index_y)
         if png is not None:
             T_xy = np.asarray(found.T_xy)
             draw_pair(mesh_x, mesh_y, T_xy, path=png, up=up.value)
     console = Console()
-    console.print(_certificate_table(found.certificate))
-    notes = _warnings(found.certificate, orientation.value)
+    console.print(certificate_table(found.certificate))
+    notes = warnings_of(found.certificate, orientation.value)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
-        if _one_sided(mesh):
+        if one_sided(mesh):
             notes.append(f"{path}: cannot be wound consistently; check left and right")
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
@@ -235,10 +239,10 @@ def evaluate(
 
     Example: jfsf evaluate a.off b.off map.npz --gt-x a.vts --gt-y b.vts --every 5
     """
-    mesh_x, mesh_y, maps, truth = _read_pair(x, y, map_file, gt_x, gt_y, base)
+    mesh_x, mesh_y, maps, truth = read_pair(x, y, map_file, gt_x, gt_y, base)
     if json_file is not None:
-        _can_write(json_file, ".json")
-    figures = _figures(mesh_x, mesh_y, maps, truth, exact, every)
+        can_write(json_file, ".json")
+    figures = figures_of(mesh_x, mesh_y, maps, truth, exact, every)
     shown = Table(title=map_file.name)
     shown.add_column("figure")
     shown.add_column("value", justify="right")
@@ -284,14 +288,14 @@ def info(
     console = Console()
     console.print(shown)
     try:
-        _validate(mesh, path)
+        validate(mesh, path)
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
     notes = ""
     if report.faces == 0:
         notes = "; a point cloud tells no left from right"
-    elif _one_sided(mesh):
+    elif one_sided(mesh):
         notes = "; it cannot be wound consistently, so left and right may be swapped"
     console.print(f"can be matched{notes}", soft_wrap=True)
 
@@ -316,232 +320,6 @@ def _keep_compiled(ctx: typer.Context, cache: bool) -> None:
 
 def _status(text: str):
     return Console(stderr=True).status(text)
-
-
-def _can_write(path: Path, suffix: str) -> None:
-    # Before the work, not after it.
-    if path.suffix.lower() != suffix:
-        raise ValueError(f"{path}: is to be written as {suffix}, name it so")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
-
-
-def _need_matplotlib() -> None:
-    if find_spec("matplotlib") is None:
-        raise ImportError("drawing needs matplotlib: pip install 'jfsf[viz]'")
-
-
-def _validate(mesh: Mesh, path: Path) -> None:
-    from jfsf.mesh import MeshError, validate
-
-    try:
-        validate(mesh, name=str(path))
-    except MeshError as error:
-        hint = str(error).replace("largest_component", "match --largest-component")
-        raise MeshError(hint) from None
-    if (n := len(mesh.vertices)) < FEWEST:
-        raise MeshError(
-            f"{path}: has {n} vertices, matching needs {FEWEST}; subdivide the mesh"
-        )
-
-
-def _one_sided(mesh: Mesh) -> bool:
-    from jfsf.mesh import check, orient
-
-    return len(mesh.faces) > 0 and not check(orient(mesh)).consistent
-
-
-def _matchable(path: Path, largest: bool):
-    """The mesh, and with `largest` the old numbers of its vertices."""
-    from jfsf.mesh import largest_component, read
-
-    mesh, index = read(path), None
-    if largest:
-        mesh, index = largest_component(mesh)
-    _validate(mesh, path)
-    return mesh, index
-
-
-def _landmarks(path: Path, kept) -> np.ndarray:
-    """Rows (vertex of X, vertex of Y); in kept vertices where pieces were dropped."""
-    try:
-        lines = [line.split("#")[0].split() for line in path.read_text().splitlines()]
-        pairs = np.array([[int(word) for word in line] for line in lines if line])
-        if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise ValueError
-    except ValueError:
-        raise ValueError(
-            f"{path}: a line holds a vertex of X and one of Y, counted from 0"
-        ) from None
-    for column, index in enumerate(kept):
-        if index is None:
-            continue
-        place = np.searchsorted(index, pairs[:, column]).clip(max=len(index) - 1)
-        lost = index[place] != pairs[:, column]
-        if lost.any():
-            raise ValueError(
-                f"{path}: vertex {pairs[lost, column][0]} of {'XY'[column]} is not in "
-                "the largest piece; leave that line out"
-            )
-        pairs[:, column] = place
-    return pairs
-
-
-def _write(path: Path, found, **indices) -> None:
-    from jfsf.cache import store
-    from jfsf.mapfiles import write_match
-
-    if all(index is None for index in indices.values()):
-        write_match(path, found)
-        return
-    with tempfile.TemporaryDirectory() as folder:
-        write_match(part := Path(folder) / "match.npz", found)
-        with np.load(part) as file:
-            store(path, **file, **indices)
-
-
-def _certificate_table(certificate: Certificate) -> Table:
-    turned = float(certificate.orientation)
-    side = "keeps left and right" if turned > 0 else "swaps left and right"
-    if np.isnan(turned):
-        side = "unknown: a point cloud, or no winding"
-    elif abs(turned) < 0.5:
-        side = "unclear: parts may be flipped"
-    readings = {
-        "marginal_error": "transport plan's gap to its marginals; 0 is exact",
-        "empty": "vertices that no mass reached",
-        "coverage_xy": "share of Y's area that is hit",
-        "coverage_yx": "share of X's area that is hit",
-        "bijectivity_x": "mean way from X to Y and back; two random vertices are at 1",
-        "bijectivity_y": "mean way from Y to X and back",
-        "orthogonality": "|C^T C - I|; 0 if areas are kept",
-        "orientation": side,
-        "gap": "the runner-up's extra energy, relative; 0 is a tie",
-        "nn_agreement": "share that nearest neighbour maps alike",
-        "finite": "no number overflowed",
-    }
-    shown = Table(title="certificate: evidence without ground truth")
-    shown.add_column("figure")
-    shown.add_column("value", justify="right")
-    shown.add_column("reading")
-    for name, value in certificate._asdict().items():
-        value = np.asarray(value)
-        form = "+.2f" if name == "orientation" else ".4g"
-        text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
-        shown.add_row(name, text, readings.get(name, ""))
-    return shown
-
-
-def _warnings(certificate: Certificate, orientation: str) -> list[str]:
-    turned = float(certificate.orientation)
-    right = {"preserve": turned, "reverse": -turned, "any": abs(turned)}[orientation]
-    covered = min(float(certificate.coverage_xy), float(certificate.coverage_yx))
-    away = max(float(certificate.bijectivity_x), float(certificate.bijectivity_y))
-    found = {
-        "a number is not finite: do not use this map": not bool(certificate.finite),
-        f"orientation {turned:+.2f} is not what {orientation!r} asks for: left and "
-        "right, or front and back, may be swapped; landmarks decide": right < 0.5,
-        f"only {covered:.0%} of a shape is hit: the shapes may differ too much": (
-            covered < 0.5
-        ),
-        f"there and back again ends {away:.2f} away: the maps disagree": away > 0.1,
-        f"{int(certificate.empty)} vertices got no mass": bool(certificate.empty),
-    }
-    return [line for line, wrong in found.items() if wrong]
-
-
-def _read_pair(x, y, map_file, gt_x, gt_y, base):
-    """Both meshes, the arrays of the map file, and the ground truth or None.
-
-    After --largest-component the map counts kept vertices: so do these meshes then, and
-    the points of the ground truth that were dropped are left out.
-    """
-    from jfsf.mapfiles import MapFileError, read_ground_truth, read_map
-    from jfsf.mesh import read
-
-    if (gt_x is None) != (gt_y is None):
-        raise ValueError("ground truth takes both --gt-x and --gt-y")
-    mesh_x, mesh_y = read(x), read(y)
-    truth = None
-    if gt_x is not None:
-        sizes = {"n_x": len(mesh_x.vertices), "n_y": len(mesh_y.vertices)}
-        truth = read_ground_truth(gt_x, gt_y, **sizes, base=base)
-    arrays = {}
-    if map_file.suffix.lower() == ".npz":
-        read_map(map_file)  # says what is wrong with the file
-        with np.load(map_file) as file:
-            arrays = {name: file[name] for name in file.files}
-    for side, name in enumerate(("index_x", "index_y")):
-        if (index := arrays.get(name)) is None:
-            continue
-        mesh = (mesh_x, mesh_y)[side]
-        place = np.full(len(mesh.vertices), -1, np.int32)
-        if not 0 <= index.min() <= index.max() < len(place):
-            raise MapFileError(f"{map_file}: {name} is another mesh's")
-        place[index] = np.arange(len(index))
-        faces = place[mesh.faces]
-        part = Mesh(mesh.vertices[index], faces[(faces >= 0).all(1)])
-        mesh_x, mesh_y = (part, mesh_y) if side == 0 else (mesh_x, part)
-        if truth is not None:
-            points = place[truth[side]]
-            known = points >= 0
-            truth = type(truth)(
-                *(points[known] if i == side else t[known] for i, t in enumerate(truth))
-            )
-    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
-    text = base if map_file.suffix.lower() in (".vts", ".map") else None
-    maps = {"T_xy": read_map(map_file, n_from=n_x, n_to=n_y, base=text)}
-    if "T_yx" in arrays:
-        maps["T_yx"] = read_map(map_file, n_from=n_y, n_to=n_x, key="T_yx")
-    if "C_yx" in arrays:
-        maps["C_yx"] = arrays["C_yx"]
-    return mesh_x, mesh_y, maps, truth
-
-
-def _figures(mesh_x, mesh_y, maps, truth, exact, every) -> dict[str, float]:
-    from jfsf import metrics
-    from jfsf.spectrum import operators
-
-    T_xy, T_yx, C_yx = (maps.get(name) for name in ("T_xy", "T_yx", "C_yx"))
-    figures: dict[str, Any] = {}
-    with Progress(console=Console(stderr=True), transient=True) as bars:
-
-        def bar(text):
-            task = bars.add_task(text, total=None)
-            return lambda done, total: bars.update(task, completed=done, total=total)
-
-        if truth is not None:
-            points = (side[::every] for side in truth)
-            error = metrics.geodesic_error(
-                T_xy, mesh_y, *points, exact=exact, progress=bar("geodesic error")
-            )
-            figures["error_mean"] = error.mean()
-            figures["error_median"] = np.median(error)
-            figures["error_max"] = error.max()
-            shares = metrics.error_curve(error, THRESHOLDS)
-            for limit, share in zip(THRESHOLDS, shares, strict=True):
-                figures[f"share_within_{limit}"] = share
-            figures["auc_0.25"] = metrics.auc(error, limit=0.25)
-        ways = {"x": (T_xy, T_yx, mesh_x), "y": (T_yx, T_xy, mesh_y)}
-        for name, (there, back, mesh) in ways.items() if T_yx is not None else ():
-            away = metrics.bijectivity(
-                there,
-                back,
-                mesh,
-                at=np.arange(0, len(mesh.vertices), every),
-                exact=exact,
-                progress=bar(f"bijectivity on {name.upper()}"),
-            )
-            figures[f"bijectivity_{name}"] = away.mean()
-    (stiffness_x, mass_x), (_, mass_y) = operators(mesh_x), operators(mesh_y)
-    figures["coverage_xy"] = metrics.coverage(T_xy, mass_y)
-    if T_yx is not None:
-        figures["coverage_yx"] = metrics.coverage(T_yx, mass_x)
-    figures["smoothness"] = metrics.smoothness(T_xy, mesh_y.vertices, stiffness_x)
-    if C_yx is not None:
-        figures["orthogonality"] = metrics.orthogonality(C_yx)
-        figures["zoomout_energy"] = metrics.zoomout_energy(C_yx)
-    return {name: float(value) for name, value in figures.items()}
 
 
 if __name__ == "__main__":

@@ -16,7 +16,8 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from jfsf import __version__, spectrum
-from jfsf.cli import _certificate_table, _warnings, app
+from jfsf.cli import app
+from jfsf.cli_report import certificate_table, warnings_of
 from jfsf.data import Sample, load
 from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.mesh import orient, read
@@ -225,7 +226,7 @@ def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
     assert "written as .npz" in refused("match", x, y, "--out", folder / "m.txt")
     assert "no folder" in refused("match", x, y, "--out", folder / "no" / "m.npz")
     assert "written as .png" in refused("match", x, y, *out, "--png", folder / "a.jpg")
-    monkeypatch.setattr("jfsf.cli.find_spec", lambda name: None)
+    monkeypatch.setattr("jfsf.cli_files.find_spec", lambda name: None)
     assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
     assert run("match", x, y).exit_code == 2
     assert run("match", x, y, *out, "--orientation", "left").exit_code == 2
@@ -276,6 +277,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({"orientation": 0.3}, "preserve", "swapped"),
         ({"orientation": 0.3}, "any", "swapped"),
         ({}, "reverse", "swapped"),
+        ({"gap": 0.01}, "preserve", "1.0% worse"),
         ({"finite": False}, "preserve", "not finite"),
         ({"empty": 3}, "preserve", "3 vertices"),
         ({"coverage_yx": 0.2}, "preserve", "20%"),
@@ -284,7 +286,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
 )
 def test_certificate_is_read_in_plain_words(change, orientation, warning):
     changes = {name: jnp.asarray(value) for name, value in change.items()}
-    found = _warnings(GOOD._replace(**changes), orientation)
+    found = warnings_of(GOOD._replace(**changes), orientation)
     assert len(found) == (warning is not None)
     assert warning is None or warning in found[0]
 
@@ -302,7 +304,7 @@ def test_certificate_says_which_way_round(orientation, reading):
     console = Console(width=120)
     with console.capture() as shown:
         turned = GOOD._replace(orientation=jnp.asarray(orientation))
-        console.print(_certificate_table(turned))
+        console.print(certificate_table(turned))
     assert reading in shown.get()
 
 

@@ -25,9 +25,7 @@ def arrays(*args):
 
 
 def recall(found, idx):
-    kept = [
-        len(np.intersect1d(a, b)) / len(b) for a, b in zip(found, idx, strict=True)
-    ]
+    kept = [len(np.intersect1d(a, b)) / len(b) for a, b in zip(found, idx, strict=True)]
     return np.mean(kept)
 
 
