@@ -185,7 +185,7 @@ def _measured(queries, near, points, valid_q, valid_p) -> Neighbours:
 
 
 def _chosen_from(points, valid):
-    """Points that can be chosen, and which: others must not reach a score as inf * 0."""
+    """Which points can be chosen; the others must not reach a score as inf * 0."""
     finite = jnp.isfinite(points).all(1)
     valid = finite if valid is None else valid & finite
     return jnp.where(valid[:, None], points, 0), valid

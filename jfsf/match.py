@@ -14,7 +14,7 @@ from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import orient, validate
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
-from jfsf.search import SECOND, Orientation, appearance, search
+from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
 from jfsf.spectrum import spectrum
 from jfsf.types import Match, Mesh, Spectrum
 
@@ -34,6 +34,7 @@ def match(
     *,
     orientation: Orientation = "preserve",
     landmarks: Int[Array, "l 2"] | None = None,
+    hypotheses: int = HYPOTHESES,
     cache: bool = True,
 ) -> Match:
     """Point-to-point maps between two shapes, both ways, from the meshes alone.
@@ -46,6 +47,7 @@ def match(
             both. Point clouds have no orientation: for them it is always "any".
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
             a flip.
+        hypotheses: how many functional maps the search tries; see `search`.
         cache: keep spectra on disk between calls.
 
     Returns:
@@ -53,7 +55,7 @@ def match(
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
-        ValueError: bad landmarks, or an unknown orientation.
+        ValueError: bad landmarks, too few hypotheses, or an unknown orientation.
     """
     mesh_x, mesh_y = _oriented("mesh_x", mesh_x), _oriented("mesh_y", mesh_y)
     pairs = _landmarks(landmarks, len(mesh_x.vertices), len(mesh_y.vertices))
@@ -63,25 +65,30 @@ def match(
     spec_x = _spectrum("mesh_x", mesh_x, k, cache)
     spec_y = _spectrum("mesh_y", mesh_y, k, cache)
     found = match_spectra(
-        _padded(spec_x), _padded(spec_y), pairs, orientation=orientation
+        _padded(spec_x),
+        _padded(spec_y),
+        pairs,
+        orientation=orientation,
+        hypotheses=hypotheses,
     )
     n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
-@partial(jax.jit, static_argnames="orientation")
+@partial(jax.jit, static_argnames=("orientation", "hypotheses"))
 def match_spectra(
     spec_x: Spectrum,
     spec_y: Spectrum,
     landmarks: Int[Array, "l 2"] | None = None,
     *,
     orientation: Orientation = "preserve",
+    hypotheses: int = HYPOTHESES,
 ) -> Match:
     """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Args:
         spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
-        landmarks, orientation: as `match`.
+        landmarks, orientation, hypotheses: as `match`.
     """
     desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
     if landmarks is not None:
@@ -90,7 +97,14 @@ def match_spectra(
         seen_y = jnp.maximum(hks(spec_y, landmarks[:, 1], num=10), 0)
         desc_x = jnp.concatenate([desc_x, seen_x], 1)
         desc_y = jnp.concatenate([desc_y, seen_y], 1)
-    found = search(spec_x, spec_y, desc_x, desc_y, orientation=orientation)
+    found = search(
+        spec_x,
+        spec_y,
+        desc_x,
+        desc_y,
+        orientation=orientation,
+        hypotheses=hypotheses,
+    )
     widest = min(len(spec_x.evals), len(spec_y.evals))
     ks = tuple(min(k, widest) for k in KS)
     start = (

@@ -41,7 +41,7 @@ THIRD = (30, 30, 30, 40)
 SAMPLES, FINAL_SAMPLES = 300, 1000
 FIT_K = 30
 FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
-PARENTS = 4
+HYPOTHESES = 258  # 34 starts, and 4 of them with 56 flips each
 APART = 0.04  # share of the leading block's energy in which two maps must differ
 COMPARED = 20  # size of that block
 BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
@@ -65,7 +65,7 @@ class Candidates(NamedTuple):
     orientation: Float[Array, " c"]
 
 
-@partial(jax.jit, static_argnames=("orientation", "num"))
+@partial(jax.jit, static_argnames=("orientation", "hypotheses", "num"))
 def search(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -73,6 +73,7 @@ def search(
     desc_y: Float[Array, "n_y d"],
     *,
     orientation: Orientation = "preserve",
+    hypotheses: int = HYPOTHESES,
     num: int = 6,
 ) -> Candidates:
     """The `num` best and different functional maps between two shapes.
@@ -82,10 +83,11 @@ def search(
         desc_x, desc_y: descriptors, positive (WKS, HKS); column i of one corresponds
             to column i of the other.
         orientation: which maps to put first; the others rank behind all of them.
+        hypotheses: how many maps to try at most, 90 or more; time grows with them.
         num: candidates to return.
 
     Raises:
-        ValueError: too few eigenpairs, or an unknown orientation.
+        ValueError: too few eigenpairs or hypotheses, or an unknown orientation.
     """
     k = SECOND[-1]
     for name, spec in (("x", spec_x), ("y", spec_y)):
@@ -98,6 +100,13 @@ def search(
             f"search: orientation is 'preserve', 'reverse' or 'any', not "
             f"{orientation!r}"
         )
+    signs, flips = _signs(), _flips()
+    starts = 2 * len(signs) + len(FITS)
+    if hypotheses < starts + len(flips):
+        raise ValueError(
+            f"search: hypotheses is {hypotheses}, the least is {starts + len(flips)}"
+        )
+    num_parents = min((hypotheses - starts) // len(flips), starts)
     few = _Samples.of(spec_x, spec_y, desc_x, desc_y, SAMPLES)
     more = _Samples.of(spec_x, spec_y, desc_x, desc_y, FINAL_SAMPLES)
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
@@ -115,7 +124,7 @@ def search(
     fits = [fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K) for w in weights]
     dtype = spec_x.evecs.dtype
     fitted = jnp.stack([f.C_yx[:FLIP_TO, :FLIP_TO] for f in fits]).astype(dtype)
-    signs = jnp.asarray(_signs(), dtype)
+    signs, flips = jnp.asarray(signs, dtype), jnp.asarray(flips, dtype)
     # Descriptors mend a start that the eigenfunctions alone lead astray, and the other
     # way round.
     parents = jnp.concatenate(
@@ -125,9 +134,8 @@ def search(
             few.zoom(fitted, FIRST[-2:], described=True),
         ]
     )
-    parents = parents[_different(parents, few.energy(parents), PARENTS)]
+    parents = parents[_different(parents, few.energy(parents), num_parents)]
 
-    flips = jnp.asarray(_flips(), dtype)
     children = parents[:, None, :FLIP_TO, :FLIP_TO] * flips[None, :, None, :]
     children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND, described=True)
     energy, _ = gated(few.energy(children), children)

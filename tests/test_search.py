@@ -1,6 +1,7 @@
 """What search refuses; what it finds is in test_match."""
 
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 from jfsf import testing
@@ -22,3 +23,14 @@ def test_too_few_eigenpairs_are_an_error(side):
 def test_an_unknown_orientation_is_an_error():
     with pytest.raises(ValueError, match="not 'up'"):
         search(SPEC, SPEC, DESC, jnp.ones_like(DESC), orientation="up")  # type: ignore
+
+
+def test_too_few_hypotheses_are_an_error():
+    with pytest.raises(ValueError, match="hypotheses is 89, the least is 90"):
+        search(SPEC, SPEC, DESC, DESC, hypotheses=89)
+
+
+def test_the_smallest_budget_finds_the_identity():
+    found = search(SPEC, SPEC, DESC, DESC, hypotheses=90, num=3)
+    assert np.array_equal(found.energy, np.sort(found.energy))
+    np.testing.assert_allclose(found.C_yx[0], np.eye(SECOND[-1]), atol=0.05)
