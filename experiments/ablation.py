@@ -81,8 +81,8 @@ def main() -> None:
 
     def aligned(_, pair: compare.Pair) -> Aligned:
         C_yx = compare.true_functional_map(pair)
-        emb = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
-        return Aligned(*emb, pair.spec_x.mass, pair.spec_y.mass)
+        emb_x, emb_y = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
+        return Aligned(emb_x, emb_y, pair.spec_x.mass, pair.spec_y.mass)
 
     compare.run(args, METHODS, aligned, k=args.k, functional=False)
 

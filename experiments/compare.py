@@ -95,10 +95,11 @@ def run(
         for names in pairs:
             missing = [m for m in args.methods if (*names, m) not in done]
             bar.advance(task, len(args.methods) - len(missing))
-            if missing:
-                pair = load_pair(args, names, k)
-                shared = prepare(names, pair)
-                ruler = _Ruler(pair, args.every, functional)
+            if not missing:
+                continue
+            pair = load_pair(args, names, k)
+            shared = prepare(names, pair)
+            ruler = _Ruler(pair, args.every, functional)
             for method in missing:
                 start = time.perf_counter()
                 maps = jax.block_until_ready(methods[method](shared))

@@ -16,7 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import results_file
 import trimesh
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, KDTree
 
 from jfsf.convert import nearest
 from jfsf.fmap import functional_map, truncate
@@ -52,8 +52,8 @@ def main() -> None:
 
 def errors(sphere_x: Mesh, sphere_y: Mesh, x: Mesh, y: Mesh) -> dict[str, list[float]]:
     """Mean geodesic error on Y at each of `KS`, by either matrix."""
-    T_xy = cKDTree(sphere_y.vertices).query(sphere_x.vertices)[1].astype(np.int32)
-    T_yx = cKDTree(sphere_x.vertices).query(sphere_y.vertices)[1].astype(np.int32)
+    T_xy = np.asarray(KDTree(sphere_y.vertices).query(sphere_x.vertices)[1], np.int32)
+    T_yx = np.asarray(KDTree(sphere_x.vertices).query(sphere_y.vertices)[1], np.int32)
     spec_x, spec_y = (_spectrum(mesh) for mesh in (x, y))
     at = np.arange(0, len(T_xy), EVERY)
     found = {"adjoint": [], "functional map": []}

@@ -56,8 +56,8 @@ def main() -> None:
 
     def aligned(_, pair: compare.Pair) -> Aligned:
         C_yx = compare.true_functional_map(pair)
-        emb = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
-        return Aligned(*emb, pair.spec_x.faces, pair.spec_y.faces)
+        emb_x, emb_y = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
+        return Aligned(emb_x, emb_y, pair.spec_x.faces, pair.spec_y.faces)
 
     compare.run(args, METHODS, aligned, k=args.k, functional=False)
 

@@ -23,10 +23,12 @@ from jfsf.descriptors import wks
 from jfsf.fit import fit
 from jfsf.fmap import embeddings, functional_map, truncate
 from jfsf.refine import icp, zoomout
-from jfsf.types import Maps
+from jfsf.spectrum import spectrum
+from jfsf.types import Maps, Mesh
 
 K = 100  # eigenfunctions that the metrics see, and ZoomOut ends with
 K_ICP = 50
+K_PMF = 500  # its authors' number
 KS = tuple(range(20, K + 1, 5))
 FIT_K = 30
 WKS_EVERY = 5
@@ -49,8 +51,8 @@ def convert(start: Start, C_yx, converter) -> Maps:
 
 
 def _icp(start: Start, converter) -> Maps:
-    specs = start.pair[2:]
-    C_yx = icp(*specs, start.C_yx(K_ICP), converter=converter, space="direct")
+    x, y = start.pair[2:]
+    C_yx = icp(x, y, start.C_yx(K_ICP), converter=converter, space="direct")
     return convert(start, C_yx, converter)
 
 
@@ -60,18 +62,29 @@ def _zoomout(start: Start, converter) -> Maps:
     return convert(start, C_yx, converter)
 
 
-def _meshes(start: Start):
+def _meshes(start: Start) -> tuple[Mesh, Mesh]:
     return start.pair.x.mesh, start.pair.y.mesh
+
+
+def _pmf(start: Start) -> Maps:
+    x, y = _meshes(start)
+    return pmf(spectrum(x, K_PMF), spectrum(y, K_PMF), start.maps.T_xy)
+
+
+def _bcicp(start: Start) -> Maps:
+    x, y = _meshes(start)
+    spec_x, spec_y = start.pair[2:]
+    return bcicp(x, y, spec_x, spec_y, start.maps)
 
 
 METHODS: dict[str, compare.Method] = {
     "Ini": lambda start: start.maps,
     "ICP": lambda start: _icp(start, nearest),
     "ICP (sink)": lambda start: _icp(start, sinkhorn),
-    "Deblur": lambda start: deblur(*start.pair[2:], start.C_yx(K_ICP)),
+    "Deblur": lambda start: deblur(start.pair[2], start.pair[3], start.maps),
     "RHM": lambda start: rhm(*_meshes(start), start.maps),
-    "PMF": lambda start: pmf(*start.pair[2:], start.maps),
-    "BCICP": lambda start: bcicp(*_meshes(start), *start.pair[2:], start.maps),
+    "PMF": _pmf,
+    "BCICP": _bcicp,
     "ZoomOut": lambda start: _zoomout(start, nearest),
     "ZoomOut (sink)": lambda start: _zoomout(start, sinkhorn),
 }

@@ -1,0 +1,84 @@
+"""The tables' runner: a killed run goes on, and nothing is lost or counted twice."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jfsf.types import Maps
+
+PAIRS = "man_walk man_up\nman_up man_walk\n"
+
+
+@pytest.fixture
+def compare(monkeypatch):
+    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "experiments")
+    import compare
+
+    return compare
+
+
+@pytest.fixture
+def args(tmp_path):
+    listed = tmp_path / "pairs.txt"
+    listed.write_text(PAIRS)
+    return SimpleNamespace(
+        data=None,
+        embedded=True,
+        pairs=listed,
+        spread=None,
+        within=None,
+        every=500,
+        methods=["first", "second"],
+        out=tmp_path / "table.json",
+    )
+
+
+def run(compare, args, calls, stop_at=None):
+    def method(name):
+        def maps(pair):
+            calls.append(name)
+            if len(calls) == stop_at:
+                raise KeyboardInterrupt
+            sizes = [len(spec.mass) for spec in pair[2:]]
+            to = 0 if name == "first" else 1
+            return Maps(*(jnp.full(n, to, jnp.int32) for n in sizes))
+
+        return maps
+
+    methods = {name: method(name) for name in ("first", "second")}
+    compare.run(args, methods, lambda _, pair: pair, k=6, functional=True)
+
+
+def test_a_killed_run_goes_on(compare, args):
+    calls = []
+    with pytest.raises(KeyboardInterrupt):
+        run(compare, args, calls, stop_at=4)
+    lines = args.out.with_suffix(".jsonl")
+    assert not args.out.exists()
+    with lines.open("a") as file:
+        file.write('{"x": "man_up", "y": "ma')  # torn by the kill
+    run(compare, args, calls)
+    assert calls == ["first", "second"] * 2 + ["second"]
+    record = json.loads(args.out.read_text())
+    keys = [(row["x"], row["y"], row["method"]) for row in record["rows"]]
+    assert len(keys) == len(set(keys)) == 4 and record["pairs"] == 2
+    for name in args.methods:
+        errors = [row["error"] for row in record["rows"] if row["method"] == name]
+        assert np.isclose(record["means"][name]["error"], np.mean(errors))
+        assert all(np.isfinite(row["chamfer"]) for row in record["rows"])
+    table = args.out.with_suffix(".md").read_text().splitlines()
+    assert table[0].startswith("| method | error x1000 |") and len(table) == 4
+    # Nothing is left to do, and the result does not change.
+    run(compare, args, calls)
+    assert len(calls) == 5 and json.loads(args.out.read_text()) == record
+
+
+def test_other_settings_are_not_mixed(compare, args):
+    run(compare, args, [])
+    args.every = 400
+    with pytest.raises(SystemExit, match="other settings .every."):
+        run(compare, args, [])
