@@ -171,20 +171,21 @@ def _leaders(best: Float[Array, "n bins"], k0: int, size: int):
     return which, jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
 
 
-def _measured(queries, near, points, valid_q, valid_p) -> Neighbours:
+def _measured(queries: Array, near: Array, points: Array, valid_q, valid_p):
     # What fills the last block is no point.
     inside = near < len(points)
     near = jnp.where(inside, near, 0)
-    blocks = jax.tree.map(
-        lambda a: _pad(a, ROWS).reshape(-1, ROWS, a.shape[1]), (queries, near)
+    in_blocks = lambda a: _pad(a, ROWS).reshape(-1, ROWS, a.shape[1])
+    found = jax.lax.map(
+        lambda block: _distances(block[0], block[1], points, valid_p),
+        (in_blocks(queries), in_blocks(near)),
     )
-    dist = jax.lax.map(lambda args: _distances(*args, points, valid_p), blocks)
-    dist = dist.reshape(-1, near.shape[1])[: len(queries)]
+    dist = jnp.reshape(found, (-1, near.shape[1]))[: len(queries)]
     dist = jnp.where(inside & valid_q[:, None], dist, jnp.inf)
     return Neighbours(jnp.where(jnp.isfinite(dist), near, 0), dist)
 
 
-def _chosen_from(points, valid):
+def _chosen_from(points: Array, valid) -> tuple[Array, Array]:
     """Which points can be chosen; the others must not reach a score as inf * 0."""
     finite = jnp.isfinite(points).all(1)
     valid = finite if valid is None else valid & finite

@@ -12,6 +12,7 @@ from jfsf.convert import sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import orient, validate
+from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
 from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
@@ -107,10 +108,14 @@ def match_spectra(
     )
     widest = min(len(spec_x.evals), len(spec_y.evals))
     ks = tuple(min(k, widest) for k in KS)
+    # Point clouds have no orientation; nan must not reach the embeddings.
+    way = jnp.sign(jnp.nan_to_num(found.orientation[0]))
     start = (
         found.C_yx[0],
         appearance(spec_x, desc_x),
         appearance(spec_y, desc_y),
+        way * bracket_fields(spec_x),
+        bracket_fields(spec_y),
     )
     C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_brief, weighted=True)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")

@@ -17,6 +17,8 @@ from jfsf.types import Spectrum
 PULLED = 8  # functions of Y pulled back, the constant left out
 SEEN = 20  # functions of X that see them
 
+MATTERS = 0.3  # root mean square of an oriented column; a descriptor's is 1
+
 _einsum = partial(jnp.einsum, optimize="optimal", precision=jax.lax.Precision.HIGHEST)
 
 
@@ -78,3 +80,48 @@ def score(
     on_y = _einsum("cd,dij->cij", C, brackets_y[:seen, 1:pulled, 1:pulled])
     norm = jnp.sqrt(jnp.sum(on_x**2) * jnp.sum(on_y**2))
     return jnp.where(norm > 0, jnp.sum(on_x * on_y) / norm, jnp.nan)
+
+
+@jax.jit
+def bracket_fields(spec: Spectrum) -> Float[Array, "n s s"]:
+    """{phi_a, phi_b} at each vertex, of the first `SEEN` eigenfunctions, smoothed.
+
+    Each is projected on as many eigenfunctions. Zeros for a point cloud.
+    """
+    seen = min(SEEN, len(spec.evals))
+    return _einsum("nc,cab->nab", spec.evecs[:, :seen], brackets(spec, k=seen))
+
+
+def carried_fields(
+    C_yx: Float[Array, "k_x k_y"],
+    field_x: Float[Array, "n_x s s"],
+    field_y: Float[Array, "n_y t t"],
+    mass_y: Float[Array, " n_y"],
+    size: Array | int,
+) -> tuple[Float[Array, "n_x p"], Float[Array, "n_y p"]]:
+    """Columns that agree where a map keeps orientation, and differ in sign where not.
+
+    Beside the brackets of pairs of Y's first `PULLED` eigenfunctions, as functions on
+    Y, stand those of what C_yx pulls back, on X. A point and the one behind it on a
+    thin body have normals that oppose, so these tell front from back.
+
+    Args:
+        C_yx: functions on Y pulled back to X.
+        field_x, field_y: `bracket_fields`.
+        mass_y: 0 on padding.
+        size: functions of Y that C_yx knows; may be traced. Columns of the others are
+            0.
+
+    Returns:
+        Columns to append to the embeddings, of root mean square `MATTERS` over Y.
+    """
+    pulled = min(PULLED + 1, field_y.shape[1], C_yx.shape[1])
+    low = C_yx[: field_x.shape[1], 1:pulled]
+    seen = len(low)
+    on_x = _einsum("nij,ia,jb->nab", field_x[:, :seen, :seen], low, low)
+    a, b = jnp.triu_indices(pulled - 1, 1)
+    on_x, on_y = on_x[:, a, b], field_y[:, 1:pulled, 1:pulled][:, a, b]
+    square = mass_y @ on_y**2
+    known = (b + 1 < size) & (square > 0)
+    scale = jnp.where(known, MATTERS / jnp.sqrt(jnp.where(known, square, 1)), 0)
+    return on_x * scale[None], on_y * scale[None]

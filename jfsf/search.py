@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from jfsf.descriptors import curvature, standardise
 from jfsf.fit import Weights, fit
 from jfsf.fmap import embeddings
-from jfsf.orientation import SEEN, brackets, score
+from jfsf.orientation import SEEN, bracket_fields, brackets, score
 from jfsf.refine.zoomout import zoomout
 from jfsf.sampling import farthest_points, restrict
 from jfsf.types import Maps, Spectrum
@@ -107,13 +107,15 @@ def search(
             f"search: hypotheses is {hypotheses}, the least is {starts + len(flips)}"
         )
     num_parents = min((hypotheses - starts) // len(flips), starts)
-    few = _Samples.of(spec_x, spec_y, desc_x, desc_y, SAMPLES)
-    more = _Samples.of(spec_x, spec_y, desc_x, desc_y, FINAL_SAMPLES)
+    # With "any" the fields are 0 and say nothing.
+    way = {"preserve": 1, "reverse": -1, "any": 0}[orientation]
+    few = _Samples.of(spec_x, spec_y, desc_x, desc_y, way, SAMPLES)
+    more = _Samples.of(spec_x, spec_y, desc_x, desc_y, way, FINAL_SAMPLES)
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
     sign = -1 if orientation == "reverse" else 1
 
     def gated(energy: Array, C_yx: Array) -> tuple[Array, Array]:
-        turned = jax.vmap(score, (0, None, None))(C_yx, wound_x, wound_y)
+        turned = jnp.asarray(jax.vmap(score, (0, None, None))(C_yx, wound_x, wound_y))
         if orientation != "any":
             # Point clouds have no score.
             half = jnp.where(jnp.isnan(turned), 0, TURNED * (1 - sign * turned))
@@ -172,9 +174,11 @@ class _Samples(NamedTuple):
     bent_y: Float[Array, "t b"]
     extra_x: Float[Array, "s e"]
     extra_y: Float[Array, "t e"]
+    field_x: Float[Array, "s k k"]
+    field_y: Float[Array, "t k k"]
 
     @classmethod
-    def of(cls, spec_x, spec_y, desc_x, desc_y, num):
+    def of(cls, spec_x, spec_y, desc_x, desc_y, sign, num):
         at_x = farthest_points(spec_x, num=min(num, len(spec_x.mass)))
         at_y = farthest_points(spec_y, num=min(num, len(spec_y.mass)))
         return cls(
@@ -186,10 +190,12 @@ class _Samples(NamedTuple):
             standardise(curvature(spec_y), spec_y.mass)[at_y],
             appearance(spec_x, desc_x)[at_x],
             appearance(spec_y, desc_y)[at_y],
+            sign * bracket_fields(spec_x)[at_x],
+            bracket_fields(spec_y)[at_y],
         )
 
     def zoom(self, C_yx, ks, *, described=False):
-        extra = (self.extra_x, self.extra_y) if described else ()
+        extra = self[-4:] if described else ()
         grow = lambda C: zoomout(
             self.spec_x,
             self.spec_y,

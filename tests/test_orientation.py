@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import jax.test_util
 import numpy as np
 import oracles
 import pytest
@@ -11,7 +12,15 @@ from hypothesis import strategies as st
 
 import jfsf.data
 from jfsf.fmap import functional_map
-from jfsf.orientation import PULLED, SEEN, brackets, score
+from jfsf.orientation import (
+    MATTERS,
+    PULLED,
+    SEEN,
+    bracket_fields,
+    brackets,
+    carried_fields,
+    score,
+)
 from jfsf.spectrum import spectrum
 from jfsf.testing import cast
 from jfsf.types import Mesh
@@ -185,3 +194,50 @@ def test_float32():
 def test_too_few_eigenpairs_are_an_error(k):
     with pytest.raises(ValueError, match=f"k is {k}, there are 30 eigenpairs"):
         brackets(SPEC, k=k)
+
+
+def test_fields_are_brackets_at_the_vertices():
+    fields = bracket_fields(SPEC)
+    assert fields.shape == (162, SEEN, SEEN)
+    back = jnp.einsum("nc,n,nab->cab", SPEC.evecs[:, :SEEN], SPEC.mass, fields)
+    np.testing.assert_allclose(back, brackets(SPEC, k=SEEN), atol=1e-10)
+
+
+def carried(C_yx, field_x, field_y, spec_y, size=SEEN):
+    return carried_fields(C_yx, field_x, field_y, spec_y.mass, size)
+
+
+def test_carried_fields_agree_under_the_true_map_and_tell_a_mirror():
+    fields = bracket_fields(SPEC)
+    on_x, on_y = carried(jnp.eye(SEEN), fields, fields, SPEC)
+    np.testing.assert_allclose(on_x, on_y, atol=1e-12)
+    assert on_y.shape[1] == PULLED * (PULLED - 1) // 2
+    np.testing.assert_allclose(SPEC.mass @ on_y**2, MATTERS**2)
+    # The mirror image has other eigenfunctions' signs, and C_yx goes with them.
+    other = spec_of(mirrored(blob()))
+    C_yx = functional_map(jnp.arange(162), SPEC, other)[:SEEN, :SEEN]
+    on_x, on_y = carried(C_yx, fields, bracket_fields(other), other)
+    np.testing.assert_allclose(on_x, -on_y, atol=1e-3)
+
+
+def test_functions_beyond_the_map_carry_nothing():
+    fields = bracket_fields(SPEC)
+    C_yx = jnp.eye(SEEN).at[4:].set(0)
+    on_x, on_y = carried(C_yx, fields, fields, SPEC, size=4)
+    first = carried(jnp.eye(4), fields, fields, SPEC, size=4)
+    for found, few in ((on_x, first[0]), (on_y, first[1])):
+        kept = np.flatnonzero(jnp.abs(found).max(0))
+        assert len(kept) == few.shape[1] == 3
+        np.testing.assert_allclose(found[:, kept], few, atol=1e-12)
+
+
+def test_a_cloud_carries_nothing():
+    fields = bracket_fields(SPEC._replace(faces=SPEC.faces[:0]))
+    for columns in carried(jnp.eye(SEEN), fields, fields, SPEC):
+        assert not columns.any()
+
+
+def test_carried_fields_have_slopes():
+    fields = bracket_fields(SPEC)
+    total = lambda C: sum(jnp.sum(c**3) for c in carried(C, fields, fields, SPEC))
+    jax.test_util.check_grads(total, (ANY,), 1, modes=("rev",), rtol=1e-4)

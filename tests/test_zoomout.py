@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from jfsf import testing
 from jfsf.convert import nearest, sinkhorn
 from jfsf.fmap import embeddings, functional_map
+from jfsf.orientation import bracket_fields
 from jfsf.padding import pad
 from jfsf.refine import zoomout
 
@@ -99,6 +100,31 @@ def test_padding_is_invisible(converter):
     np.testing.assert_allclose(padded, plain, atol=1e-8)
 
 
+def oriented(spec_x, spec_y, C, sign=1):
+    fields = sign * bracket_fields(spec_x), bracket_fields(spec_y)
+    return run(spec_x, spec_y, C, None, None, *fields, weighted=True)
+
+
+@settings(max_examples=5)
+@given(spectra, spectra, testing.permutations(N), testing.signs(K), testing.signs(K))
+def test_labels_and_signs_change_nothing_with_fields(spec_x, spec_y, order, by_x, by_y):
+    C = start(spec_x, spec_y)
+    other_x = testing.flip_signs(testing.relabel_spectrum(spec_x, order), by_x)
+    other_y = testing.flip_signs(spec_y, by_y)
+    moved = oriented(other_x, other_y, testing.flip_map(C, by_x, by_y))
+    plain = testing.flip_map(oriented(spec_x, spec_y, C), by_x, by_y)
+    np.testing.assert_allclose(moved, plain, atol=1e-8)
+
+
+def test_a_mirrored_shape_wants_the_other_sign():
+    spec_x, spec_y = pair(0)
+    C = start(spec_x, spec_y)
+    mirrored = spec_y._replace(faces=spec_y.faces[:, ::-1])
+    plain = oriented(spec_x, spec_y, C)
+    np.testing.assert_allclose(oriented(spec_x, mirrored, C, -1), plain, atol=1e-8)
+    assert np.abs(oriented(spec_x, mirrored, C) - plain).max() > 1e-3
+
+
 def test_vmap_equals_the_loop():
     pairs = [pair(seed) for seed in (0, 2, 4)]
     starts = [start(*p) for p in pairs]
@@ -141,3 +167,10 @@ def test_float32_agrees_but_for_near_ties():
 def test_errors(ks, message):
     with pytest.raises(ValueError, match="zoomout: " + message):
         zoomout(*pair(0), jnp.ones((20, 30)), ks=ks, converter=nearest)
+
+
+@pytest.mark.parametrize("one", ["extra", "field"])
+def test_one_of_a_pair_is_an_error(one):
+    with pytest.raises(ValueError, match=f"give both {one}_x and {one}_y, or neither"):
+        alone = {f"{one}_x": jnp.ones((N, 3, 3)[: 2 if one == "extra" else 3])}
+        zoomout(*pair(0), jnp.ones((20, 30)), **alone, ks=(9,), converter=nearest)

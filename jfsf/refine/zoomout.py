@@ -1,8 +1,8 @@
 """ZoomOut: alternate map and functional map while the basis grows.
 
 Melzi et al. (SIGGRAPH Asia 2019), as an instance of algorithm 1 of Pai et al. (CVPR
-2021), over any converter. Descriptors may stand beside the eigenfunctions, each column
-weighted by how well it corresponds so far.
+2021), over any converter. Descriptors and oriented products of gradients may stand
+beside the eigenfunctions, each column weighted by how well it corresponds so far.
 """
 
 from collections.abc import Callable
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.fmap import Space, embeddings, uniform
+from jfsf.orientation import carried_fields
 from jfsf.types import Spectrum
 
 # (emb_x, emb_y, marginal_x, marginal_y) -> a record with T_xy and T_yx.
@@ -30,6 +31,8 @@ def zoomout(
     C_yx: Float[Array, "k_x k_y"],
     extra_x: Float[Array, "n_x d"] | None = None,
     extra_y: Float[Array, "n_y d"] | None = None,
+    field_x: Float[Array, "n_x s s"] | None = None,
+    field_y: Float[Array, "n_y t t"] | None = None,
     *,
     ks: tuple[int, ...],
     converter: Converter,
@@ -48,6 +51,9 @@ def zoomout(
         C_yx: the start; its leading ks[0] x ks[0] block is used.
         extra_x, extra_y: columns to append to both embeddings, such as descriptors
             (`descriptors.standardise`): at small k they hold what the basis misses.
+        field_x, field_y: `orientation.bracket_fields`, to append columns that tell
+            front from back under the map so far; one of them negated asks for a map
+            that mirrors.
         ks: sizes of the basis, increasing; equal ones iterate in place.
         converter: `nearest`, `sinkhorn` or any other with their signature.
         space: "direct" is the field's and holds up while C_yx is still rough.
@@ -62,7 +68,7 @@ def zoomout(
 
     Raises:
         ValueError: ks is empty, decreases, or does not fit C_yx or the spectra; only
-            one of extra_x and extra_y is given.
+            one of extra_x and extra_y, or of field_x and field_y, is given.
     """
     if not ks or list(ks) != sorted(ks):
         raise ValueError(f"zoomout: ks must not be empty or decrease, got {ks}")
@@ -73,6 +79,9 @@ def zoomout(
         raise ValueError(f"zoomout: C_yx is {C_yx.shape}, ks starts at {ks[0]}")
     if (extra_x is None) != (extra_y is None):
         raise ValueError("zoomout: give both extra_x and extra_y, or neither")
+    if (field_x is None) != (field_y is None):
+        raise ValueError("zoomout: give both field_x and field_y, or neither")
+    fields = None if field_x is None else (field_x, field_y)
     extra = (
         (spec_x.evecs[:, :0] if extra_x is None else extra_x),
         (spec_y.evecs[:, :0] if extra_y is None else extra_y),
@@ -83,7 +92,8 @@ def zoomout(
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        step = _step(spec_x, spec_y, extra, width, converter, space, weighted, both)
+        options = (width, converter, space, weighted, both)
+        step = _step(spec_x, spec_y, extra, fields, *options)
         size = len(C_yx)
         if size < width:
             C_yx = jnp.pad(C_yx, (0, width - size))
@@ -96,7 +106,7 @@ def _width(k: int, last: int) -> int:
     return min(max(32, 1 << (k - 1).bit_length()), last)
 
 
-def _step(spec_x, spec_y, extra, width, converter, space, weighted, both):
+def _step(spec_x, spec_y, extra, fields, width, converter, space, weighted, both):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
     gram_x, gram_y = _dot(back_x, evecs_x), _dot(back_y, evecs_y)
@@ -111,6 +121,12 @@ def _step(spec_x, spec_y, extra, width, converter, space, weighted, both):
         )
         emb_x = jnp.concatenate([emb_x, extra[0].astype(emb_x.dtype)], 1)
         emb_y = jnp.concatenate([emb_y, extra[1].astype(emb_y.dtype)], 1)
+        if fields is not None:
+            turn_x, turn_y = carried_fields(
+                C_yx, fields[0], fields[1], spec_y.mass, ks[0]
+            )
+            emb_x = jnp.concatenate([emb_x, turn_x.astype(emb_x.dtype)], 1)
+            emb_y = jnp.concatenate([emb_y, turn_y.astype(emb_y.dtype)], 1)
         if weighted:
             differ = spec_x.mass @ (emb_x - emb_y[T_xy]) ** 2
             weight = jnp.where(T_xy[0] < 0, 1, 1 / jnp.sqrt(differ + SLACK))
