@@ -53,8 +53,9 @@ def run(compare, args, calls, stop_at=None):
     compare.run(args, methods, lambda _, pair: pair, k=6, functional=True)
 
 
-def test_a_killed_run_goes_on(compare, args):
+def test_a_killed_run_goes_on(compare, args, monkeypatch):
     calls = []
+    monkeypatch.setattr(compare, "QUICK", 0)
     with pytest.raises(KeyboardInterrupt):
         run(compare, args, calls, stop_at=4)
     lines = args.out.with_suffix(".jsonl")
