@@ -1,11 +1,10 @@
 """BCICP: each step does what it says, and together they repair maps."""
 
-from functools import importlib
+import importlib
+from functools import cache, partial
 
-import cache
 import jax.numpy as jnp
 import numpy as np
-import partial
 import pytest
 
 from jfsf import testing
