@@ -13,22 +13,15 @@ from typing import Any, NamedTuple
 
 import compare
 import datasets
+from authors_pair import REFERENCE
 from jaxtyping import Array, Float
 
 from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings
 from jfsf.types import Maps
 
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
-    "authors": {
-        "lam": 500.0,
-        "k0": 50,
-        "num_iters": 11,
-        "relax": 1.0,
-        "scale": "max",
-        "one_sided": 0.5,
-    },
+    "authors": REFERENCE,
     **{f"k0 {k0}": {"k0": k0} for k0 in (5, 20, 40)},
     **{f"lam {lam:g}": {"lam": lam} for lam in (5.0, 20.0, 40.0, 160.0, 320.0)},
     **{
@@ -80,8 +73,7 @@ def main() -> None:
     datasets.check_arguments(parser, args)
 
     def aligned(_, pair: compare.Pair) -> Aligned:
-        C_yx = compare.true_functional_map(pair)
-        emb_x, emb_y = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
+        emb_x, emb_y = compare.true_embeddings(pair)
         return Aligned(emb_x, emb_y, pair.spec_x.mass, pair.spec_y.mass)
 
     compare.run(args, METHODS, aligned, k=args.k, functional=False)

@@ -42,7 +42,7 @@ class Pair(NamedTuple):
 
 
 Method = Callable[[Any], Maps]
-# (names, pair, start) -> what the methods of a pair share; the clock does not count it.
+# (names, pair) -> what the methods of a pair share; the clock does not count it.
 Prepare = Callable[[tuple[str, str], Pair], Any]
 
 
@@ -191,6 +191,12 @@ def true_functional_map(pair: Pair) -> Float[Array, "k k"]:
     """C_yx of the ground truth: least squares over the template points."""
     on_x, on_y = pair.spec_x.evecs[pair.x.truth], pair.spec_y.evecs[pair.y.truth]
     return jnp.linalg.lstsq(on_x, on_y)[0]
+
+
+def true_embeddings(pair: Pair):
+    """The ground truth's functional map as aligned embeddings, adjoint (eq. 5)."""
+    C_yx = true_functional_map(pair)
+    return embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
 
 
 def load_pair(args: argparse.Namespace, names: tuple[str, str], k: int) -> Pair:

@@ -13,17 +13,15 @@ from typing import NamedTuple
 
 import compare
 import datasets
+from authors_pair import REFERENCE
 from jaxtyping import Array, Float, Int
 
 from jfsf.baselines import auction, cpd
 from jfsf.convert import nearest, precise, sinkhorn
 from jfsf.convert.precise import to_vertex
-from jfsf.fmap import embeddings
 from jfsf.types import Maps
 
-authors = partial(
-    sinkhorn, lam=500.0, k0=50, num_iters=11, relax=1.0, scale="max", one_sided=0.5
-)
+authors = partial(sinkhorn, **REFERENCE)
 
 
 class Aligned(NamedTuple):
@@ -55,8 +53,7 @@ def main() -> None:
     datasets.check_arguments(parser, args)
 
     def aligned(_, pair: compare.Pair) -> Aligned:
-        C_yx = compare.true_functional_map(pair)
-        emb_x, emb_y = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
+        emb_x, emb_y = compare.true_embeddings(pair)
         return Aligned(emb_x, emb_y, pair.spec_x.faces, pair.spec_y.faces)
 
     compare.run(args, METHODS, aligned, k=args.k, functional=False)
