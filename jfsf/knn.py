@@ -23,6 +23,7 @@ ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 BINS = 40  # bins a neighbour: one neighbour in some 80 shares a bin with a nearer one
+FEW = 32  # with more neighbours than this all points are compared, without bins
 FAR = 1e30  # below -FAR no score falls, and unlike inf it survives `_best`
 
 
@@ -93,7 +94,7 @@ def mutual_neighbours(
 
     The nearest is found, as exactly as float32 tells points apart. Of the others about
     one in a hundred is missed for a farther one, none where there are fewer than
-    2 `BINS` k0 points. Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
+    2 `BINS` k0 points or k0 is above `FEW`. Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
 
     Args:
         x, y: rows of one Euclidean space.
@@ -154,6 +155,8 @@ def mutual_neighbours(
 
 def _bin_size(n: int, k0: int) -> int:
     """Points a bin: a power of two that leaves `BINS` bins a neighbour."""
+    if k0 > FEW:
+        return 1
     return min(1 << max(n // (BINS * k0), 1).bit_length() - 1, ROWS)
 
 
