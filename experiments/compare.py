@@ -29,7 +29,7 @@ from jfsf.types import Maps, Spectrum
 GEOMETRIC = ("error", "bijectivity", "coverage", "smoothness")
 FUNCTIONAL = ("orthogonality", "laplacian", "zoomout_energy", "chamfer")
 TIMES_1000 = ("error", "bijectivity")
-QUICK = 20.0  # seconds
+QUICK = 4.0  # seconds
 
 
 class Pair(NamedTuple):

@@ -49,7 +49,7 @@ def check_arguments(parser: argparse.ArgumentParser, args: argparse.Namespace) -
 def pairs(args: argparse.Namespace) -> list[tuple[str, str]]:
     """The pairs asked for, in order, each once."""
     listed = args.pairs
-    if listed is None and not args.embedded:
+    if listed is None and not args.embedded and not args.within:
         found = [args.data / name for name in LISTS if (args.data / name).exists()]
         listed = found[0] if found else None
     if listed is None:

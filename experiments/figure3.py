@@ -59,7 +59,7 @@ def main() -> None:
 
 
 def _refined(start: table2.Start, every: int) -> dict:
-    specs, curves = start.pair[2:], {}
+    specs, curves = start.specs, {}
     for name, converter in CONVERTERS.items():
         C_yx, rounds = start.C_yx(table2.K_ICP), []
         for _ in range(ROUNDS):

@@ -21,10 +21,11 @@ from jfsf.baselines import bcicp, deblur, pmf, rhm
 from jfsf.convert import nearest, sinkhorn
 from jfsf.descriptors import wks
 from jfsf.fit import fit
-from jfsf.fmap import embeddings, functional_map, truncate
+from jfsf.fmap import embeddings, functional_map, truncate, uniform
+from jfsf.padding import bucket, pad
 from jfsf.refine import icp, zoomout
 from jfsf.spectrum import spectrum
-from jfsf.types import Maps, Mesh
+from jfsf.types import Maps, Mesh, Spectrum
 
 K = 100  # eigenfunctions that the metrics see, and ZoomOut ends with
 K_ICP = 50
@@ -35,8 +36,19 @@ WKS_EVERY = 5
 
 
 class Start(NamedTuple):
+    """specs: padded, so that pairs of nearly equal size share their programs."""
+
     pair: compare.Pair
+    specs: tuple[Spectrum, Spectrum]
     maps: Maps
+
+    @classmethod
+    def of(cls, pair: compare.Pair, maps: Maps) -> "Start":
+        x, y = (
+            pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
+            for spec in pair[2:]
+        )
+        return cls(pair, (x, y), maps)
 
     def C_yx(self, k: int) -> Float[Array, "k k"]:
         specs = (truncate(spec, k) for spec in self.pair[2:])
@@ -44,21 +56,20 @@ class Start(NamedTuple):
 
 
 def convert(start: Start, C_yx, converter) -> Maps:
-    specs = start.pair[2:]
-    emb = embeddings(C_yx, *(spec.evecs for spec in specs), space="direct")
-    maps = converter(*emb)
-    return Maps(maps.T_xy, maps.T_yx)
+    emb = embeddings(C_yx, *(spec.evecs for spec in start.specs), space="direct")
+    maps = converter(*emb, *(uniform(spec.mass) for spec in start.specs))
+    n_x, n_y = (len(spec.mass) for spec in start.pair[2:])
+    return Maps(maps.T_xy[:n_x], maps.T_yx[:n_y])
 
 
 def _icp(start: Start, converter) -> Maps:
-    x, y = start.pair[2:]
-    C_yx = icp(x, y, start.C_yx(K_ICP), converter=converter, space="direct")
+    first = start.C_yx(K_ICP)
+    C_yx = icp(*start.specs, first, converter=converter, space="direct")
     return convert(start, C_yx, converter)
 
 
 def _zoomout(start: Start, converter) -> Maps:
-    specs = start.pair[2:]
-    C_yx = zoomout(*specs, start.C_yx(KS[0]), ks=KS, converter=converter)
+    C_yx = zoomout(*start.specs, start.C_yx(KS[0]), ks=KS, converter=converter)
     return convert(start, C_yx, converter)
 
 
@@ -105,10 +116,10 @@ def start_of(args, names: tuple[str, str], pair: compare.Pair) -> Start:
     there = datasets.initial_map(args, x, y)
     back = datasets.initial_map(args, y, x)
     if there is None:
-        return Start(pair, _fitted(pair))
+        return Start.of(pair, _fitted(pair))
     if back is None:
-        return Start(pair, _reversed(pair, there))
-    return Start(pair, Maps(jnp.asarray(there), jnp.asarray(back)))
+        return Start.of(pair, _reversed(pair, there))
+    return Start.of(pair, Maps(jnp.asarray(there), jnp.asarray(back)))
 
 
 def _fitted(pair: compare.Pair) -> Maps:
