@@ -62,7 +62,7 @@ def connect(
     cluster = distributed.LocalCluster(
         n_workers=workers,
         threads_per_worker=1,
-        dashboard_address=None,  # type: ignore
+        dashboard_address="127.0.0.1:0",  # any port: two runs do not collide
         # Results are small: nothing to spill, and a large mesh may take what is free.
         memory_limit=0,
         env=env or {},

@@ -7,10 +7,10 @@ needs first (its spectrum, into the disk cache) is done once for all jobs that s
 
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
-from uuid import uuid4
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -52,26 +52,24 @@ def run(
     """Do what is not done yet, and tell of each job as it ends.
 
     A worker that dies is replaced and its job given to another, by dask; a job that
-    several workers died of has failed.
+    several workers died of, also when it was alone, has failed.
 
     Args:
         jobs: each with an `out` of its own.
         client: of `cluster.connect`. Workers must see the inputs and the folders of
             `out` under the same paths.
-        prepare: run once an input, before the work of its jobs; what it raises is why
-            they fail.
+        prepare: run once an input, before any work; what it raises is why the jobs of
+            that input fail.
         work: writes job.out. Both are functions of a module that workers can import.
         done: whether a job needs no work; `is_done` when absent.
         progress: called with how many inputs are prepared, and of how many.
 
     Yields:
-        One outcome a job, in the order in which they end.
+        One outcome a job, as they end.
 
     Raises:
         ValueError: two jobs have one `out`.
     """
-    from distributed import as_completed
-
     outs = {}
     for job in jobs:
         if (twin := outs.setdefault(job.out, job)) is not job:
@@ -85,28 +83,64 @@ def run(
         else:
             left.append(job)
     inputs = list(dict.fromkeys(path for job in left for path in job.inputs))
-    submit = lambda label, *call, **options: client.submit(
-        *call, key=f"{label}-{uuid4().hex}", pure=False, **options
-    )
-    # Prepared first of all: bad inputs show at once.
-    ready = {p: submit(p.name, _prepared, prepare, p, priority=1) for p in inputs}
-    futures = {
-        submit(job.out.name, _worked, work, job, [ready[p] for p in job.inputs]): job
-        for job in left
-    }
-    prepared = 0
-    for future in as_completed([*ready.values(), *futures]):
-        job = futures.pop(future, None)
-        if job is None:
-            prepared += 1
-            if progress is not None:
-                progress(prepared, len(inputs))
-            continue
-        try:
-            reason, seconds = future.result()
-        except Exception as error:  # the worker died, not the work
-            reason, seconds = _reason(error), math.nan
+    bad = {}
+    calls = {path: (_timed, prepare, path) for path in inputs}
+    for count, (path, (reason, _)) in enumerate(_results(client, calls), 1):
+        bad[path] = reason
+        if progress is not None:
+            progress(count, len(inputs))
+    calls = {}
+    for job in left:
+        reason = next((bad[path] for path in job.inputs if bad[path]), None)
+        if reason is not None:
+            yield Outcome(job, reason, False, math.nan)
+        else:
+            calls[job] = (_timed, work, job)
+    for job, (reason, seconds) in _results(client, calls):
         yield Outcome(job, reason, False, seconds)
+
+
+def _results(client, calls: dict) -> Iterator[tuple[Any, tuple[str | None, float]]]:
+    """(name, reason and seconds) of each call as it ends."""
+    from distributed import KilledWorker, as_completed
+
+    submit = lambda name: client.submit(*calls[name], pure=False)
+    waiting, going, suspects = deque(calls), {}, []
+    # Without its loop it would take that of whichever client is the latest.
+    futures = as_completed(loop=client.loop)
+
+    # dask blames whatever a worker had when it died, so no worker is to have more than
+    # it can do at once.
+    def feed():
+        room = max(1, sum(client.nthreads().values()))
+        while waiting and len(going) < room:
+            name = waiting.popleft()
+            future = submit(name)
+            going[future] = name
+            futures.add(future)
+
+    feed()
+    for future in futures:
+        name = going.pop(future)
+        if isinstance(_error(future), KilledWorker):
+            suspects.append(name)
+        else:
+            yield name, _result(future)
+        feed()
+    # One by one the guilty kill only themselves.
+    for name in suspects:
+        yield name, _result(submit(name))
+
+
+def _error(future) -> BaseException | None:
+    return future.exception() if future.status == "error" else None
+
+
+def _result(future) -> tuple[str | None, float]:
+    try:
+        return future.result()
+    except Exception as error:  # the worker's, not the work's: that is caught there
+        return _reason(error), math.nan
 
 
 def is_done(job: Job) -> bool:
@@ -118,20 +152,10 @@ def is_done(job: Job) -> bool:
         return False
 
 
-def _prepared(prepare, path) -> str | None:
-    try:
-        prepare(path)
-    except Exception as error:
-        return _reason(error)
-
-
-def _worked(work, job, reasons) -> tuple[str | None, float]:
+def _timed(function, argument) -> tuple[str | None, float]:
     start = time.perf_counter()
-    reason = next(filter(None, reasons), None)
-    if reason is not None:
-        return reason, math.nan
     try:
-        work(job)
+        function(argument)
     except Exception as error:
         return _reason(error), time.perf_counter() - start
     return None, time.perf_counter() - start
