@@ -183,22 +183,28 @@ def each(
     share = -(-share // together) * together
     call = partial(_spread, function, tuple(sorted(options.items())), mesh, together)
 
-    inputs = [jax.tree.map(_canonical, given) for given in inputs]
+    found: dict[int, Any] = {}
+
+    def finish(group):
+        try:
+            results = _call(call, mesh, share, [given for _, given in group])
+        except ValueError as error:
+            raise ValueError(f"pair {group[0][0]}: {error}") from error
+        found.update((at, new) for (at, _), new in zip(group, results, strict=True))
+        group.clear()
+
+    # As they come, so that no more than a call of each kind is padded at a time.
     alike = defaultdict(list)
     for at, given in enumerate(inputs):
+        given = jax.tree.map(_canonical, given)
         leaves, tree = jax.tree.flatten(given)
-        alike[tree, *((leaf.shape, leaf.dtype) for leaf in leaves)].append(at)
-    found: list[Any] = [None] * len(inputs)
-    for group in alike.values():
-        for start in range(0, len(group), share * mesh.size):
-            places = group[start : start + share * mesh.size]
-            try:
-                results = _call(call, mesh, share, [inputs[at] for at in places])
-            except ValueError as error:
-                raise ValueError(f"pair {places[0]}: {error}") from error
-            for at, result in zip(places, results, strict=True):
-                found[at] = result
-    return found
+        group = alike[tree, *((leaf.shape, leaf.dtype) for leaf in leaves)]
+        group.append((at, given))
+        if len(group) == share * mesh.size:
+            finish(group)
+    for group in filter(None, alike.values()):
+        finish(group)
+    return [found[at] for at in range(len(found))]
 
 
 def _call(call, mesh, share, inputs):
