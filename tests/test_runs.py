@@ -173,11 +173,11 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     folder = tmp_path / "run"
     folder.mkdir()
     made = lambda: len(list(folder.glob("*.out")))
-    kill_when(process(driver, folder, *pairs), made, 3, 100)
+    kill_when(process(driver, folder, *pairs), made, 3, 300)
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.out")}
     assert 3 <= len(before) < len(pairs)
     again = process(driver, folder, *pairs)
-    said, errors = again.communicate(timeout=200)
+    said, errors = again.communicate(timeout=400)
     assert again.returncode == 0, errors
     assert made() == len(pairs) and int(said) == len(before)
     for pair in pairs:
