@@ -1,4 +1,4 @@
-"""jfsf demo | match | evaluate | info: the command line.
+"""jfsf demo | match | batch | evaluate | info: the command line.
 
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
 """
@@ -16,7 +16,9 @@ from rich.console import Console
 from rich.table import Table
 from typer.core import TyperGroup
 
+from jfsf.cli_batch import batch
 from jfsf.cli_files import (
+    Orientation,
     can_write,
     matchable,
     need_matplotlib,
@@ -49,12 +51,6 @@ app = typer.Typer(
     rich_markup_mode="rich",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-
-class Orientation(StrEnum):
-    preserve = "preserve"
-    reverse = "reverse"
-    any = "any"
 
 
 class Up(StrEnum):
@@ -198,6 +194,9 @@ def match(
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in filter(None, (out, png)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+app.command()(batch)
 
 
 @app.command()

@@ -1,6 +1,7 @@
 """What the command line reads and writes, and refuses."""
 
 import tempfile
+from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -9,6 +10,12 @@ import numpy as np
 from jfsf.types import Mesh
 
 FEWEST = 160  # vertices; see `match`
+
+
+class Orientation(StrEnum):
+    preserve = "preserve"
+    reverse = "reverse"
+    any = "any"
 
 
 def can_write(path: Path, suffix: str) -> None:

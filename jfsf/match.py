@@ -58,22 +58,50 @@ def match(
         MeshError: a mesh that cannot be matched, with the reason.
         ValueError: bad landmarks, too few hypotheses, or an unknown orientation.
     """
-    mesh_x, mesh_y = _oriented("mesh_x", mesh_x), _oriented("mesh_y", mesh_y)
-    pairs = _landmarks(landmarks, len(mesh_x.vertices), len(mesh_y.vertices))
+    _check("mesh_x", mesh_x)
+    _check("mesh_y", mesh_y)
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    pairs = _landmarks(landmarks, n_x, n_y)
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
-    k = _eigenpairs(len(mesh_x.vertices), len(mesh_y.vertices))
-    spec_x = _spectrum("mesh_x", mesh_x, k, cache)
-    spec_y = _spectrum("mesh_y", mesh_y, k, cache)
+    spec_x, spec_y = common(
+        basis(mesh_x, name="mesh_x", cache=cache),
+        basis(mesh_y, name="mesh_y", cache=cache),
+    )
     found = match_spectra(
-        _padded(spec_x),
-        _padded(spec_y),
+        _on_device(spec_x),
+        _on_device(spec_y),
         pairs,
         orientation=orientation,
         hypotheses=hypotheses,
     )
-    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
+
+
+def basis(mesh: Mesh, *, name: str = "mesh", cache: bool = True) -> Spectrum:
+    """The spectrum that `match` gives a shape, whatever it is matched with.
+
+    Args:
+        mesh: as `match` takes it; its faces are wound outward first.
+        name, cache: as `spectrum`.
+
+    Returns:
+        As `spectrum`, with `K` eigenpairs, fewer for fewer than 4 `K` vertices.
+
+    Raises:
+        MeshError: as `match`.
+    """
+    _check(name, mesh)
+    wound = orient(mesh) if len(mesh.faces) else mesh
+    # The upper quarter of a mesh's spectrum says more of its triangles than its shape.
+    k = max(SECOND[-1], min(K, len(mesh.vertices) // 4))
+    return spectrum(wound, k, name=name, cache=cache)
+
+
+def common(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """Both, cut to as many eigenpairs: `match_spectra` wants as many of each."""
+    k = min(len(spec_x.evals), len(spec_y.evals))
+    return truncate(spec_x, k), truncate(spec_y, k)
 
 
 @partial(jax.jit, static_argnames=("orientation", "hypotheses"))
@@ -126,33 +154,14 @@ def match_spectra(
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 
-def _eigenpairs(n_x: int, n_y: int) -> int:
-    # The upper quarter of a mesh's spectrum says more of its triangles than its shape.
-    return max(SECOND[-1], min(K, n_x // 4, n_y // 4))
-
-
-def _oriented(name: str, mesh: Mesh) -> Mesh:
+def _check(name: str, mesh: Mesh) -> None:
     validate(mesh, k=SECOND[-1], name=name)
-    return orient(mesh) if len(mesh.faces) else mesh
 
 
-def _spectrum(name: str, mesh: Mesh, k: int, cache: bool) -> Spectrum:
-    found = spectrum(mesh, k, name=name, cache=cache)
-    return jax.tree.map(jnp.asarray, _in_default_precision(found))
-
-
-def _padded(spec: Spectrum) -> Spectrum:
-    return pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
-
-
-def _in_default_precision(spec: Spectrum) -> Spectrum:
-    dtype = jnp.zeros(0).dtype
-    return spec._replace(
-        evals=spec.evals.astype(dtype),
-        evecs=spec.evecs.astype(dtype),
-        mass=spec.mass.astype(dtype),
-        vertices=spec.vertices.astype(dtype),
-    )
+def _on_device(spec: Spectrum) -> Spectrum:
+    # Padded first: what is done to jax arrays of each size compiles for each size.
+    spec = pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
+    return jax.tree.map(jnp.asarray, spec)
 
 
 def _landmarks(landmarks, n_x: int, n_y: int):

@@ -1,0 +1,165 @@
+"""Many pairs in one call against the loop over them, from spectra to maps.
+
+Pairs of embedded shapes, simplified to some 1000 vertices of unequal number. Everything
+in one run, round after round, so that a busy moment hits all alike.
+
+    python experiments/bench_batch.py [--pairs 32] [--vertices 1000] [--out RESULT.json]
+"""
+
+import argparse
+from functools import partial
+from itertools import permutations
+from pathlib import Path
+
+import fast_simplification
+import jax
+import numpy as np
+import results_file
+from bench_filter import interleave
+
+import jfsf
+from jfsf import batch, data
+from jfsf.convert import sinkhorn
+from jfsf.fmap import embeddings
+from jfsf.match import basis, common
+from jfsf.padding import bucket, pad
+from jfsf.search import HYPOTHESES
+from jfsf.types import Maps, Mesh
+
+LOOP = "loop"
+
+
+def simplified(name: str, vertices: int) -> Mesh:
+    """An embedded shape with about so many vertices."""
+    mesh = data.load(name).mesh
+    points, faces = fast_simplification.simplify(
+        mesh.vertices.astype(np.float32), mesh.faces, target_count=2 * vertices, agg=3
+    )[:2]
+    return Mesh(points.astype(np.float64), faces.astype(np.int32))
+
+
+def match_loop(xs, ys, hypotheses):
+    """`jfsf.match` from the spectra on, pair by pair."""
+    found = []
+    for pair in zip(xs, ys, strict=True):
+        x, y = (
+            pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
+            for spec in common(*pair)
+        )
+        x, y = jax.device_put((x, y))
+        one = jax.device_get(jfsf.match_spectra(x, y, hypotheses=hypotheses))
+        n_x, n_y = (len(spec.mass) for spec in pair)
+        found.append(one._replace(T_xy=one.T_xy[:n_x], T_yx=one.T_yx[:n_y]))
+    return found
+
+
+def convert_loop(embs_x, embs_y):
+    """`sinkhorn`, pair by pair, padded: else each pair of sizes is a program."""
+    found = []
+    for pair in zip(embs_x, embs_y, strict=True):
+        padded, real = zip(*(_padded(emb) for emb in pair), strict=True)
+        maps = jax.device_get(sinkhorn(*jax.device_put((*padded, *real))))
+        n_x, n_y = map(len, pair)
+        found.append(Maps(maps.T_xy[:n_x], maps.T_yx[:n_y]))
+    return found
+
+
+def _padded(emb):
+    n = len(emb)
+    size = bucket(n)
+    return np.pad(emb, ((0, size - n), (0, 0))), np.float32((np.arange(size) < n) / n)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--pairs", type=int, default=32)
+    parser.add_argument("--vertices", type=int, default=1000)
+    parser.add_argument("--hypotheses", type=int, default=HYPOTHESES)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--together", type=int, nargs="+", help="pairs vmapped at a time; default: all"
+    )
+    parser.add_argument(
+        "--only", choices=("convert", "match"), help="one of the two contests"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_batch.json"
+    )
+    args = parser.parse_args()
+    names = data.names()
+    # Shapes of unequal size, as files have; all on one rung.
+    specs = {
+        name: basis(simplified(name, args.vertices - 20 * i))
+        for i, name in enumerate(names)
+    }
+    chosen = list(permutations(names, 2))
+    chosen = [chosen[i % len(chosen)] for i in range(args.pairs)]
+    xs, ys = ([specs[pair[side]] for pair in chosen] for side in (0, 1))
+    sizes = sorted(len(spec.mass) for spec in specs.values())
+    print(f"{args.pairs} pairs, {sizes[0]} to {sizes[-1]} vertices")
+
+    together = args.together or [1, args.pairs]
+    contests = {}
+    if args.only != "match":
+        eye = np.eye(100, dtype=np.float32)
+        pairs = [
+            jax.device_get(
+                embeddings(eye, *(spec.evecs.astype(np.float32) for spec in p))
+            )
+            for p in zip(xs, ys, strict=True)
+        ]
+        embs = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+        run = partial(batch.convert, *embs, pairs=args.pairs)
+        contests["convert"] = {
+            LOOP: partial(convert_loop, *embs),
+            **{f"batch, {t} vmapped": partial(run, together=t) for t in together},
+        }
+    if args.only != "convert":
+        run = partial(
+            batch.match_spectra, xs, ys, pairs=args.pairs, hypotheses=args.hypotheses
+        )
+        contests["match"] = {
+            LOOP: partial(match_loop, xs, ys, args.hypotheses),
+            **{f"batch, {t} vmapped": partial(run, together=t) for t in together},
+        }
+    rows = {}
+    for contest, contestants in contests.items():
+        found = interleave(contestants, args.repeats)
+        wanted = contestants[LOOP]()
+        for name, row in found.items():
+            row["warm_a_pair"] = row["warm"] / args.pairs
+            row["loop_over_this"] = found[LOOP]["warm"] / row["warm"]
+            row["same_as_loop"] = _alike(contestants[name](), wanted)
+            print(
+                f"{contest:8s} {name:20s} {row['warm_a_pair']:.4f} s a pair warm, cold "
+                f"{row['cold']:.1f} s, loop takes {row['loop_over_this']:.2f} x that, "
+                f"{row['same_as_loop']:.1%} of the vertices as the loop"
+            )
+        rows[contest] = found
+    settings = {
+        "pairs": args.pairs,
+        "vertices": [sizes[0], sizes[-1]],
+        "hypotheses": args.hypotheses,
+        "devices": len(jax.local_devices()),
+        "repeats": args.repeats,
+        "seed": None,
+        "convert": "sinkhorn on 100 eigenfunctions, C_yx the identity",
+        "match": "from the spectra on",
+        "precision": "float32",
+    }
+    results_file.write(args.out, settings=settings, rows=rows)
+
+
+def _alike(found, wanted) -> float:
+    return float(
+        np.mean(
+            [
+                (one.T_xy == two.T_xy).mean()
+                for one, two in zip(found, wanted, strict=True)
+            ]
+        )
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,381 @@
+"""Long runs: what is done stays done, what fails is told, the rest goes on."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from jfsf import testing
+from jfsf.cli import app
+from jfsf.cluster import connect
+from jfsf.mapfiles import read_match
+from jfsf.pairlist import read_pairs
+from jfsf.runs import Job, run
+from jfsf.types import Certificate, Match
+
+dask = pytest.importorskip("dask")
+distributed = pytest.importorskip("distributed")
+ROOT = Path(__file__).parents[1]
+
+
+# What the workers do in place of matching: slow enough to be killed in the middle.
+def prepare(path):
+    with (path.parent / "prepared.log").open("a") as log:
+        log.write(path.name + "\n")
+    if path.read_text() == "bad":
+        raise ValueError(f"{path}: is bad")
+
+
+def work(job):
+    time.sleep(0.1)
+    text = "".join(path.read_text() for path in job.inputs)
+    if text == "crash":
+        raise ZeroDivisionError("by zero")
+    if "deadly" in text:
+        os._exit(1)
+    if "fragile" in text and not (mark := job.out.with_suffix(".mark")).exists():
+        mark.touch()
+        os._exit(1)
+    part = job.out.with_suffix(".tmp")
+    part.write_text(text)
+    part.replace(job.out)
+
+
+@pytest.fixture(scope="module")
+def client():
+    """Workers that are threads of this process."""
+    with distributed.Client(
+        processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
+    ) as client:
+        yield client
+
+
+def jobs_of(folder, pairs, **texts):
+    for name in sorted(set("".join(pairs))):
+        if not (path := folder / name).exists():
+            path.write_text(texts.get(name, name))
+    return [
+        Job(tuple(folder / name for name in pair), folder / f"{pair}.out")
+        for pair in pairs
+    ]
+
+
+def outcomes(jobs, client):
+    found = {o.job.out.stem: o for o in run(jobs, client, prepare=prepare, work=work)}
+    assert len(found) == len(jobs)
+    return found
+
+
+def test_each_input_is_prepared_once(client, tmp_path):
+    steps = []
+    jobs = jobs_of(tmp_path, ["ab", "bc", "ca", "aa"])
+    found = list(
+        run(
+            jobs,
+            client,
+            prepare=prepare,
+            work=work,
+            progress=lambda *step: steps.append(step),
+        )
+    )
+    assert {o.job for o in found} == set(jobs)
+    assert all(o.reason is None and not o.earlier and o.seconds > 0 for o in found)
+    assert [job.out.read_text() for job in jobs] == ["ab", "bc", "ca", "aa"]
+    log = (tmp_path / "prepared.log").read_text().split()
+    assert sorted(log) == ["a", "b", "c"]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_bad_ones_are_told_and_the_rest_goes_on(client, tmp_path):
+    jobs = jobs_of(tmp_path, ["ab", "bc", "cd", "de"], b="bad", d="crash", e="")
+    (tmp_path / "c").unlink()
+    found = outcomes([*jobs, *jobs_of(tmp_path, ["fg"])], client)
+    assert found["ab"].reason == found["bc"].reason == f"{tmp_path / 'b'}: is bad"
+    assert "No such file" in found["cd"].reason and str(tmp_path / "c") in (
+        found["cd"].reason
+    )
+    assert found["de"].reason == "ZeroDivisionError: by zero"
+    assert found["fg"].reason is None
+    assert [path.name for path in tmp_path.glob("*.out")] == ["fg.out"]
+
+
+def test_only_what_is_not_done_is_done(client, tmp_path):
+    jobs = jobs_of(tmp_path, ["ab", "bc", "cd", "ef"])
+    outcomes(jobs, client)
+    for job in jobs:
+        os.utime(job.out, (2e9, 2e9))
+    os.utime(tmp_path / "d", (3e9, 3e9))  # edited since
+    (tmp_path / "a").unlink()
+    (tmp_path / "prepared.log").unlink()
+    found = outcomes(jobs, client)
+    assert found["bc"].earlier and found["ef"].earlier and not found["cd"].earlier
+    assert "No such file" in found["ab"].reason
+    assert (tmp_path / "bc.out").stat().st_mtime == 2e9
+    assert sorted((tmp_path / "prepared.log").read_text().split()) == list("abcd")
+
+
+def test_two_jobs_want_one_file(client, tmp_path):
+    one, two = jobs_of(tmp_path, ["ab", "cd"])
+    with pytest.raises(ValueError, match="ab.out is the file of .*a and .*b and of"):
+        list(run([one, two._replace(out=one.out)], client, prepare=prepare, work=work))
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+from jfsf.cluster import connect
+from test_runs import outcomes, jobs_of
+if __name__ == "__main__":
+    with connect(workers=2) as client:
+        found = outcomes(jobs_of(Path(sys.argv[1]), sys.argv[2:]), client)
+        assert all(o.reason is None for o in found.values()), found
+        print(sum(o.earlier for o in found.values()))
+"""
+
+
+def process(*command, **env):
+    paths = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
+    return subprocess.Popen(
+        [sys.executable, *map(str, command)],
+        env={**os.environ, "PYTHONPATH": paths, "JAX_PLATFORMS": "cpu", **env},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def kill_when(process, there, count, seconds):
+    """SIGKILL once `there()` counts that many."""
+    try:
+        for _ in range(10 * seconds):
+            if there() >= count:
+                break
+            assert process.poll() is None, process.communicate()
+            time.sleep(0.1)
+        process.send_signal(signal.SIGKILL)
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def test_a_killed_run_goes_on_where_it_was(tmp_path):
+    (driver := tmp_path / "driver.py").write_text(DRIVER)
+    pairs = [a + b for a in "abcdefgh" for b in "abcd"]
+    folder = tmp_path / "run"
+    folder.mkdir()
+    made = lambda: len(list(folder.glob("*.out")))
+    kill_when(process(driver, folder, *pairs), made, 3, 300)
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*.out")}
+    assert 3 <= len(before) < len(pairs)
+    again = process(driver, folder, *pairs)
+    said, errors = again.communicate(timeout=400)
+    assert again.returncode == 0, errors
+    assert made() == len(pairs) and int(said) == len(before)
+    for pair in pairs:
+        assert (folder / f"{pair}.out").read_text() == pair
+    assert all(path.stat().st_mtime_ns == then for path, then in before.items())
+
+
+def test_a_killed_worker_is_replaced(tmp_path):
+    texts = {"b": "deadly", "c": "fragile"}
+    jobs = jobs_of(tmp_path, ["ab", "ac", "ad", "dd"], **texts)
+    # Each death costs seconds: one is enough to suspect a job.
+    once = dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    with once, connect(workers=2, env={"JFSF_TEST": "1"}) as client:
+        assert client.submit(os.getenv, "JFSF_TEST").result() == "1"
+        found = outcomes(jobs, client)
+    assert "KilledWorker: Attempted to run" in str(found["ab"].reason)
+    for name in ("ac", "ad", "dd"):
+        assert found[name].reason is None, found[name]
+        assert (tmp_path / f"{name}.out").exists()
+
+
+def test_connect_refuses():
+    with pytest.raises(ValueError, match="workers is 0"), connect(workers=0):
+        pass
+    with (
+        pytest.raises(ValueError, match="those of here:1"),
+        connect("here:1", workers=1),
+    ):
+        pass
+
+
+def test_a_scheduler_that_is_not_there(monkeypatch):
+    monkeypatch.setattr("jfsf.cluster.TIMEOUT", 1)
+    with pytest.raises(OSError, match="no dask scheduler answers at tcp://127"):
+        with connect("tcp://127.0.0.1:9"):
+            pass
+
+
+def test_dask_is_optional(monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(ImportError, match=r"pip install 'jfsf\[batch\]'"), connect():
+        pass
+
+
+def test_pairs_are_read(tmp_path):
+    path = tmp_path / "pairs.csv"
+    path.write_text(
+        '\ufeffX, Y\n# both of one person\na.off, sub/b.off\n\n"c,d.off",/e/f.obj\n'
+        "a.off,sub/b.off\n../g.off,a.off\n",
+        encoding="utf-8",
+    )
+    found = read_pairs(path)
+    assert [(pair.x, pair.y) for pair in found] == [
+        (tmp_path / "a.off", tmp_path / "sub/b.off"),
+        (tmp_path / "c,d.off", Path("/e/f.obj")),
+        (tmp_path / "../g.off", tmp_path / "a.off"),
+    ]
+    assert [pair.name for pair in found] == [
+        "a.off__sub-b.off",
+        "c,d.off__e-f.obj",
+        "g.off__a.off",
+    ]
+
+
+@pytest.mark.parametrize(
+    "text, message",
+    [
+        ("", "has no pairs"),
+        ("x,y\n", "has no pairs"),
+        ("a.off,b.off\nc.off;d.off\n", "line 2 is 'c.off;d.off'"),
+        ("a.off,\n", "line 1 is 'a.off,'"),
+        ("a.off,b.off,c.off\n", "line 1 is"),
+        ("a/b.off,c\nd,e\na-b.off,c\n", "lines 1 and 3 would both be named"),
+    ],
+)
+def test_bad_lists(tmp_path, text, message):
+    (path := tmp_path / "pairs.csv").write_text(text)
+    with pytest.raises(ValueError, match=f"{path}: .*{message}"):
+        read_pairs(path)
+
+
+def test_not_text(tmp_path):
+    (path := tmp_path / "pairs.csv").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(ValueError, match="is not a CSV file"):
+        read_pairs(path)
+
+
+def write_off(path, mesh):
+    with path.open("w") as file:
+        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
+        np.savetxt(file, mesh.vertices, "%.17g")
+        np.savetxt(file, np.insert(mesh.faces, 0, 3, axis=1), "%d")
+
+
+def blobs(folder, count):
+    for i in range(count):
+        write_off(folder / f"{i}.off", testing.blob(i))
+    (folder / "bad.off").write_text("OFF\n1 1 0\n0 0 0\n3 0 1 2\n")
+
+
+def batch(pairs, out, *args):
+    args = "batch", pairs, "--out", out, *args
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def found_by_a_fake(mesh_x, mesh_y, **_):
+    values = {"orientation": 0.9, "finite": True, "gap": 0.5, "bijectivity_x": 0.5}
+    certificate = Certificate(
+        *(jnp.asarray(values.get(name, 0.0)) for name in Certificate._fields)
+    )
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    return Match(np.arange(n_x) % n_y, np.arange(n_y) % n_x, jnp.eye(3), certificate)
+
+
+def test_the_command(client, tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(sys.modules["jfsf.match"], "match", found_by_a_fake)
+    blobs(tmp_path, 2)
+    (pairs := tmp_path / "pairs.csv").write_text("x,y\n0.off,1.off\n1.off,bad.off\n")
+    out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
+    result = batch(pairs, out, *at)
+    assert result.exit_code == 1, result.output
+    assert "2 pairs: 1 matched (0 of them earlier), 1 failed" in _words(result.stdout)
+    assert re.search(r"failed: .*1.off, .*bad.off: .*bad.off: ", result.stdout)
+    assert read_match(out / "0.off__1.off.npz").T_xy.shape == (162,)
+    record = json.loads((out / "summary.json").read_text())
+    good, bad = record["pairs"]
+    assert good["x"] == str(tmp_path / "0.off") and good["n_y"] == 162
+    assert good["orientation"] == 0.9 and good["reason"] == "" and good["warnings"]
+    assert bad["file"] == "" and bad["coverage_xy"] is None
+    lines = (out / "summary.csv").read_text().splitlines()
+    assert len(lines) == 3 and lines[0].startswith("x,y,file,reason,")
+    # One spectrum a good mesh.
+    assert len(list((tmp_path / "cache").glob("*.npz"))) == 2
+
+    # The bad mesh leaves; what a killed run left, and a damaged file, go.
+    pairs.write_text("0.off,1.off\n1.off,0.off\n")
+    assert batch(pairs, out, *at).exit_code == 0
+    (out / ".left.npz.1.tmp").touch()
+    (out / "1.off__0.off.npz").write_bytes(b"PK")
+    result = batch(pairs, out, *at)
+    assert result.exit_code == 0, result.output
+    assert "2 pairs: 2 matched (1 of them earlier), 0 failed" in _words(result.stdout)
+    assert not list(out.glob("*.tmp"))
+    assert read_match(out / "1.off__0.off.npz").T_xy.shape == (162,)
+
+    result = batch(pairs, out, *at, "--orientation", "any")
+    assert result.exit_code == 1 and "name another folder" in result.stderr
+    assert batch(tmp_path / "none.csv", out, *at).exit_code == 1
+
+
+def _words(text):
+    return " ".join(text.split())
+
+
+def test_help_has_an_example():
+    assert "Example: jfsf batch" in CliRunner().invoke(app, ["batch", "--help"]).stdout
+
+
+@pytest.mark.slow  # matches in earnest: two compilations, 40 pairs twice
+def test_forty_pairs_killed_in_the_middle(tmp_path):
+    blobs(tmp_path, 10)
+    pairs = [(i, j) for i in range(10) for j in range(i)][:40]
+    (listed := tmp_path / "pairs.csv").write_text(
+        "".join(f"{i}.off,{j}.off\n" for i, j in pairs) + "0.off,bad.off\n"
+    )
+    command = "-m", "jfsf", "batch", listed, "--workers", 2, "--out"
+    cache = str(tmp_path / "cache")
+
+    whole = process(*command, tmp_path / "whole", JFSF_CACHE=cache)
+    said, errors = whole.communicate(timeout=1500)
+    assert whole.returncode == 1 and "40 matched" in _words(said), said + errors
+    assert "bad.off" in said
+
+    made = lambda: len(list((tmp_path / "cut").glob("*__*.npz")))
+    cut = process(*command, tmp_path / "cut", JFSF_CACHE=cache)
+    kill_when(cut, made, 10, 600)
+    assert 10 <= made() < 40
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "cut").glob("*_*")}
+    again = process(*command, tmp_path / "cut", JFSF_CACHE=cache)
+    kill_one_worker(again, lambda: made() >= 15)
+    said, errors = again.communicate(timeout=1500)
+    assert again.returncode == 1 and "40 matched" in _words(said), said + errors
+    assert all(path.stat().st_mtime_ns == then for path, then in before.items())
+    for i, j in pairs:
+        name = f"{i}.off__{j}.off.npz"
+        with np.load(tmp_path / "whole" / name) as one:
+            with np.load(tmp_path / "cut" / name) as two:
+                assert one.files == two.files
+                for key in one.files:
+                    assert np.array_equal(one[key], two[key], equal_nan=True), key
+
+
+def kill_one_worker(process, ready):
+    import psutil
+
+    while not ready():
+        assert process.poll() is None, process.communicate()
+        time.sleep(0.1)
+    busy = lambda child: sum(child.cpu_times()[:2])
+    max(psutil.Process(process.pid).children(), key=busy).kill()
