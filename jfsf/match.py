@@ -15,8 +15,10 @@ from jfsf.mesh import orient, validate
 from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
+from jfsf.sampling import restrict, tile_points
 from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
 from jfsf.spectrum import spectrum
+from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum
 
 K = 200  # eigenpairs a shape
@@ -24,6 +26,10 @@ K = 200  # eigenpairs a shape
 # drift further from it.
 KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
+# A pair with a mesh of more vertices is refined on samples, and neighbours are searched
+# among candidates.
+LARGE = 20_000
+REFINED = 4000  # samples, up to twice as many
 
 # Plain updates: these few, over-relaxed, would leave ties to rounding.
 _brief = partial(sinkhorn, num_iters=8, relax=1.0)
@@ -88,7 +94,8 @@ def match_spectra(
     """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Args:
-        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
+        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding. With
+            more than `LARGE` vertices, C_yx is refined on samples.
         landmarks, orientation, hypotheses: as `match`.
     """
     desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
@@ -117,12 +124,26 @@ def match_spectra(
         way * bracket_fields(spec_x),
         bracket_fields(spec_y),
     )
-    C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_brief, weighted=True)
+    seen_x, seen_y, tiles = spec_x, spec_y, None
+    if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
+        tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
+        at_x, at_y = (
+            tile_points(spec, num=min(REFINED, len(spec.mass)))
+            for spec in (spec_x, spec_y)
+        )
+        seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
+        C_yx, look_x, look_y, field_x, field_y = start
+        start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
+    C_yx = zoomout(seen_x, seen_y, *start, ks=ks, converter=_brief, weighted=True)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    filtered = sinkhorn(
+        emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles
+    )
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
     gap = found.energy[1] / found.energy[0] - 1
-    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
+    certificate = certify(
+        filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap, tiles=tiles
+    )
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 
