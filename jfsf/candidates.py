@@ -48,7 +48,7 @@ def tiled_neighbours(
     valid_y: Bool[Array, " m"] | None = None,
     *,
     k0: int,
-    least: float = 0.9,
+    least: float = 0.95,
 ) -> Found:
     """The neighbours in y of each x and in x of each y, among candidates.
 
@@ -87,12 +87,11 @@ def tiled_neighbours(
     near_xy = _measured(x, idx_xy, y, valid_x, valid_y)
     near_yx = _measured(y, idx_yx, x, valid_y, valid_x)
 
-    # The right rows and all rows of a sample.
-    right_x, rows_x = _compare(fast_x, fast_y, x, y, near_xy, tiles_x, valid_y)
-    right_y, rows_y = _compare(fast_y, fast_x, y, x, near_yx, tiles_y, valid_x)
-    rows = rows_x + rows_y
-    recall = jnp.where(rows > 0, (right_x + right_y) / jnp.maximum(rows, 1), jnp.nan)
-    recall = recall.astype(x.dtype)
+    # The worse direction counts.
+    recall = jnp.fmin(
+        _recall(fast_x, fast_y, x, y, near_xy, tiles_x, valid_y),
+        _recall(fast_y, fast_x, y, x, near_yx, tiles_y, valid_x),
+    )
     exhausted = recall < least
     if least > 0:
 
@@ -203,8 +202,8 @@ def _leaders(score: Float[Array, "c r"], member: Array, k0: int):
     return member[jax.lax.top_k(score.T, k0)[1]]
 
 
-def _compare(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, valid):
-    """Of a sample of the queries, how many have their nearest, and how many there are.
+def _recall(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, valid):
+    """Share of a sample of the queries that have their nearest; nan without any.
 
     The sample is spread over the tiles, so over the shape.
     """
@@ -221,4 +220,7 @@ def _compare(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, 
     exact = _measured(queries[at], idx, points, every, valid)
     dist, exact = near.dist[at, 0], exact.dist[:, 0]
     known = jnp.isfinite(dist) & jnp.isfinite(exact)
-    return jnp.sum(known & (dist <= exact * (1 + ALIKE))), jnp.sum(known)
+    right = jnp.sum(known & (dist <= exact * (1 + ALIKE))).astype(dist.dtype)
+    rows = jnp.sum(known)
+    share = right / jnp.maximum(rows, 1).astype(dist.dtype)
+    return jnp.where(rows > 0, share, jnp.nan)

@@ -1,11 +1,13 @@
 """Two meshes -> Match, the whole way: spectra, search, refinement, conversion."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
+from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
@@ -69,8 +71,7 @@ def match(
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
     k = _eigenpairs(len(mesh_x.vertices), len(mesh_y.vertices))
-    spec_x = _spectrum("mesh_x", mesh_x, k, cache)
-    spec_y = _spectrum("mesh_y", mesh_y, k, cache)
+    spec_x, spec_y = _spectra(mesh_x, mesh_y, k, cache)
     found = match_spectra(
         _padded(spec_x),
         _padded(spec_y),
@@ -157,9 +158,17 @@ def _oriented(name: str, mesh: Mesh) -> Mesh:
     return orient(mesh) if len(mesh.faces) else mesh
 
 
-def _spectrum(name: str, mesh: Mesh, k: int, cache: bool) -> Spectrum:
-    found = spectrum(mesh, k, name=name, cache=cache)
-    return jax.tree.map(jnp.asarray, _in_default_precision(found))
+def _spectra(mesh_x: Mesh, mesh_y: Mesh, k: int, cache: bool):
+    one = lambda name, mesh: spectrum(mesh, k, name=name, cache=cache)
+    names, meshes = ("mesh_x", "mesh_y"), (mesh_x, mesh_y)
+    if max(len(mesh.vertices) for mesh in meshes) > LARGE:
+        # A minute each. The limit is set around both, for two threads that set and
+        # lift their own would leave it behind.
+        with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
+            found = list(pool.map(one, names, meshes))
+    else:
+        found = list(map(one, names, meshes))
+    return [jax.tree.map(jnp.asarray, _in_default_precision(spec)) for spec in found]
 
 
 def _padded(spec: Spectrum) -> Spectrum:

@@ -1,5 +1,7 @@
 """Neighbours among candidates against brute force: recall, padding, lost searches."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +12,11 @@ from hypothesis import strategies as st
 
 from jfsf import candidates, testing
 from jfsf.candidates import tiled_neighbours
-from jfsf.tiles import tiles
+from jfsf.convert import nearest, sinkhorn
+from jfsf.fmap import uniform
+from jfsf.refine import zoomout
+from jfsf.sampling import restrict
+from jfsf.tiles import spectral_tiles, tiles
 
 N, M, WIDTH = 1203, 1101, 12  # more than one level of tiles, neither size round
 
@@ -143,7 +149,7 @@ def lost():
 def test_a_lost_search_is_exhaustive():
     x, y, *flat = lost()
     found = search(x, y, *flat, 5)
-    assert found.exhausted and found.recall < 0.9
+    assert found.exhausted and found.recall < 0.95
     for near, q, p in ((found.near_xy, x, y), (found.near_yx, y, x)):
         assert np.array_equal(near.idx, oracles.neighbours(q, p, 5)[0])
 
@@ -153,9 +159,8 @@ def test_the_recall_it_reports_is_the_recall():
     found = search(x, y, *flat, 1, least=0.0)
     assert not found.exhausted
     real = [recall(found.near_xy, x, y, 1)[0], recall(found.near_yx, y, x, 1)[0]]
-    rows = 2 * candidates.CHECKED
-    assert np.mean(real) < 0.9
-    assert abs(found.recall - np.mean(real)) < 3 * np.sqrt(0.25 / rows)
+    assert min(real) < 0.9
+    assert abs(found.recall - min(real)) < 3 * np.sqrt(0.25 / candidates.CHECKED)
 
 
 def test_float32_agrees_but_for_near_ties():
@@ -211,3 +216,25 @@ def test_what_does_not_fit_is_an_error(width, options, message):
     x, y = jnp.ones((20, 4)), jnp.ones((10, width))
     with pytest.raises(ValueError, match="tiled_neighbours: " + message):
         tiled_neighbours(x, y, tiles(x), tiles(y), **options)
+
+
+@pytest.mark.parametrize("converter", [nearest, sinkhorn])
+def test_converters_say_the_same_with_tiles(converter):
+    x, y, at_x, at_y = map(jnp.asarray, surfaces(0))
+    held = tiles(at_x), tiles(at_y)
+    # Two rows of X are padding, which the tiles do not know.
+    marginals = [uniform(jnp.ones(N).at[:2].set(0)), uniform(jnp.ones(M))]
+    plain = converter(x, y, *marginals)
+    found = converter(x, y, *marginals, tiles=held)
+    assert (found.T_xy == plain.T_xy)[2:].mean() > 0.98
+    assert (found.T_yx == plain.T_yx).mean() > 0.98
+    assert found.T_yx.min() >= 2 and found.T_xy.dtype == jnp.int32
+
+
+def test_zoomout_with_tiles_ends_in_the_same_map():
+    x = testing.blob_spectrum(0, 40, 3)
+    y = restrict(x, jnp.asarray(np.random.default_rng(0).permutation(642)[:500]))
+    held = spectral_tiles(x), spectral_tiles(y)
+    run = partial(zoomout, x, y, jnp.eye(10), ks=(10, 20, 30, 40), converter=nearest)
+    plain, found = run(), run(tiles=held)
+    assert jnp.linalg.norm(found - plain) < 0.02 * jnp.linalg.norm(plain)
