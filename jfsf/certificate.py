@@ -8,7 +8,7 @@ from jfsf.convert.nn import nearest
 from jfsf.metrics import coverage, orthogonality
 from jfsf.orientation import SEEN, brackets, score
 from jfsf.sampling import biharmonic
-from jfsf.types import Certificate, Filtered, Spectrum
+from jfsf.types import Certificate, Filtered, Spectrum, Tiles
 
 
 @jax.jit
@@ -20,6 +20,7 @@ def certify(
     spec_x: Spectrum,
     spec_y: Spectrum,
     gap: Float[Array, ""] | float = jnp.nan,
+    tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Certificate:
     """The evidence for `filtered`, which came from (emb_x, emb_y).
 
@@ -29,10 +30,11 @@ def certify(
         C_yx: the functional map of filtered.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
         gap: of the search that began it, if one did.
+        tiles: as for `nearest`, which is asked for what it would say.
     """
     T_xy, T_yx = filtered.T_xy, filtered.T_yx
     real_x = spec_x.mass > 0
-    plain = nearest(emb_x, emb_y, spec_x.mass, spec_y.mass)
+    plain = nearest(emb_x, emb_y, spec_x.mass, spec_y.mass, tiles=tiles)
     agree = jnp.sum(real_x & (plain.T_xy == T_xy)) / jnp.sum(real_x)
     every = (C_yx, emb_x, emb_y, filtered.f, filtered.g)
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in every]).all()

@@ -1,11 +1,13 @@
 """Two meshes -> Match, the whole way: spectra, search, refinement, conversion."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
+from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
 from jfsf.convert import sinkhorn
@@ -15,8 +17,10 @@ from jfsf.mesh import orient, validate
 from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
+from jfsf.sampling import restrict, tile_points
 from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
 from jfsf.spectrum import spectrum
+from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum
 
 K = 200  # eigenpairs a shape
@@ -24,6 +28,10 @@ K = 200  # eigenpairs a shape
 # drift further from it.
 KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
+# A pair with a mesh of more vertices is refined on samples, and neighbours are searched
+# among candidates.
+LARGE = 20_000
+REFINED = 4000  # samples, up to twice as many
 
 # Plain updates: these few, over-relaxed, would leave ties to rounding.
 _brief = partial(sinkhorn, num_iters=8, relax=1.0)
@@ -64,10 +72,7 @@ def match(
     pairs = _landmarks(landmarks, n_x, n_y)
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
-    spec_x, spec_y = common(
-        basis(mesh_x, name="mesh_x", cache=cache),
-        basis(mesh_y, name="mesh_y", cache=cache),
-    )
+    spec_x, spec_y = common(*_bases(mesh_x, mesh_y, cache))
     found = match_spectra(
         _on_device(spec_x),
         _on_device(spec_y),
@@ -116,7 +121,8 @@ def match_spectra(
     """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Args:
-        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
+        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding. With
+            more than `LARGE` vertices, C_yx is refined on samples.
         landmarks, orientation, hypotheses: as `match`.
     """
     desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
@@ -145,17 +151,42 @@ def match_spectra(
         way * bracket_fields(spec_x),
         bracket_fields(spec_y),
     )
-    C_yx = zoomout(spec_x, spec_y, *start, ks=ks, converter=_brief, weighted=True)
+    seen_x, seen_y, tiles = spec_x, spec_y, None
+    if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
+        tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
+        at_x, at_y = (
+            tile_points(spec, num=min(REFINED, len(spec.mass)))
+            for spec in (spec_x, spec_y)
+        )
+        seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
+        C_yx, look_x, look_y, field_x, field_y = start
+        start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
+    C_yx = zoomout(seen_x, seen_y, *start, ks=ks, converter=_brief, weighted=True)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    filtered = sinkhorn(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    filtered = sinkhorn(
+        emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles
+    )
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
     gap = found.energy[1] / found.energy[0] - 1
-    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
+    certificate = certify(
+        filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap, tiles=tiles
+    )
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 
 def _check(name: str, mesh: Mesh) -> None:
     validate(mesh, k=SECOND[-1], name=name)
+
+
+def _bases(mesh_x: Mesh, mesh_y: Mesh, cache: bool) -> list[Spectrum]:
+    one = lambda name, mesh: basis(mesh, name=name, cache=cache)
+    names, meshes = ("mesh_x", "mesh_y"), (mesh_x, mesh_y)
+    if max(len(mesh.vertices) for mesh in meshes) <= LARGE:
+        return list(map(one, names, meshes))
+    # A minute each. The limit is set around both, for two threads that set and lift
+    # their own would leave it behind.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
+        return list(pool.map(one, names, meshes))
 
 
 def _on_device(spec: Spectrum) -> Spectrum:

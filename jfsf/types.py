@@ -63,6 +63,33 @@ class Neighbours(NamedTuple):
     dist: Float[Array, "n k0"]
 
 
+class Tiles(NamedTuple):
+    """Points in compact groups of equal size, groups close in number close in space.
+
+    member: the point in each slot.
+    real: whether the slot is the point's own; it has one, or none if it takes no part.
+        The other slots repeat points and are never chosen.
+    """
+
+    member: Int[Array, "t s"]
+    real: Bool[Array, "t s"]
+
+
+class Found(NamedTuple):
+    """Neighbours both ways from a search among candidates.
+
+    near_xy, near_yx: neighbours in Y of each point of X, and the other way.
+    recall: share of the points compared with the exhaustive search whose nearest
+        neighbour was found, in the worse direction; nan where none was compared.
+    exhausted: whether that was too little, so that all points were compared with all.
+    """
+
+    near_xy: Neighbours
+    near_yx: Neighbours
+    recall: Float[Array, ""]
+    exhausted: Bool[Array, ""]
+
+
 class Kernel(NamedTuple):
     """Sparse kernel K (n_x, n_y) in the log domain, each entry stored once.
 

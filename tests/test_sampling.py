@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from jfsf import testing
 from jfsf.padding import pad
-from jfsf.sampling import biharmonic, farthest_points, restrict
+from jfsf.sampling import biharmonic, farthest_points, restrict, tile_points
 
 N, K, NUM = 162, 20, 25
 spectra = testing.spectra(K)
@@ -85,3 +85,22 @@ def test_float32():
 def test_num_out_of_range_is_an_error(num):
     with pytest.raises(ValueError, match=f"num is {num}, the shape has 162 vertices"):
         farthest_points(testing.blob_spectrum(0, K, 2), num=num)
+
+
+def test_tile_points_are_spread():
+    spec = testing.blob_spectrum(0, 30)
+    at = np.asarray(tile_points(spec, num=32))
+    assert 32 <= len(at) <= 64 and len(np.unique(at)) == len(at)
+    # No vertex is much farther from a sample than farthest-point samples leave it.
+    points = np.asarray(biharmonic(spec))
+    worst = lambda at: np.linalg.norm(points[:, None] - points[at], axis=2).min(1).max()
+    assert worst(at) < 2 * worst(np.asarray(farthest_points(spec, num=len(at))))
+
+
+def test_tile_points_leave_padding_out():
+    spec = testing.blob_spectrum(0, 30)
+    n = len(spec.mass)
+    padded = pad(spec, n + 50, len(spec.faces))
+    assert tile_points(padded, num=20).max() < n
+    with pytest.raises(ValueError, match=f"num is {n + 1}, the shape has {n}"):
+        tile_points(spec, num=n + 1)

@@ -4,8 +4,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jfsf.candidates import tiled_neighbours
 from jfsf.knn import neighbours
-from jfsf.types import Maps
+from jfsf.types import Maps, Tiles
 
 
 @jax.jit
@@ -14,18 +15,26 @@ def nearest(
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
+    *,
+    tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Maps:
     """T_xy[i] is the row of `emb_y` nearest to emb_x[i], and T_yx the other way.
 
     Args:
         emb_x, emb_y: aligned embeddings.
         marginal_x, marginal_y: only where they are 0 matters: padding, never chosen.
+        tiles: of X and of Y (`jfsf.tiles.spectral_tiles`), to search among candidates.
 
     Raises:
         ValueError: the embeddings differ in width.
     """
     valid_x = None if marginal_x is None else marginal_x > 0
     valid_y = None if marginal_y is None else marginal_y > 0
-    T_xy = neighbours(emb_x, emb_y, valid_y, k0=1).idx[:, 0]
-    T_yx = neighbours(emb_y, emb_x, valid_x, k0=1).idx[:, 0]
+    if tiles is None:
+        near_xy = neighbours(emb_x, emb_y, valid_y, k0=1)
+        near_yx = neighbours(emb_y, emb_x, valid_x, k0=1)
+    else:
+        found = tiled_neighbours(emb_x, emb_y, *tiles, valid_x, valid_y, k0=1)
+        near_xy, near_yx = found.near_xy, found.near_yx
+    T_xy, T_yx = near_xy.idx[:, 0], near_yx.idx[:, 0]
     return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))

@@ -20,8 +20,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf import kernel as kernels
+from jfsf.candidates import tiled_neighbours
 from jfsf.knn import mutual_neighbours
-from jfsf.types import Filtered, Kernel, Neighbours
+from jfsf.types import Filtered, Kernel, Neighbours, Tiles
 
 Scale = Literal["nearest", "max"]
 
@@ -45,6 +46,7 @@ def sinkhorn(
     scale: Scale = "nearest",
     power: float = 1.0,
     one_sided: float = 1.0,
+    tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Filtered:
     """Both point-to-point maps between two aligned embeddings.
 
@@ -64,6 +66,8 @@ def sinkhorn(
             direction, as in the authors' code.
         power: p of d^p.
         one_sided: weight of a pair that only one side counts among its neighbours.
+        tiles: of X and of Y (`jfsf.tiles.spectral_tiles`): neighbours are searched
+            among candidates, at a cost that grows like n.
 
     The authors' own settings are lam=500, k0=50, num_iters=11, relax=1, scale="max",
     one_sided=0.5.
@@ -81,7 +85,11 @@ def sinkhorn(
         marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
     valid_x, valid_y = marginal_x > 0, marginal_y > 0
     k0 = min(k0, len(emb_x), len(emb_y))
-    near_xy, near_yx = mutual_neighbours(emb_x, emb_y, valid_x, valid_y, k0=k0)
+    if tiles is None:
+        near_xy, near_yx = mutual_neighbours(emb_x, emb_y, valid_x, valid_y, k0=k0)
+    else:
+        found = tiled_neighbours(emb_x, emb_y, *tiles, valid_x, valid_y, k0=k0)
+        near_xy, near_yx = found.near_xy, found.near_yx
     length_xy, length_yx = _length(near_xy, scale), _length(near_yx, scale)
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)

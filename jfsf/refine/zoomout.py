@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 
 from jfsf.fmap import Space, embeddings, uniform
 from jfsf.orientation import carried_fields
-from jfsf.types import Spectrum
+from jfsf.types import Spectrum, Tiles
 
 # (emb_x, emb_y, marginal_x, marginal_y) -> a record with T_xy and T_yx.
 Converter = Callable[..., Any]
@@ -39,6 +39,7 @@ def zoomout(
     space: Space = "direct",
     weighted: bool = False,
     both: bool = False,
+    tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Float[Array, "k k"]:
     """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
 
@@ -62,6 +63,8 @@ def zoomout(
             not share with the other (an eigenfunction of a hand that is a fist there)
             then count for little.
         both: average the functional map of T_xy with the adjoint of that of T_yx.
+        tiles: of X and of Y (`jfsf.tiles.spectral_tiles`), handed to the converter:
+            every round then searches among candidates, at a cost that grows like n.
 
     Returns:
         C_yx at ks[-1].
@@ -87,6 +90,8 @@ def zoomout(
         (spec_y.evecs[:, :0] if extra_y is None else extra_y),
     )
     C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
+    if tiles is not None:
+        converter = partial(converter, tiles=tiles)
     T_xy = jnp.full(len(spec_x.mass), -1, jnp.int32)  # none yet
     steps = zip(ks[:-1], ks[1:], strict=True)
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each

@@ -1,0 +1,163 @@
+"""Time and memory of the search for neighbours against n: exhaustive, cold and warm.
+
+Two embedded shapes, upsampled (`upsample.py`; below their own size, a strided choice of
+vertices), aligned by their ground truth with k eigenfunctions. Cold makes the tiles
+first; warm, as inside a refinement, has them. The exhaustive search of many points is
+timed on a sample of rows, and scaled. Memory is what the compiled program asks for:
+arguments, results and temporaries.
+
+    python experiments/bench_large.py [--sizes 1000 10000 ...] [--out RESULT.json]
+"""
+
+import argparse
+from functools import partial
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import results_file
+from bench_filter import interleave
+from upsample import upsample
+
+from jfsf import data
+from jfsf.candidates import tiled_neighbours
+from jfsf.convert import sinkhorn
+from jfsf.knn import mutual_neighbours, neighbours
+from jfsf.spectrum import spectrum
+from jfsf.tiles import spectral_tiles
+
+NAMES = ("man_walk", "woman_up")
+K0 = 10
+SAMPLE = 2048  # rows of an exhaustive search that is scaled, and of the recall
+WHOLE = 20_000  # points up to which it is run in full
+EXPONENT_FROM = 10_000
+
+
+def aligned(n: int, k: int):
+    """Spectra of about n vertices and their embeddings by ground truth, float32."""
+    specs, truth = [], []
+    for name in NAMES:
+        sample = data.load(name)
+        mesh = upsample(sample.mesh, max(n, len(sample.mesh.vertices)))
+        specs.append(spectrum(mesh, k))
+        truth.append(sample.template_to_vertex)
+    seen, at = np.unique(truth[0], return_index=True)
+    root = np.sqrt(specs[0].mass[seen])[:, None]
+    image = specs[1].evecs[truth[1][at]]
+    C_yx = np.linalg.lstsq(root * specs[0].evecs[seen], root * image)[0]
+    some = [np.linspace(0, len(s.mass) - 1, n).astype(int) for s in specs]
+    specs = [
+        s._replace(evecs=s.evecs[at], mass=s.mass[at], vertices=s.vertices[at])
+        for s, at in zip(specs, some, strict=True)
+    ]
+    specs = [
+        jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), s._replace(faces=s.faces))
+        for s in specs
+    ]
+    return specs, specs[0].evecs @ jnp.asarray(C_yx, jnp.float32), specs[1].evecs
+
+
+def megabytes(function, *args, **options) -> float:
+    """What the compiled program holds at most."""
+    found = function.lower(*args, **options).compile().memory_analysis()
+    size = found.argument_size_in_bytes + found.output_size_in_bytes
+    return (size + found.temp_size_in_bytes) / 1e6
+
+
+def measure(n: int, k: int, repeats: int) -> dict:
+    (spec_x, spec_y), x, y = aligned(n, k)
+    tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
+    rows = jnp.asarray(np.random.default_rng(0).permutation(n)[:SAMPLE])
+    whole = n <= WHOLE
+    tiled = partial(tiled_neighbours, x, y, k0=K0)
+
+    def exhaustive():
+        if whole:
+            return neighbours(x, y, k0=K0), neighbours(y, x, k0=K0)
+        return neighbours(x[rows], y, k0=K0), neighbours(y[rows], x, k0=K0)
+
+    def cold():
+        return tiled(spectral_tiles(spec_x), spectral_tiles(spec_y))
+
+    runs = {
+        "exhaustive": exhaustive,
+        "cold": cold,
+        "warm": lambda: tiled(*tiles),
+        "sinkhorn, warm": lambda: sinkhorn(x, y, tiles=tiles),
+    }
+    if whole:
+        runs["one product"] = lambda: mutual_neighbours(x, y, k0=K0)
+    ready = {
+        name: lambda run=run: jax.block_until_ready(run()) for name, run in runs.items()
+    }
+    found = interleave(ready, repeats)
+    if not whole:
+        for key in ("warm", "fastest", "slowest"):
+            found["exhaustive"][key] *= n / len(rows)
+    near = tiled(*tiles)
+    exact = neighbours(x[rows], y, k0=K0).idx, neighbours(y[rows], x, k0=K0).idx
+    ours = near.near_xy.idx[rows], near.near_yx.idx[rows]
+    pairs = list(zip(ours, exact, strict=True))
+    return {
+        "n": n,
+        "exhaustive_in_full": whole,
+        "seconds": {name: row["warm"] for name, row in found.items()},
+        "first_call": {name: row["cold"] for name, row in found.items()},
+        "times_faster": {
+            name: found["exhaustive"]["warm"] / found[name]["warm"] for name in found
+        },
+        "megabytes": {
+            "warm": megabytes(tiled_neighbours, x, y, *tiles, k0=K0),
+            "sinkhorn, warm": megabytes(sinkhorn, x, y, tiles=tiles),
+        },
+        "recall_nearest": float(
+            np.mean([(a[:, 0] == b[:, 0]).mean() for a, b in pairs])
+        ),
+        "recall_all": float(
+            np.mean([(a[:, :, None] == b[:, None]).any(2).mean() for a, b in pairs])
+        ),
+        "recall_reported": float(near.recall),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument(
+        "--sizes",
+        type=int,
+        nargs="+",
+        default=[1000, 2000, 5000, 10_000, 20_000, 50_000, 100_000],
+    )
+    parser.add_argument("--k", type=int, default=100)
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_large.json"
+    )
+    args = parser.parse_args()
+    rows = []
+    for n in sorted(args.sizes):
+        rows.append(measure(n, args.k, args.repeats))
+        print(rows[-1], flush=True)
+    large = [row for row in rows if row["n"] >= EXPONENT_FROM]
+    exponent = {}
+    if len(large) > 1:
+        size = np.log([row["n"] for row in large])
+        for name in ("cold", "warm", "sinkhorn, warm", "exhaustive"):
+            time = np.log([row["seconds"][name] for row in large])
+            exponent[name] = float(np.polyfit(size, time, 1)[0])
+    print(f"exponents from {EXPONENT_FROM}: {exponent}")
+    settings = {
+        "pair": NAMES,
+        "k": args.k,
+        "k0": K0,
+        "repeats": args.repeats,
+        "seed": 0,
+        "precision": "float32",
+        "seconds": "both ways, median of warm calls",
+    }
+    results_file.write(args.out, settings=settings, rows=rows, exponent=exponent)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,46 @@
+"""Upsampled meshes stay closed, keep their surface, and their old vertices."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jfsf import testing
+from jfsf.mesh import check, read
+from jfsf.mesh_check import face_areas
+
+PATH = Path(__file__).parents[1] / "experiments/upsample.py"
+found = importlib.util.spec_from_file_location("upsample", PATH)
+assert found is not None and found.loader is not None
+script = importlib.util.module_from_spec(found)
+found.loader.exec_module(script)
+
+
+@pytest.mark.parametrize("n", [162, 163, 300, 641, 642, 1500])
+def test_it_is_the_same_surface(n):
+    mesh = testing.blob(0)
+    finer = script.upsample(mesh, n)
+    assert len(finer.vertices) == n
+    assert np.array_equal(finer.vertices[:162], mesh.vertices)
+    report = check(finer)
+    # A closed surface of genus 0 has this many faces.
+    assert len(finer.faces) == 2 * n - 4
+    assert str(report).splitlines()[1] == str(check(mesh)).splitlines()[1]
+    areas = [face_areas(m.vertices, m.faces) for m in (mesh, finer)]
+    np.testing.assert_allclose(areas[1].sum(), areas[0].sum())
+    assert areas[1].min() > areas[0].min() / 70
+
+
+def test_fewer_vertices_than_there_are_is_an_error():
+    with pytest.raises(ValueError, match="n is 100, the mesh has 162"):
+        script.upsample(testing.blob(0), 100)
+
+
+def test_the_file_reads_as_it_was(tmp_path):
+    mesh = script.upsample(testing.blob(0), 200)
+    script.write_off(tmp_path / "a.off", mesh)
+    back = read(tmp_path / "a.off")
+    np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=1e-8)
+    assert np.array_equal(back.faces, mesh.faces)
+    assert [p.name for p in tmp_path.iterdir()] == ["a.off"]
