@@ -21,20 +21,20 @@ from jfsf.sampling import restrict, tile_points
 from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
-from jfsf.types import Match, Mesh, Spectrum
+from jfsf.types import Match, Mesh, Spectrum, Tiles
 
 K = 200  # eigenpairs a shape
 # The rounds in place, where descriptors weigh most, clean the start up; finer schedules
 # drift further from it.
 KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
-# A pair with a mesh of more vertices is refined on samples, and neighbours are searched
-# among candidates.
-LARGE = 20_000
+TILED = 2000  # vertices above which neighbours are searched among candidates
+LARGE = 20_000  # vertices above which C_yx is refined on samples
 REFINED = 4000  # samples, up to twice as many
 
-# Plain updates: these few, over-relaxed, would leave ties to rounding.
-_brief = partial(sinkhorn, num_iters=8, relax=1.0)
+# Plain updates: these few, over-relaxed, would leave ties to rounding. The rounds to
+# come mend what a search among candidates misses.
+_brief = partial(sinkhorn, num_iters=8, relax=1.0, least=0.0)
 
 
 def match(
@@ -121,8 +121,9 @@ def match_spectra(
     """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Args:
-        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding. With
-            more than `LARGE` vertices, C_yx is refined on samples.
+        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
+            Neighbours are searched among candidates above `TILED` vertices, and C_yx
+            is refined on samples above `LARGE`.
         landmarks, orientation, hypotheses: as `match`.
     """
     desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
@@ -151,9 +152,9 @@ def match_spectra(
         way * bracket_fields(spec_x),
         bracket_fields(spec_y),
     )
-    seen_x, seen_y, tiles = spec_x, spec_y, None
+    tiles = _tiles(spec_x, spec_y)
+    seen_x, seen_y = spec_x, spec_y
     if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
-        tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
         at_x, at_y = (
             tile_points(spec, num=min(REFINED, len(spec.mass)))
             for spec in (spec_x, spec_y)
@@ -161,7 +162,15 @@ def match_spectra(
         seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
         C_yx, look_x, look_y, field_x, field_y = start
         start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
-    C_yx = zoomout(seen_x, seen_y, *start, ks=ks, converter=_brief, weighted=True)
+    C_yx = zoomout(
+        seen_x,
+        seen_y,
+        *start,
+        ks=ks,
+        converter=_brief,
+        weighted=True,
+        tiles=_tiles(seen_x, seen_y),
+    )
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     filtered = sinkhorn(
         emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles
@@ -172,6 +181,12 @@ def match_spectra(
         filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap, tiles=tiles
     )
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
+
+
+def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
+    if max(len(spec_x.mass), len(spec_y.mass)) <= TILED:
+        return None
+    return spectral_tiles(spec_x), spectral_tiles(spec_y)
 
 
 def _check(name: str, mesh: Mesh) -> None:

@@ -32,7 +32,10 @@ ABSORB_EVERY = 4  # updates
 BOUND = 100.0
 
 
-@partial(jax.jit, static_argnames=("k0", "num_iters", "scale", "power", "one_sided"))
+@partial(
+    jax.jit,
+    static_argnames=("k0", "num_iters", "scale", "power", "one_sided", "least"),
+)
 def sinkhorn(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -47,6 +50,7 @@ def sinkhorn(
     power: float = 1.0,
     one_sided: float = 1.0,
     tiles: tuple[Tiles, Tiles] | None = None,
+    least: float = 0.95,
 ) -> Filtered:
     """Both point-to-point maps between two aligned embeddings.
 
@@ -55,9 +59,11 @@ def sinkhorn(
         marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
             of Y; each sums to 1, 0 marks padding. Uniform when absent.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
-        k0: neighbours a vertex, both ways.
-        num_iters: updates of each side. More lower the marginal error; on shapes
-            sampled differently the map gains nothing past some 20.
+        k0: neighbours a vertex, both ways. Forty lower the error by some 15 % where
+            the basis is small or both meshes are sampled alike, at twice the time.
+        num_iters: updates of each side. More lower the marginal error. On shapes
+            sampled differently, uniform marginals are not quite true, and ten updates
+            may do better than these twenty.
         relax: each update of a log scaling is taken this many times, in (0, 2); 1 is
             the plain algorithm. The last update is plain.
         scale: the length that lam is relative to. "nearest" is the median distance to
@@ -68,6 +74,8 @@ def sinkhorn(
         one_sided: weight of a pair that only one side counts among its neighbours.
         tiles: of X and of Y (`jfsf.tiles.spectral_tiles`): neighbours are searched
             among candidates, at a cost that grows like n.
+        least: recall of that search below which all points are compared; 0 leaves the
+            check out of the program.
 
     The authors' own settings are lam=500, k0=50, num_iters=11, relax=1, scale="max",
     one_sided=0.5.
@@ -88,7 +96,9 @@ def sinkhorn(
     if tiles is None:
         near_xy, near_yx = mutual_neighbours(emb_x, emb_y, valid_x, valid_y, k0=k0)
     else:
-        found = tiled_neighbours(emb_x, emb_y, *tiles, valid_x, valid_y, k0=k0)
+        found = tiled_neighbours(
+            emb_x, emb_y, *tiles, valid_x, valid_y, k0=k0, least=least
+        )
         near_xy, near_yx = found.near_xy, found.near_yx
     length_xy, length_yx = _length(near_xy, scale), _length(near_yx, scale)
     if scale == "nearest":
