@@ -1,7 +1,8 @@
 """ZoomOut and the whole way from two meshes, against pyFM, in one run.
 
 ZoomOut: 20 to 100 by 5 from one start, spectra shared; ours gives maps both ways, with
-the Sinkhorn filter or with nearest neighbour, pyFM's one way by nearest neighbour.
+the Sinkhorn filter or with nearest neighbour, all points compared or those of tiles,
+pyFM's one way by nearest neighbour.
 Whole: `jfsf.match` without its cache against the best pyFM recipe that we found: 150
 eigenpairs, 100 WKS of which every fifth, a 30 x 30 fit, ZoomOut 20 to 150 by 5.
 
@@ -34,18 +35,21 @@ from jfsf.metrics import geodesic_error
 from jfsf.refine import zoomout
 from jfsf.search import search
 from jfsf.spectrum import spectrum
+from jfsf.tiles import spectral_tiles
 
 KS = tuple(range(20, 101, 5))
 WHOLE = 150  # eigenpairs of pyFM's recipe
-BRIEF = partial(sinkhorn, num_iters=8, relax=1.0)  # inside ZoomOut, as `match` does
+# Inside ZoomOut, as `match` does.
+BRIEF = partial(sinkhorn, num_iters=8, relax=1.0, least=0.0)
 
 
-@partial(jax.jit, static_argnames=("inside", "last"))
-def ours(spec_x, spec_y, C_yx, inside, last):
-    """Maps both ways at ks[-1]."""
-    C_yx = zoomout(spec_x, spec_y, C_yx, ks=KS, converter=inside)
+@partial(jax.jit, static_argnames=("inside", "last", "tiled"))
+def ours(spec_x, spec_y, C_yx, inside, last, tiled):
+    """Maps both ways at ks[-1]; tiles are made anew."""
+    tiles = (spectral_tiles(spec_x), spectral_tiles(spec_y)) if tiled else None
+    C_yx = zoomout(spec_x, spec_y, C_yx, ks=KS, converter=inside, tiles=tiles)
     embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    found = last(*embs, uniform(spec_x.mass), uniform(spec_y.mass))
+    found = last(*embs, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles)
     return found.T_xy, found.T_yx
 
 
@@ -115,8 +119,10 @@ def main() -> None:
 
     ready = lambda *args: jax.block_until_ready(ours(*narrow, start, *args))
     zooms = {
-        "jfsf zoomout, sinkhorn": partial(ready, BRIEF, sinkhorn),
-        "jfsf zoomout, nearest": partial(ready, nearest, nearest),
+        "jfsf zoomout, sinkhorn": partial(ready, BRIEF, sinkhorn, False),
+        "jfsf zoomout, nearest": partial(ready, nearest, nearest, False),
+        "jfsf tiled, sinkhorn": partial(ready, BRIEF, sinkhorn, True),
+        "jfsf tiled, nearest": partial(ready, nearest, nearest, True),
         "pyFM zoomout": partial(theirs, *wide, start_wide),
     }
     wholes = {
