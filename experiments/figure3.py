@@ -22,7 +22,7 @@ import results_file
 import table2
 
 from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings, functional_map, truncate
+from jfsf.fmap import embeddings, functional_map
 from jfsf.metrics import geodesic_error, spectral_chamfer
 from jfsf.refine import icp, zoomout
 
@@ -77,7 +77,8 @@ def _refined(start: table2.Start, every: int) -> dict:
 def _score(start: table2.Start, C_yx, converter, every: int):
     pair = start.pair
     T_xy = table2.convert(start, C_yx, converter).T_xy
-    C_yx = functional_map(T_xy, *(truncate(spec, len(C_yx)) for spec in pair[2:]))
+    # Of one size throughout: the distance grows with the basis.
+    C_yx = functional_map(T_xy, *pair[2:])
     emb = embeddings(C_yx, pair.spec_x.evecs, pair.spec_y.evecs)
     return _error(pair, T_xy, every), float(spectral_chamfer(*emb))
 
