@@ -173,7 +173,7 @@ class Match(NamedTuple):
 
     T_xy: the vertex of Y for each vertex of X.
     T_yx: the vertex of X for each vertex of Y.
-    C_yx: functions on Y pulled back to X, in the two eigenbases.
+    C_yx: functions on Y pulled back to X, in the eigenbases of `jfsf.match.basis`.
     certificate: evidence of how good the maps are.
     """
 

@@ -15,12 +15,13 @@ from rich.console import Console
 from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
-from jfsf import __version__, spectrum
+from jfsf import __version__
 from jfsf.cli import app
 from jfsf.cli_report import certificate_table, warnings_of
 from jfsf.data import Sample, load
 from jfsf.mapfiles import read_map, read_match, write_map
-from jfsf.mesh import orient, read
+from jfsf.match import basis, common
+from jfsf.mesh import read
 from jfsf.types import Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
@@ -377,20 +378,28 @@ def blocks(language):
 def test_readme_python_runs(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("JFSF_CACHE", str(folder / "cache"))
-    first, converter = blocks("python")
+    first, converter, tiled, many = blocks("python")
     scope = {}
     with jax.enable_x64(False):
         exec(first, scope)
     assert float(capsys.readouterr().out.split()[0]) < 0.06
     with jax.enable_x64(False):
         exec(converter, scope)
-    spectra = [
-        spectrum(orient(scope[name]), len(scope["FM_12"]), cache=False)
-        for name in ("mesh1", "mesh2")
-    ]
+    spectra = common(basis(scope["mesh1"]), basis(scope["mesh2"]))
     back = spectra[1].evecs.T * spectra[1].mass
     FM_12 = back @ spectra[0].evecs[scope["p2p_21"]]
     assert np.abs(FM_12 - np.asarray(scope["FM_12"])).max() < 1e-3
+    # In one precision, like what the blocks are about.
+    spec_y, spec_x = (jax.tree.map(jnp.asarray, spec) for spec in spectra)
+    scope |= {"spec_x": spec_x, "spec_y": spec_y, "C_yx": jnp.asarray(FM_12)}
+    exec(tiled, scope)
+    same = np.asarray(scope["maps"].T_xy) == np.asarray(scope["p2p_21"])
+    assert same.mean() > 0.5
+    with jax.enable_x64(False):
+        scope["meshes"] = [scope["mesh2"], scope["mesh1"]]
+        exec(many, scope)
+    (found,) = scope["found"]
+    assert found.T_xy.shape == scope["p2p_21"].shape
 
 
 def test_readme_has_the_two_commands_and_only_its_own_pictures():
