@@ -21,7 +21,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.knn import _chosen_from, _frame, _measured, _product, neighbours
+from jfsf.knn import (
+    _chosen_from,
+    _frame,
+    _measured,
+    _product,
+    check_sets,
+    exhaustive,
+)
 from jfsf.types import Found, Neighbours, Tiles
 
 TILES = 28  # tiles whose points are compared with a block
@@ -68,14 +75,7 @@ def tiled_neighbours(
     Raises:
         ValueError: widths differ, k0 is not in 1..min(n, m), or least not in [0, 1].
     """
-    if x.shape[1] != y.shape[1]:
-        raise ValueError(
-            f"tiled_neighbours: x has {x.shape[1]} columns, y has {y.shape[1]}"
-        )
-    if not 1 <= k0 <= min(len(x), len(y)):
-        raise ValueError(
-            f"tiled_neighbours: k0 is {k0}, there are {len(x)} and {len(y)} points"
-        )
+    check_sets("tiled_neighbours", x, y, k0)
     if not 0 <= least <= 1:
         raise ValueError(f"tiled_neighbours: least is {least}, not in [0, 1]")
     x, valid_x = _chosen_from(x, _taking_part(tiles_x, valid_x, len(x)))
@@ -94,14 +94,10 @@ def tiled_neighbours(
     )
     exhausted = recall < least
     if least > 0:
-
-        def exhaustive():
-            all_xy = neighbours(x, y, valid_y, k0=k0)
-            all_yx = neighbours(y, x, valid_x, k0=k0)
-            return _only(all_xy, valid_x), _only(all_yx, valid_y)
-
         near_xy, near_yx = jax.lax.cond(
-            exhausted, exhaustive, lambda: (near_xy, near_yx)
+            exhausted,
+            lambda: exhaustive(x, y, valid_x, valid_y, k0=k0),
+            lambda: (near_xy, near_yx),
         )
     return Found(near_xy, near_yx, recall, exhausted)
 
@@ -109,11 +105,6 @@ def tiled_neighbours(
 def _taking_part(tiles: Tiles, valid, n: int):
     inside = jnp.zeros(n, bool).at[tiles.member].max(tiles.real)
     return inside if valid is None else inside & valid
-
-
-def _only(near: Neighbours, valid: Array) -> Neighbours:
-    idx = jnp.where(valid[:, None], near.idx, 0).astype(jnp.int32)
-    return Neighbours(idx, jnp.where(valid[:, None], near.dist, jnp.inf))
 
 
 def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: int):

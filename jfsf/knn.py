@@ -23,7 +23,7 @@ ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 BINS = 40  # bins a neighbour: one neighbour in some 80 shares a bin with a nearer one
-FEW = 32  # with more neighbours than this all points are compared, without bins
+FEW = 32  # with more neighbours than this, bins gain nothing and miss some
 FAR = 1e30  # below -FAR no score falls, and unlike inf it survives `_best`
 
 
@@ -94,8 +94,8 @@ def mutual_neighbours(
 
     The nearest is found, as exactly as float32 tells points apart. Of the others about
     one in a hundred is missed for a farther one, none where there are fewer than
-    2 `BINS` k0 points or k0 is above `FEW`. Memory is O(n k0), some `BINS` to
-    2 `BINS` numbers a neighbour, without bins O(n m).
+    2 `BINS` k0 points, nor with k0 above `FEW`: then each direction is searched alone.
+    Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
 
     Args:
         x, y: rows of one Euclidean space.
@@ -109,16 +109,11 @@ def mutual_neighbours(
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
     """
-    if x.shape[1] != y.shape[1]:
-        raise ValueError(
-            f"mutual_neighbours: x has {x.shape[1]} columns, y has {y.shape[1]}"
-        )
-    if not 1 <= k0 <= min(len(x), len(y)):
-        raise ValueError(
-            f"mutual_neighbours: k0 is {k0}, there are {len(x)} and {len(y)} points"
-        )
+    check_sets("mutual_neighbours", x, y, k0)
     x, valid_x = _chosen_from(x, valid_x)
     y, valid_y = _chosen_from(y, valid_y)
+    if k0 > FEW:
+        return exhaustive(x, y, valid_x, valid_y, k0=k0)
     scaled = _frame(jax.lax.stop_gradient(y), valid_y)
     bin_x, bin_y = _bin_size(len(x), k0), _bin_size(len(y), k0)
 
@@ -154,10 +149,32 @@ def mutual_neighbours(
     )
 
 
+def exhaustive(x: Array, y: Array, valid_x: Array, valid_y: Array, *, k0: int):
+    """`neighbours` both ways; what takes no part has none."""
+
+    def only(near: Neighbours, valid: Array) -> Neighbours:
+        idx = jnp.where(valid[:, None], near.idx, 0).astype(jnp.int32)
+        return Neighbours(idx, jnp.where(valid[:, None], near.dist, jnp.inf))
+
+    near_xy, near_yx = (
+        neighbours(x, y, valid_y, k0=k0),
+        neighbours(y, x, valid_x, k0=k0),
+    )
+    return only(near_xy, valid_x), only(near_yx, valid_y)
+
+
+def check_sets(function: str, x: Array, y: Array, k0: int) -> None:
+    """ValueError in the name of `function` where x, y and k0 do not fit."""
+    if x.shape[1] != y.shape[1]:
+        raise ValueError(f"{function}: x has {x.shape[1]} columns, y has {y.shape[1]}")
+    if not 1 <= k0 <= min(len(x), len(y)):
+        raise ValueError(
+            f"{function}: k0 is {k0}, there are {len(x)} and {len(y)} points"
+        )
+
+
 def _bin_size(n: int, k0: int) -> int:
     """Points a bin: a power of two that leaves `BINS` bins a neighbour."""
-    if k0 > FEW:
-        return 1
     return min(1 << max(n // (BINS * k0), 1).bit_length() - 1, ROWS)
 
 

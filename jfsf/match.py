@@ -152,7 +152,7 @@ def match_spectra(
         way * bracket_fields(spec_x),
         bracket_fields(spec_y),
     )
-    tiles = _tiles(spec_x, spec_y)
+    tiles = seen_tiles = _tiles(spec_x, spec_y)
     seen_x, seen_y = spec_x, spec_y
     if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
         at_x, at_y = (
@@ -162,6 +162,7 @@ def match_spectra(
         seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
         C_yx, look_x, look_y, field_x, field_y = start
         start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
+        seen_tiles = _tiles(seen_x, seen_y)
     C_yx = zoomout(
         seen_x,
         seen_y,
@@ -169,7 +170,7 @@ def match_spectra(
         ks=ks,
         converter=_brief,
         weighted=True,
-        tiles=_tiles(seen_x, seen_y),
+        tiles=seen_tiles,
     )
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     filtered = sinkhorn(

@@ -131,3 +131,11 @@ def test_k0_out_of_range_is_an_error(k0):
 def test_widths_that_differ_are_an_error():
     with pytest.raises(ValueError, match="x has 2 columns, y has 3"):
         mutual_neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)
+
+
+def test_many_neighbours_miss_none():
+    x, y, k0 = random(0, 60, WIDTH), random(1, 5400, WIDTH), 40
+    assert 2 * BINS * k0 < len(y)  # with bins some of them would share one
+    found, _ = mutual_neighbours(*arrays(x, y), k0=k0)
+    idx, _ = oracles.neighbours(x, y, k0)
+    assert recall(found.idx, idx) == 1
