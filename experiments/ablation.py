@@ -22,18 +22,18 @@ from jfsf.types import Maps
 VARIANTS: dict[str, dict[str, Any]] = {
     "default": {},
     "authors": REFERENCE,
-    **{f"k0 {k0}": {"k0": k0} for k0 in (5, 20, 40)},
-    **{f"lam {lam:g}": {"lam": lam} for lam in (5.0, 20.0, 40.0, 160.0, 320.0)},
+    **{f"k0 {k0}": {"k0": k0} for k0 in (5, 10, 40)},
+    **{f"lam {lam:g}": {"lam": lam} for lam in (10.0, 40.0, 80.0, 160.0, 320.0)},
     **{
         f"lam {lam:g}, scale max": {"lam": lam, "scale": "max"}
         for lam in (100.0, 200.0, 500.0)
     },
     **{f"{n} plain updates": {"num_iters": n, "relax": 1.0} for n in (5, 10, 20, 50)},
-    **{f"{n} updates": {"num_iters": n} for n in (10, 40, 80)},
+    **{f"{n} updates": {"num_iters": n} for n in (12, 48, 96)},
     **{f"relax {r:g}": {"relax": r} for r in (1.3, 1.5, 1.8)},
     **{
         f"p {p:g}, lam {lam:g}": {"power": p, "lam": lam}
-        for p, lam in ((0.5, 160.0), (2.0, 20.0), (2.0, 40.0))
+        for p, lam in ((0.5, 240.0), (2.0, 30.0), (2.0, 60.0))
     },
     "mass marginals": {"mass": True},
     "one-sided 0.5": {"one_sided": 0.5},

@@ -34,7 +34,7 @@ REFINED = 4000  # samples, up to twice as many
 
 # Plain updates: these few, over-relaxed, would leave ties to rounding. The rounds to
 # come mend what a search among candidates misses.
-_brief = partial(sinkhorn, num_iters=8, relax=1.0, least=0.0)
+_brief = partial(sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0, least=0.0)
 
 
 def match(

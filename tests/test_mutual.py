@@ -13,7 +13,8 @@ from jfsf import data, testing
 from jfsf.knn import BINS, ROWS, mutual_neighbours
 
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
-MANY_X, MANY_Y, K0 = 2101, 1303, 6  # with K0, bins of several points, both ways
+FEWEST = 8  # neighbours, for which M points are too few for bins
+MANY_X, MANY_Y, K0 = 2101, 1303, 12  # with K0, bins of several points, both ways
 
 
 def random(seed, *shape):
@@ -31,14 +32,14 @@ def recall(found, idx):
 
 def test_the_sizes_are_awkward():
     assert N % ROWS and M % ROWS
-    assert M < 2 * BINS * 4 and 4 * BINS * K0 < MANY_Y < 8 * BINS * K0 < MANY_X
+    assert M < 2 * BINS * FEWEST and 4 * BINS * K0 < MANY_Y < 8 * BINS * K0 < MANY_X
 
 
 @given(
     testing.point_sets(N, WIDTH),
     testing.point_sets(M, WIDTH),
     testing.seeds,
-    st.sampled_from([4, 20, N]),
+    st.sampled_from([FEWEST, 20, N]),
 )
 def test_few_points_are_all_compared(x, y, seed, k0):
     rng = np.random.default_rng(seed)
@@ -73,7 +74,7 @@ def test_with_bins_the_nearest_is_found_and_few_others_are_missed(dtype):
         assert near.dist.dtype == dtype
         idx, dist = oracles.neighbours(queries, points, K0)
         np.testing.assert_allclose(near.dist.min(1), dist[:, 0], rtol=1e-4)
-        assert recall(near.idx, idx) > 0.985
+        assert recall(near.idx, idx) > 0.975
         assert all(len(set(row)) == K0 for row in np.asarray(near.idx))
 
 

@@ -370,8 +370,8 @@ def test_k0_beyond_the_points_is_all_of_them():
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 20"),
-        ({"num_iters": 0}, "k0 and num_iters must be positive, got 10 and 0"),
+        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 24"),
+        ({"num_iters": 0}, "k0 and num_iters must be positive, got 20 and 0"),
         ({"scale": "mean"}, "scale is 'nearest' or 'max', not 'mean'"),
         ({"emb_y": jnp.ones((5, 2))}, "emb_x has 3 columns, emb_y 2"),
         ({"marginal_x": jnp.ones(5)}, r"marginal_x has shape \(5,\), emb_x has 4 rows"),
