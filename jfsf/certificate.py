@@ -4,11 +4,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.convert.nn import nearest
 from jfsf.metrics import coverage, orthogonality
 from jfsf.orientation import SEEN, brackets, score
 from jfsf.sampling import biharmonic
-from jfsf.types import Certificate, Filtered, Spectrum, Tiles
+from jfsf.types import Certificate, Filtered, Kernel, Spectrum
 
 
 @jax.jit
@@ -20,7 +19,6 @@ def certify(
     spec_x: Spectrum,
     spec_y: Spectrum,
     gap: Float[Array, ""] | float = jnp.nan,
-    tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Certificate:
     """The evidence for `filtered`, which came from (emb_x, emb_y).
 
@@ -30,12 +28,11 @@ def certify(
         C_yx: the functional map of filtered.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
         gap: of the search that began it, if one did.
-        tiles: as for `nearest`, which is asked for what it would say.
     """
     T_xy, T_yx = filtered.T_xy, filtered.T_yx
     real_x = spec_x.mass > 0
-    plain = nearest(emb_x, emb_y, spec_x.mass, spec_y.mass, tiles=tiles)
-    agree = jnp.sum(real_x & (plain.T_xy == T_xy)) / jnp.sum(real_x)
+    plain = _nearest_of(filtered.kernel, emb_x, emb_y)
+    agree = jnp.sum(real_x & (plain == T_xy)) / jnp.sum(real_x)
     every = (C_yx, emb_x, emb_y, filtered.f, filtered.g)
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in every]).all()
     k = min(SEEN, *C_yx.shape)
@@ -52,6 +49,18 @@ def certify(
         nn_agreement=agree.astype(C_yx.dtype),
         finite=finite,
     )
+
+
+def _nearest_of(kernel: Kernel, emb_x, emb_y):
+    """The nearest in Y of each vertex of X, which is among its k0 neighbours."""
+
+    def square(column):
+        idx, log = column
+        gap = jnp.sum((emb_x - emb_y[idx]) ** 2, 1)
+        return jnp.where(log > -jnp.inf, gap, jnp.inf)
+
+    gaps = jax.lax.map(square, (kernel.idx_xy.T, kernel.log_xy.T))
+    return jnp.take_along_axis(kernel.idx_xy.T, gaps.argmin(0)[None], 0)[0]
 
 
 def _there_and_back(returned, spec: Spectrum):

@@ -178,9 +178,7 @@ def match_spectra(
     )
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
     gap = found.energy[1] / found.energy[0] - 1
-    certificate = certify(
-        filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap, tiles=tiles
-    )
+    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 

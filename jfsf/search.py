@@ -109,8 +109,11 @@ def search(
     num_parents = min((hypotheses - starts) // len(flips), starts)
     # With "any" the fields are 0 and say nothing.
     way = {"preserve": 1, "reverse": -1, "any": 0}[orientation]
-    few = _Samples.of(spec_x, spec_y, desc_x, desc_y, way, SAMPLES)
-    more = _Samples.of(spec_x, spec_y, desc_x, desc_y, way, FINAL_SAMPLES)
+    seen_x = _Seen.of(spec_x, desc_x)
+    seen_y = _Seen.of(spec_y, desc_y)
+    seen_x = seen_x._replace(field=way * seen_x.field)
+    few = _Samples(seen_x.at(SAMPLES), seen_y.at(SAMPLES))
+    more = _Samples(seen_x.at(FINAL_SAMPLES), seen_y.at(FINAL_SAMPLES))
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
     sign = -1 if orientation == "reverse" else 1
 
@@ -122,10 +125,13 @@ def search(
             energy = energy + jnp.where(sign * turned < 0, WRONG_WAY, half)
         return energy, turned
 
-    weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
-    fits = [fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K) for w in weights]
     dtype = spec_x.evecs.dtype
-    fitted = jnp.stack([f.C_yx[:FLIP_TO, :FLIP_TO] for f in fits]).astype(dtype)
+    weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
+    fitted = jax.lax.map(
+        lambda w: fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K).C_yx,
+        jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights),
+    )
+    fitted = fitted[:, :FLIP_TO, :FLIP_TO].astype(dtype)
     signs, flips = jnp.asarray(signs, dtype), jnp.asarray(flips, dtype)
     # Descriptors mend a start that the eigenfunctions alone lead astray, and the other
     # way round.
@@ -163,42 +169,38 @@ def appearance(spec: Spectrum, desc: Float[Array, "n d"]) -> Float[Array, "n e"]
     return jnp.concatenate([standardise(desc, spec.mass), bent], 1)
 
 
+class _Seen(NamedTuple):
+    """A shape and what tells its points apart."""
+
+    spec: Spectrum
+    desc: Float[Array, "n d"]
+    bent: Float[Array, "n b"]
+    extra: Float[Array, "n e"]
+    field: Float[Array, "n k k"]
+
+    @classmethod
+    def of(cls, spec: Spectrum, desc):
+        bent = standardise(curvature(spec), spec.mass)
+        return cls(spec, desc, bent, appearance(spec, desc), bracket_fields(spec))
+
+    def at(self, num: int) -> "_Seen":
+        """From farthest points alone."""
+        chosen = farthest_points(self.spec, num=min(num, len(self.spec.mass)))
+        return _Seen(restrict(self.spec, chosen), *(a[chosen] for a in self[1:]))
+
+
 class _Samples(NamedTuple):
     """Two shapes seen from samples, and what is done with hypotheses there."""
 
-    spec_x: Spectrum
-    spec_y: Spectrum
-    desc_x: Float[Array, "s d"]
-    desc_y: Float[Array, "t d"]
-    bent_x: Float[Array, "s b"]
-    bent_y: Float[Array, "t b"]
-    extra_x: Float[Array, "s e"]
-    extra_y: Float[Array, "t e"]
-    field_x: Float[Array, "s k k"]
-    field_y: Float[Array, "t k k"]
-
-    @classmethod
-    def of(cls, spec_x, spec_y, desc_x, desc_y, sign, num):
-        at_x = farthest_points(spec_x, num=min(num, len(spec_x.mass)))
-        at_y = farthest_points(spec_y, num=min(num, len(spec_y.mass)))
-        return cls(
-            restrict(spec_x, at_x),
-            restrict(spec_y, at_y),
-            desc_x[at_x],
-            desc_y[at_y],
-            standardise(curvature(spec_x), spec_x.mass)[at_x],
-            standardise(curvature(spec_y), spec_y.mass)[at_y],
-            appearance(spec_x, desc_x)[at_x],
-            appearance(spec_y, desc_y)[at_y],
-            sign * bracket_fields(spec_x)[at_x],
-            bracket_fields(spec_y)[at_y],
-        )
+    x: _Seen
+    y: _Seen
 
     def zoom(self, C_yx, ks, *, described=False):
-        extra = self[-4:] if described else ()
+        x, y = self
+        extra = (x.extra, y.extra, x.field, y.field) if described else ()
         grow = lambda C: zoomout(
-            self.spec_x,
-            self.spec_y,
+            x.spec,
+            y.spec,
             C,
             *extra,
             ks=ks,
@@ -209,20 +211,20 @@ class _Samples(NamedTuple):
         return jax.vmap(grow)(C_yx)
 
     def energy(self, C_yx):
-        return jax.lax.map(lambda C: _energy(C, *self[:6]), C_yx)
+        return jax.lax.map(lambda C: _energy(C, *self), C_yx)
 
 
-def _energy(C_yx, spec_x, spec_y, desc_x, desc_y, bent_x, bent_y):
-    k = len(C_yx)
+def _energy(C_yx, x: _Seen, y: _Seen):
+    k, spec_x, spec_y = len(C_yx), x.spec, y.spec
     gap = spec_x.evals[:k, None] - spec_y.evals[None, :k]
     top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
     commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
     maps = _dense(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
     stretch = jnp.linalg.norm(C_yx.T @ C_yx - jnp.eye(k, dtype=C_yx.dtype))
-    lost_x = _mismatch(desc_x, desc_y[maps.T_xy], spec_x.mass)
-    lost_y = _mismatch(desc_y, desc_x[maps.T_yx], spec_y.mass)
-    bent = _differ(bent_x, bent_y[maps.T_xy], spec_x.mass)
-    bent += _differ(bent_y, bent_x[maps.T_yx], spec_y.mass)
+    lost_x = _mismatch(x.desc, y.desc[maps.T_xy], spec_x.mass)
+    lost_y = _mismatch(y.desc, x.desc[maps.T_yx], spec_y.mass)
+    bent = _differ(x.bent, y.bent[maps.T_xy], spec_x.mass)
+    bent += _differ(y.bent, x.bent[maps.T_yx], spec_y.mass)
     return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y + BENT_ENERGY * bent
 
 

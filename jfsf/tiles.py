@@ -10,7 +10,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.types import Spectrum, Tiles
 
@@ -52,13 +52,19 @@ def tiles(
     spread = (slot - count) * 7919 % count
     member = jnp.argsort(~valid)[jnp.where(slot < count, slot, spread)]
     real = (slot < count) & valid[member]
-    parts = jnp.where(valid[:, None], points, 0)[member][None]
-    order = slot[None]
-    for _ in range(depth):
-        along = jnp.argsort(_along_axis(parts), 1)
-        order = jnp.take_along_axis(order, along, 1).reshape(2 * len(order), -1)
-        parts = jnp.take_along_axis(parts, along[:, :, None], 1)
-        parts = parts.reshape(*order.shape, -1)
+    placed = jnp.where(valid[:, None], points, 0)[member]
+    cell = jnp.arange(2**depth)
+
+    def halve(level, order):
+        # Parts of different sizes in one loop, for one program: a part is a run of the
+        # cells that it will end as.
+        part = cell >> (depth - level)
+        cells = placed[order].reshape(len(cell), -1, points.shape[1])
+        along = _along_axis(cells, part)
+        mine = jnp.broadcast_to(part[:, None], along.shape).ravel()
+        return jax.lax.sort((mine, along.ravel(), order), num_keys=2)[2]
+
+    order = jax.lax.fori_loop(0, depth, halve, slot).reshape(len(cell), -1)
     return Tiles(member[order].astype(jnp.int32), real[order])
 
 
@@ -77,15 +83,24 @@ def spectral_tiles(spec: Spectrum, *, size: int = SIZE) -> Tiles:
     return tiles(points, spec.mass > 0, size=size)
 
 
-def _along_axis(parts: Float[Array, "p m d"]) -> Float[Array, "p m"]:
-    """Where each point lies along the principal axis of its part."""
-    centred = parts - parts.mean(1, keepdims=True)
-    far = jnp.argmax(jnp.sum(centred**2, 2), 1)
-    axis = jnp.take_along_axis(centred, far[:, None, None], 1)[:, 0]
+def _along_axis(points: Float[Array, "c m d"], part: Int[Array, " c"]):
+    """Where each point lies along the principal axis of the part its cell is in."""
+
+    def over_part(values, reduce=jax.ops.segment_sum):
+        return reduce(values, part, len(part), indices_are_sorted=True)[part]
+
+    count = over_part(jnp.full(len(part), points.shape[1], points.dtype))
+    centred = points - (over_part(points.sum(1)) / count[:, None])[:, None]
+    square = jnp.sum(centred**2, 2)
+    far = square == over_part(square.max(1), jax.ops.segment_max)[:, None]
+    slot = jnp.arange(square.size).reshape(square.shape)
+    first = jnp.where(far, slot, square.size - 1).min(1)
+    first = over_part(first, jax.ops.segment_min)
+    axis = centred.reshape(-1, points.shape[2])[first]
     for _ in range(TURNS):
         # Unit length: powers of small numbers would vanish.
         norm = jnp.sqrt(jnp.sum(axis**2, 1, keepdims=True))
         axis = axis / jnp.where(norm > 0, norm, 1)
-        along = jnp.einsum("pmd,pd->pm", centred, axis)
-        axis = jnp.einsum("pmd,pm->pd", centred, along)
-    return jnp.einsum("pmd,pd->pm", centred, axis)
+        along = jnp.einsum("cmd,cd->cm", centred, axis)
+        axis = over_part(jnp.einsum("cmd,cm->cd", centred, along))
+    return jnp.einsum("cmd,cd->cm", centred, axis)

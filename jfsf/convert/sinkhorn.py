@@ -141,27 +141,22 @@ def scale_kernel(
     g = _minus(log_y, kernels.log_matvec(flipped, f))
     f = _minus(log_x, kernels.log_matvec(kernel, g))
 
-    def absorbed(f, g, updates, relax):
+    def absorbed(fg, powers):
+        f, g = fg
         plan = kernels.plan(kernel, f, g)
         back = kernels.transpose(plan)
 
-        def update(_, uv):
+        def update(uv, power):
             u, v = uv
-            v = v * _factor(marginal_y, v * kernels.matvec(back, u)) ** relax
-            u = u * _factor(marginal_x, u * kernels.matvec(plan, v)) ** relax
-            return u, v
+            v = v * _factor(marginal_y, v * kernels.matvec(back, u)) ** power
+            u = u * _factor(marginal_x, u * kernels.matvec(plan, v)) ** power
+            return (u, v), None
 
         ones = jnp.ones_like(f), jnp.ones_like(g)
-        u, v = jax.lax.fori_loop(0, updates, update, ones)
-        return f + jnp.log(u), g + jnp.log(v)
+        (u, v), _ = jax.lax.scan(update, ones, powers)
+        return (f + jnp.log(u), g + jnp.log(v)), None
 
-    relax = jnp.asarray(relax, f.dtype)
-    rounds, rest = divmod(max(num_iters - 2, 0), ABSORB_EVERY)
-    f, g = jax.lax.fori_loop(
-        0, rounds, lambda _, fg: absorbed(fg[0], fg[1], ABSORB_EVERY, relax), (f, g)
-    )
-    f, g = absorbed(f, g, rest, relax)
-    f, g = absorbed(f, g, min(num_iters - 1, 1), jnp.ones_like(relax))
+    (f, g), _ = jax.lax.scan(absorbed, (f, g), _powers(num_iters - 1, relax, f.dtype))
 
     T_xy, found_x = kernels.row_argmax(kernel, g)
     T_yx, found_y = kernels.row_argmax(flipped, f)
@@ -204,6 +199,20 @@ def plan_entries(filtered: Filtered):
     rows = jnp.concatenate([own_x.ravel(), plan.idx_yx.ravel()])
     columns = jnp.concatenate([plan.idx_xy.ravel(), own_y.ravel()])
     return rows, columns, jnp.concatenate([plan.log_xy.ravel(), plan.log_yx.ravel()])
+
+
+def _powers(num: int, relax, dtype) -> Float[Array, "rounds updates"]:
+    """How far each of `num` updates goes: `relax`, but for a last one that is plain.
+
+    Those of power 0, which fill the first round up, change nothing: rounds of one size
+    are one program.
+    """
+    rounds = -(-num // ABSORB_EVERY)
+    empty = rounds * ABSORB_EVERY - num
+    slot = jnp.arange(rounds * ABSORB_EVERY)
+    powers = jnp.where(slot < empty, 0, jnp.asarray(relax, dtype))
+    powers = jnp.where(slot == len(slot) - 1, 1, powers)
+    return powers.astype(dtype).reshape(rounds, ABSORB_EVERY)
 
 
 def _column(n: int, like):
