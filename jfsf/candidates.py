@@ -22,12 +22,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jfsf.knn import (
-    _chosen_from,
-    _frame,
-    _measured,
-    _product,
     check_sets,
+    common_frame,
     exhaustive,
+    inner_products,
+    selectable,
+    with_distances,
 )
 from jfsf.types import Found, Neighbours, Tiles
 
@@ -78,14 +78,14 @@ def tiled_neighbours(
     check_sets("tiled_neighbours", x, y, k0)
     if not 0 <= least <= 1:
         raise ValueError(f"tiled_neighbours: least is {least}, not in [0, 1]")
-    x, valid_x = _chosen_from(x, _taking_part(tiles_x, valid_x, len(x)))
-    y, valid_y = _chosen_from(y, _taking_part(tiles_y, valid_y, len(y)))
-    scaled = _frame(jax.lax.stop_gradient(y), valid_y)
+    x, valid_x = selectable(x, _taking_part(tiles_x, valid_x, len(x)))
+    y, valid_y = selectable(y, _taking_part(tiles_y, valid_y, len(y)))
+    scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
     fast_x, fast_y = (scaled(jax.lax.stop_gradient(a)) for a in (x, y))
     idx_xy = _search(fast_x, fast_y, tiles_x, tiles_y, valid_y, k0)
     idx_yx = _search(fast_y, fast_x, tiles_y, tiles_x, valid_x, k0)
-    near_xy = _measured(x, idx_xy, y, valid_x, valid_y)
-    near_yx = _measured(y, idx_yx, x, valid_y, valid_x)
+    near_xy = with_distances(x, idx_xy, y, valid_x, valid_y)
+    near_yx = with_distances(y, idx_yx, x, valid_y, valid_x)
 
     # The worse direction counts.
     recall = jnp.fmin(
@@ -110,7 +110,7 @@ def _taking_part(tiles: Tiles, valid, n: int):
 def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: int):
     """Indices of the k0 nearest candidates of each query; float32 throughout."""
     real = tiles_p.real & valid[tiles_p.member]
-    # What `_measured` knows to be no point, where a block has too few.
+    # What `with_distances` knows to be no point, where a block has too few.
     member = jnp.where(real, tiles_p.member, len(points))
     points = points[tiles_p.member]
     total, size = real.shape
@@ -129,7 +129,7 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
         around = points[best].reshape(-1, points.shape[2]) - middle
         offset = jnp.where(real[best].ravel(), jnp.sum(around**2, 1) / 2, FAR)
         # Points down, queries across: maxima then vectorise.
-        score = _product(around, near) - offset[:, None]
+        score = inner_products(around, near) - offset[:, None]
         return _leaders(score, member[best].ravel(), k0)
 
     found = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
@@ -168,7 +168,7 @@ def _descend(near, middle, levels, kept: int):
     def nearest(at, num):
         centre, square = centres[at] - middle, squares[at]
         dist = jnp.sum(centre**2, 1) - SPREAD * square
-        dist = dist[:, None] - 2 * _product(centre, near)
+        dist = dist[:, None] - 2 * inner_products(centre, near)
         # How much farther than the row's own best: all rows count alike, however far
         # they are from the other shape.
         excess = jnp.min(dist - dist.min(0, keepdims=True), 1)
@@ -202,13 +202,13 @@ def _recall(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, v
     slot = jnp.arange(min(CHECKED, slots)) * (slots // min(CHECKED, slots))
     at = tiles_q.member.ravel()[slot]
     score = (
-        _product(fast_p, fast_q[at])
+        inner_products(fast_p, fast_q[at])
         - jnp.where(valid, jnp.sum(fast_p**2, 1) / 2, FAR)[:, None]
     )
     index = jnp.arange(len(fast_p), dtype=jnp.int32)
     idx = _leaders(score, index, 1)
     every = jnp.ones(len(at), bool)
-    exact = _measured(queries[at], idx, points, every, valid)
+    exact = with_distances(queries[at], idx, points, every, valid)
     dist, exact = near.dist[at, 0], exact.dist[:, 0]
     known = jnp.isfinite(dist) & jnp.isfinite(exact)
     right = jnp.sum(known & (dist <= exact * (1 + ALIKE))).astype(dist.dtype)

@@ -57,10 +57,10 @@ def neighbours(
         )
     if not 1 <= k0 <= len(points):
         raise ValueError(f"neighbours: k0 is {k0}, there are {len(points)} points")
-    safe, valid = _chosen_from(points, valid)
+    safe, valid = selectable(points, valid)
     # The choice of neighbours is not differentiable; their distances are.
     frozen = jax.lax.stop_gradient(safe)
-    scaled = _frame(frozen, valid)
+    scaled = common_frame(frozen, valid)
     fast = scaled(frozen)
     offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), jnp.inf)
     fast, offset = _pad(fast, GROUP), _pad(offset, GROUP, jnp.inf)
@@ -69,7 +69,7 @@ def neighbours(
 
     def block(rows):
         # Points down, queries across: maxima over groups of points then vectorise.
-        score = _product(fast, scaled(jax.lax.stop_gradient(rows)))
+        score = inner_products(fast, scaled(jax.lax.stop_gradient(rows)))
         near = _select(score - offset[:, None], min(k0 + MARGIN, len(points)))
         dist = _distances(rows, near, safe, valid)
         dist, near = jax.lax.sort((dist, near), num_keys=2)
@@ -110,11 +110,11 @@ def mutual_neighbours(
         ValueError: widths differ, or k0 is not in 1..min(n, m).
     """
     check_sets("mutual_neighbours", x, y, k0)
-    x, valid_x = _chosen_from(x, valid_x)
-    y, valid_y = _chosen_from(y, valid_y)
+    x, valid_x = selectable(x, valid_x)
+    y, valid_y = selectable(y, valid_y)
     if k0 > FEW:
         return exhaustive(x, y, valid_x, valid_y, k0=k0)
-    scaled = _frame(jax.lax.stop_gradient(y), valid_y)
+    scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
     bin_x, bin_y = _bin_size(len(x), k0), _bin_size(len(y), k0)
 
     def prepared(points, valid, multiple):
@@ -131,7 +131,7 @@ def mutual_neighbours(
 
     def block(args):
         rows, offset = args
-        product = _product(rows, fast_y)
+        product = inner_products(rows, fast_y)
         best_y = _best((product - offset_y[None]).reshape(ROWS, bin_y, -1), 1)
         best_x = _best((product - offset[:, None]).reshape(bin_x, -1, len(fast_y)), 0)
         which, member = _leaders(best_y, k0, bin_y)
@@ -144,8 +144,8 @@ def mutual_neighbours(
     which, member = _leaders(best_x, k0, bin_x)
     near_yx = (member * bins + which % bins) * blocks + which // bins
     return (
-        _measured(x, near_xy, y, valid_x, valid_y),
-        _measured(y, near_yx, x, valid_y, valid_x),
+        with_distances(x, near_xy, y, valid_x, valid_y),
+        with_distances(y, near_yx, x, valid_y, valid_x),
     )
 
 
@@ -192,7 +192,8 @@ def _leaders(best: Float[Array, "n bins"], k0: int, size: int):
     return which, jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
 
 
-def _measured(queries: Array, near: Array, points: Array, valid_q, valid_p):
+def with_distances(queries: Array, near: Array, points: Array, valid_q, valid_p):
+    """Indices as Neighbours: distances are measured anew, inf where there is none."""
     # What fills the last block is no point.
     inside = near < len(points)
     near = jnp.where(inside, near, 0)
@@ -206,14 +207,14 @@ def _measured(queries: Array, near: Array, points: Array, valid_q, valid_p):
     return Neighbours(jnp.where(jnp.isfinite(dist), near, 0), dist)
 
 
-def _chosen_from(points: Array, valid) -> tuple[Array, Array]:
+def selectable(points: Array, valid) -> tuple[Array, Array]:
     """Which points can be chosen; the others must not reach a score as inf * 0."""
     finite = jnp.isfinite(points).all(1)
     valid = finite if valid is None else valid & finite
     return jnp.where(valid[:, None], points, 0), valid
 
 
-def _product(one, other):
+def inner_products(one, other):
     return jnp.matmul(one, other.T, precision=jax.lax.Precision.HIGHEST)
 
 
@@ -226,7 +227,7 @@ def _distances(queries, near, points, valid):
     return jnp.where(valid[near] & jnp.isfinite(dist), dist, jnp.inf)
 
 
-def _frame(points, valid):
+def common_frame(points, valid):
     """Puts 0 and 1 where float32 neither cancels nor overflows.
 
     Both are rounded to a power of two: what is near 0 already does not move, and exact

@@ -99,6 +99,46 @@ def test_units_motion_and_winding_change_nothing():
         assert np.linalg.norm(apart, axis=1).mean() < edge / 5
 
 
+def test_signs_of_eigenvectors_change_nothing():
+    module = sys.modules[jfsf.match.__module__]
+    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
+    rng = np.random.default_rng(0)
+    by = [rng.choice((-1.0, 1.0), len(spec.evals)) for spec in specs]
+    for one in by:
+        one[0] = 1
+    flipped = map(testing.flip_signs, specs, by)
+    # Called as `match` calls it, and padded alike: the same program.
+    found = module.match_spectra(
+        *map(module._on_device, flipped),
+        None,
+        orientation="preserve",
+        hypotheses=module.HYPOTHESES,
+    )
+    n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
+    same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
+    C_yx = testing.flip_map(found.C_yx, *by)
+    np.testing.assert_allclose(C_yx[:30, :30], plain().C_yx[:30, :30], atol=0.1)
+
+
+def test_both_mirrored_is_neither_mirrored():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    found = jfsf.match(testing.mirror(mesh_x), testing.mirror(mesh_y), cache=False)
+    same(found, 0.9)
+
+
+def test_swapping_the_shapes_swaps_the_maps():
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    found = jfsf.match(mesh_y, mesh_x, cache=False)
+    at = slice(None, None, 20)
+    forth = geodesic_error(found.T_yx, mesh_y, gt_x[at], gt_y[at]).mean()
+    back = geodesic_error(found.T_xy, mesh_x, gt_y[at], gt_x[at]).mean()
+    assert forth < 1.2 * error(plain()) and back < 0.05
+    # Maps are read off T_xy on the way, so the two ways round differ in detail.
+    moved = mesh_y.vertices[found.T_yx] - mesh_y.vertices[plain().T_xy]
+    size = np.linalg.norm(np.ptp(mesh_y.vertices, 0))
+    assert np.linalg.norm(moved, axis=1).mean() < size / 50
+
+
 def turned():
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     return turn * np.sign(np.linalg.det(turn)), np.array([1.0, -2.0, 3.0])
