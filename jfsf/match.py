@@ -205,7 +205,8 @@ def _bases(mesh_x: Mesh, mesh_y: Mesh, cache: bool) -> list[Spectrum]:
 
 def _on_device(spec: Spectrum) -> Spectrum:
     # Padded first: what is done to jax arrays of each size compiles for each size.
-    spec = pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
+    # A closed surface has two faces a vertex.
+    spec = pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces), 1024))
     return jax.tree.map(jnp.asarray, spec)
 
 
