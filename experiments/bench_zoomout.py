@@ -27,7 +27,7 @@ from pyFM.spectral import FM_to_p2p
 
 import jfsf
 from jfsf import data, mapfiles
-from jfsf.convert import nearest, sinkhorn
+from jfsf.convert import brief, nearest, sinkhorn
 from jfsf.descriptors import wks
 from jfsf.fmap import embeddings, uniform
 from jfsf.mesh import orient
@@ -39,8 +39,6 @@ from jfsf.tiles import spectral_tiles
 
 KS = tuple(range(20, 101, 5))
 WHOLE = 150  # eigenpairs of pyFM's recipe
-# Inside ZoomOut, as `match` does.
-BRIEF = partial(sinkhorn, num_iters=8, relax=1.0, least=0.0)
 
 
 @partial(jax.jit, static_argnames=("inside", "last", "tiled"))
@@ -119,9 +117,9 @@ def main() -> None:
 
     ready = lambda *args: jax.block_until_ready(ours(*narrow, start, *args))
     zooms = {
-        "jfsf zoomout, sinkhorn": partial(ready, BRIEF, sinkhorn, False),
+        "jfsf zoomout, sinkhorn": partial(ready, brief, sinkhorn, False),
         "jfsf zoomout, nearest": partial(ready, nearest, nearest, False),
-        "jfsf tiled, sinkhorn": partial(ready, BRIEF, sinkhorn, True),
+        "jfsf tiled, sinkhorn": partial(ready, brief, sinkhorn, True),
         "jfsf tiled, nearest": partial(ready, nearest, nearest, True),
         "pyFM zoomout": partial(theirs, *wide, start_wide),
     }

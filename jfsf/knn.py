@@ -22,7 +22,7 @@ from jfsf.types import Neighbours
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
-BINS = 20  # bins a neighbour: one neighbour in some 40 shares a bin with a nearer one
+BINS = 12  # bins a neighbour: one neighbour in some 24 shares a bin with a nearer one
 FEW = 32  # with more neighbours than this, bins gain nothing and miss some
 FAR = 1e30  # below -FAR no score falls, and unlike inf it survives `_best`
 
@@ -92,8 +92,8 @@ def mutual_neighbours(
 ) -> tuple[Neighbours, Neighbours]:
     """The neighbours in y of each x and in x of each y, for one product's cost.
 
-    The nearest is found, as exactly as float32 tells points apart. Of the others one in
-    fifty or fewer is missed for a farther one, none where there are fewer than
+    The nearest is found, as exactly as float32 tells points apart. Of the others about
+    one in a hundred is missed for a farther one, none where there are fewer than
     2 `BINS` k0 points, nor with k0 above `FEW`: then each direction is searched alone.
     Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
 

@@ -10,7 +10,7 @@ from jaxtyping import Array, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
-from jfsf.convert import sinkhorn
+from jfsf.convert import brief, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import orient, validate
@@ -31,10 +31,6 @@ EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 TILED = 2000  # vertices above which neighbours are searched among candidates
 LARGE = 20_000  # vertices above which C_yx is refined on samples
 REFINED = 4000  # samples, up to twice as many
-
-# Plain updates: these few, over-relaxed, would leave ties to rounding. The rounds to
-# come mend what a search among candidates misses.
-_brief = partial(sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0, least=0.0)
 
 
 def match(
@@ -168,7 +164,7 @@ def match_spectra(
         seen_y,
         *start,
         ks=ks,
-        converter=_brief,
+        converter=brief,
         weighted=True,
         tiles=seen_tiles,
     )

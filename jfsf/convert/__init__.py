@@ -7,9 +7,16 @@ from jfsf.convert.precise import (
     pull_back_precise,
     to_vertex,
 )
-from jfsf.convert.sinkhorn import plan_entries, pull_back, scale_kernel, sinkhorn
+from jfsf.convert.sinkhorn import (
+    brief,
+    plan_entries,
+    pull_back,
+    scale_kernel,
+    sinkhorn,
+)
 
 __all__ = [
+    "brief",
     "functional_map_precise",
     "nearest",
     "plan_entries",
