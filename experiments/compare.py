@@ -201,7 +201,7 @@ def true_embeddings(pair: Pair):
 
 def load_pair(args: argparse.Namespace, names: tuple[str, str], k: int) -> Pair:
     """Both shapes, with spectra of k eigenpairs in float32."""
-    x, y = (datasets.load(args, name) for name in names)
+    x, y = datasets.load_pair(args, *names)
     specs = (spectrum(shape.mesh, k) for shape in (x, y))
     single = (jax.tree.map(_float32, spec) for spec in specs)
     return Pair(x, y, *(jax.tree.map(jnp.asarray, spec) for spec in single))

@@ -3,7 +3,8 @@
 A folder holds NAME.off with corres/NAME.vts (template point -> 1-based vertex) and,
 where there is one, corres/NAME.sym.vts (the left-right mirror image); or NAME.ply in
 one connectivity, whose ground truth is the identity. WKSini_direct/X_Y.map, where there
-is one, is an initial map to refine. Lists have one pair of names a line.
+is one, is an initial map to refine. Lists have one pair of names a line. --identity
+puts X's own mesh, in Y's pose, in the place of Y.
 """
 
 import argparse
@@ -13,11 +14,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse
+from scipy.sparse.linalg import factorized
 
 import jfsf
 from jfsf import data, mapfiles
+from jfsf.spectrum import operators
 from jfsf.types import Mesh
 
+SMOOTHED = 0.1  # the weight of Dirichlet energy beside one template point
 LISTS = ("dev_pairs.txt", "test_pairs.txt")
 
 
@@ -37,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--spread", type=int, help="only N pairs, spread over the list")
     parser.add_argument(
         "--within", type=int, help="only pairs of one person: N shapes each"
+    )
+    parser.add_argument(
+        "--identity", action="store_true", help="Y in X's connectivity: see posed"
     )
 
 
@@ -68,6 +76,28 @@ def pairs(args: argparse.Namespace) -> list[tuple[str, str]]:
     return chosen
 
 
+def load_pair(args: argparse.Namespace, x: str, y: str) -> tuple[Shape, Shape]:
+    """Both shapes by their names."""
+    one, two = load(args, x), load(args, y)
+    return one, posed(one, two) if args.identity else two
+
+
+def posed(x: Shape, y: Shape) -> Shape:
+    """X's mesh in the pose of Y, so that the ground truth is the identity.
+
+    A vertex of X goes to the mean of what its template points are on Y, but for a
+    little smoothing, which also places the quarter that have none.
+    """
+    n = len(x.mesh.vertices)
+    total = np.zeros((n, 3))
+    np.add.at(total, x.truth, y.mesh.vertices[y.truth])
+    count = scipy.sparse.diags(np.bincount(x.truth, minlength=n).astype(float))
+    stiffness, _ = operators(x.mesh)
+    solve = factorized((count + SMOOTHED * stiffness).tocsc())
+    points = np.stack([solve(column) for column in total.T], 1)
+    return Shape(Mesh(points, x.mesh.faces), x.truth, None)
+
+
 def load(args: argparse.Namespace, name: str) -> Shape:
     """One shape by its name."""
     if args.embedded:
@@ -88,7 +118,7 @@ def load(args: argparse.Namespace, name: str) -> Shape:
 
 def initial_map(args: argparse.Namespace, x: str, y: str) -> np.ndarray | None:
     """The folder's T_xy to refine, (n_x,), or None."""
-    if args.embedded:
+    if args.embedded or args.identity:
         return None
     path = args.data / "WKSini_direct" / f"{x}_{y}.map"
     return mapfiles.read_map(path) if path.exists() else None

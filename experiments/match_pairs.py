@@ -31,7 +31,7 @@ def main() -> None:
     pairs = datasets.pairs(args)
     rows = []
     for x, y in pairs:
-        shapes = datasets.load(args, x), datasets.load(args, y)
+        shapes = datasets.load_pair(args, x, y)
         row = {"x": x, "y": y, **_measure(*shapes, args)}
         rows.append(row)
         mirrored = f" mirrored {row['mirrored']:.4f}" if "mirrored" in row else ""

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jfsf.mesh import validate
 from jfsf.types import Maps
 
 PAIRS = "man_walk man_up\nman_up man_walk\n"
@@ -31,6 +32,7 @@ def args(tmp_path):
         pairs=listed,
         spread=None,
         within=None,
+        identity=False,
         every=500,
         methods=["first", "second"],
         out=tmp_path / "table.json",
@@ -83,3 +85,18 @@ def test_other_settings_are_not_mixed(compare, args):
     args.every = 400
     with pytest.raises(SystemExit, match="other settings .every."):
         run(compare, args, [])
+
+
+def test_a_mesh_put_into_the_pose_of_another(compare, args):
+    x, y = (compare.datasets.load(args, name) for name in ("man_walk", "man_up"))
+    args.identity = True
+    same, moved = compare.datasets.load_pair(args, "man_walk", "man_up")
+    assert np.array_equal(same.truth, moved.truth)
+    assert np.array_equal(moved.mesh.faces, x.mesh.faces)
+    validate(moved.mesh, k=100)
+    # A few edges from where each template point is on Y, and no copy of X.
+    gap = moved.mesh.vertices[moved.truth] - y.mesh.vertices[y.truth]
+    one, two, _ = y.mesh.vertices[y.mesh.faces.T]
+    edge = np.linalg.norm(one - two, axis=1).mean()
+    assert np.linalg.norm(gap, axis=1).mean() < edge
+    assert np.linalg.norm(moved.mesh.vertices - x.mesh.vertices, axis=1).mean() > edge
