@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from jfsf import testing
 from jfsf.convert import sinkhorn
 from jfsf.fmap import embeddings, functional_map, uniform
+from jfsf.knn import BINS
 from jfsf.mesh import largest_component
 from jfsf.padding import pad
 from jfsf.refine import zoomout
@@ -109,7 +110,9 @@ def test_flipping_eigenvectors_changes_nothing(by_x, by_y):
 
 
 def test_padding_is_invisible():
-    wide = pad(PAIR[0], N_X + 30, 400), pad(PAIR[1], N_Y + 7, 400)
+    # As few points as before share no bin (`knn.BINS`), which padding would shift.
+    assert N_X + 20 < 2 * BINS * 8
+    wide = pad(PAIR[0], N_X + 20, 400), pad(PAIR[1], N_Y + 7, 400)
     found = refined(*wide, start(*PAIR))
     equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), PLAIN)
 
