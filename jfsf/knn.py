@@ -94,8 +94,8 @@ def mutual_neighbours(
 
     The nearest is found, as exactly as float32 tells points apart. Of the others about
     one in a hundred is missed for a farther one, none where there are fewer than
-    2 `BINS` k0 points, nor with k0 above `FEW`: then each direction is searched alone.
-    Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
+    2 `BINS` k0 points, padding counted, nor with k0 above `FEW`: then each direction is
+    searched alone. Memory is O(n k0), some `BINS` to 2 `BINS` numbers a neighbour.
 
     Args:
         x, y: rows of one Euclidean space.
