@@ -6,7 +6,7 @@ pyFM's one way by nearest neighbour.
 Whole: `jfsf.match` without its cache against the best pyFM recipe that we found: 150
 eigenpairs, 100 WKS of which every fifth, a 30 x 30 fit, ZoomOut 20 to 150 by 5.
 
-Two embedded shapes, or two of a folder with NAME.off and, for errors, corres/NAME.vts.
+Two embedded shapes, or two of a folder with ground truth (see datasets.py).
 
     python experiments/bench_zoomout.py [--data FOLDER --x NAME --y NAME] [--out FILE]
 """
@@ -15,6 +15,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+import datasets
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -26,7 +27,6 @@ from pyFM.refine.zoomout import zoomout_refine
 from pyFM.spectral import FM_to_p2p
 
 import jfsf
-from jfsf import data, mapfiles
 from jfsf.convert import brief, nearest, sinkhorn
 from jfsf.descriptors import wks
 from jfsf.fmap import embeddings, uniform
@@ -96,7 +96,10 @@ def main() -> None:
         "--out", type=Path, default=Path(__file__).parent / "results/bench_zoomout.json"
     )
     args = parser.parse_args()
-    (mesh_x, gt_x), (mesh_y, gt_y) = (_load(args.data, n) for n in (args.x, args.y))
+    args.embedded = args.data is None
+    (mesh_x, gt_x, _), (mesh_y, gt_y, _) = (
+        datasets.load(args, name) for name in (args.x, args.y)
+    )
     sizes = [len(mesh.vertices) for mesh in (mesh_x, mesh_y)]
     print(f"{args.x} to {args.y}: {sizes[0]} and {sizes[1]} vertices")
 
@@ -134,16 +137,13 @@ def main() -> None:
         found = interleave(contest, args.repeats)
         for name, row in found.items():
             row["rival_over_this"] = found[rival]["warm"] / row["warm"]
-            shown = ""
-            if gt_x is not None and gt_y is not None:
-                T_xy = np.asarray(contest[name]()[0])
-                some = gt_x[::EVERY], gt_y[::EVERY]
-                row["error"] = float(geodesic_error(T_xy, mesh_y, *some).mean())
-                shown = f", error {row['error']:.4f}"
+            T_xy = np.asarray(contest[name]()[0])
+            some = gt_x[::EVERY], gt_y[::EVERY]
+            row["error"] = float(geodesic_error(T_xy, mesh_y, *some).mean())
             print(
                 f"{name:24s} warm {row['warm']:.3f} s ({row['fastest']:.3f} to "
                 f"{row['slowest']:.3f}), cold {row['cold']:.2f} s, {rival} takes "
-                f"{row['rival_over_this']:.2f} x that{shown}"
+                f"{row['rival_over_this']:.2f} x that, error {row['error']:.4f}"
             )
         rows.update(found)
     settings = {
@@ -159,18 +159,6 @@ def main() -> None:
         "seed": None,
     }
     results_file.write(args.out, settings=settings, rows=rows)
-
-
-def _load(folder: Path | None, name: str):
-    """Mesh, and template point -> vertex or None."""
-    if folder is None:
-        sample = data.load(name)
-        return sample.mesh, sample.template_to_vertex
-    mesh = jfsf.read(folder / f"{name}.off")
-    path = folder / "corres" / f"{name}.vts"
-    if not path.exists():
-        return mesh, None
-    return mesh, mapfiles.read_map(path, n_to=len(mesh.vertices))
 
 
 if __name__ == "__main__":

@@ -174,14 +174,17 @@ class _Seen(NamedTuple):
 
     spec: Spectrum
     desc: Float[Array, "n d"]
-    bent: Float[Array, "n b"]
     extra: Float[Array, "n e"]
     field: Float[Array, "n k k"]
 
     @classmethod
     def of(cls, spec: Spectrum, desc):
-        bent = standardise(curvature(spec), spec.mass)
-        return cls(spec, desc, bent, appearance(spec, desc), bracket_fields(spec))
+        return cls(spec, desc, appearance(spec, desc), bracket_fields(spec))
+
+    @property
+    def bent(self) -> Float[Array, "n b"]:
+        """Curvature, standardised."""
+        return self.extra[:, self.desc.shape[1] :] / BENT
 
     def at(self, num: int) -> "_Seen":
         """From farthest points alone."""

@@ -94,7 +94,7 @@ def test_a_mesh_put_into_the_pose_of_another(compare, args):
     assert np.array_equal(same.truth, moved.truth)
     assert np.array_equal(moved.mesh.faces, x.mesh.faces)
     validate(moved.mesh, k=100)
-    # A few edges from where each template point is on Y, and no copy of X.
+    # Within an edge of where each template point is on Y, and no copy of X.
     gap = moved.mesh.vertices[moved.truth] - y.mesh.vertices[y.truth]
     one, two, _ = y.mesh.vertices[y.mesh.faces.T]
     edge = np.linalg.norm(one - two, axis=1).mean()

@@ -117,9 +117,8 @@ def sinkhorn(
     )
 
 
-# For the rounds of a refiner, in half the time. Plain updates: these few, over-relaxed,
-# would leave ties to rounding. The rounds to come mend what a search among candidates
-# misses.
+# For the rounds of a refiner. Plain updates: these few, over-relaxed, would leave ties
+# to rounding. The rounds to come mend what a search among candidates misses.
 brief = partial(sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0, least=0.0)
 
 
