@@ -114,7 +114,8 @@ def main() -> None:
         )
         for spec in wide
     ]
-    candidates = search(*narrow, *(wks(spec)[:, ::5] for spec in narrow))
+    desc_x, desc_y = (wks(spec)[:, ::5] for spec in narrow)
+    candidates = search(narrow[0], narrow[1], desc_x, desc_y)
     start = candidates.C_yx[0, : KS[0], : KS[0]]
     start_wide = np.asarray(start, np.float64)
 

@@ -3,7 +3,7 @@
 `match` goes the whole way from two meshes; the modules are its parts, pure and jitted.
 """
 
-from jfsf.match import match, match_spectra
+from jfsf.match import match, match_spectra, symmetry
 from jfsf.mesh import MeshError, check, read
 from jfsf.spectrum import spectrum
 from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
@@ -20,5 +20,6 @@ __all__ = [
     "match_spectra",
     "read",
     "spectrum",
+    "symmetry",
 ]
 __version__ = "0.1.0"

@@ -6,19 +6,19 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Int
+from jaxtyping import Array, Bool, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
 from jfsf.convert import brief, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.mesh import orient, validate
+from jfsf.mesh import MeshError, orient, validate
 from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
 from jfsf.sampling import restrict, tile_points
-from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search
+from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search, way_of
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
@@ -79,6 +79,38 @@ def match(
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
+def symmetry(mesh: Mesh, *, hypotheses: int = HYPOTHESES, cache: bool = True) -> Match:
+    """The map of a shape to itself that swaps left and right.
+
+    The best map that reverses orientation and moves the shape's points. A shape without
+    such a symmetry gets its least bad one: the orientation score, the gap and the
+    distortion of the map tell.
+
+    Args:
+        mesh, hypotheses, cache: as `match`; with faces.
+
+    Returns:
+        As `match`, X and Y the mesh: T_xy and T_yx both are the symmetry, found in
+        either direction, and agree up to near vertices.
+
+    Raises:
+        MeshError: as `match`, and a point cloud, which has no left and right.
+        ValueError: too few hypotheses.
+    """
+    _check("mesh", mesh)
+    n = len(mesh.vertices)
+    if len(mesh.faces) == 0:
+        raise MeshError(
+            f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
+            "and right; triangulate it"
+        )
+    spec = _on_device(basis(mesh, cache=cache))
+    found = match_spectra(
+        spec, spec, orientation="reverse", hypotheses=hypotheses, itself=True
+    )
+    return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
+
+
 def basis(mesh: Mesh, *, name: str = "mesh", cache: bool = True) -> Spectrum:
     """The spectrum that `match` gives a shape, whatever it is matched with.
 
@@ -105,14 +137,14 @@ def common(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
     return truncate(spec_x, k), truncate(spec_y, k)
 
 
-@partial(jax.jit, static_argnames=("orientation", "hypotheses"))
 def match_spectra(
     spec_x: Spectrum,
     spec_y: Spectrum,
     landmarks: Int[Array, "l 2"] | None = None,
     *,
-    orientation: Orientation = "preserve",
+    orientation: Orientation | Int[Array, ""] = "preserve",
     hypotheses: int = HYPOTHESES,
+    itself: Bool[Array, ""] | bool = False,
 ) -> Match:
     """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
@@ -120,8 +152,15 @@ def match_spectra(
         spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
             Neighbours are searched among candidates above `TILED` vertices, and C_yx
             is refined on samples above `LARGE`.
-        landmarks, orientation, hypotheses: as `match`.
+        landmarks, hypotheses: as `match`.
+        orientation, itself: as `search`; neither compiles anew.
     """
+    way = way_of(orientation)
+    return _match_spectra(spec_x, spec_y, landmarks, way, itself, hypotheses=hypotheses)
+
+
+@partial(jax.jit, static_argnames="hypotheses")
+def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
     desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
     if landmarks is not None:
         # Heat from a landmark is positive up to the cut of the spectrum.
@@ -134,18 +173,19 @@ def match_spectra(
         spec_y,
         desc_x,
         desc_y,
-        orientation=orientation,
+        orientation=way,
         hypotheses=hypotheses,
+        itself=itself,
     )
     widest = min(len(spec_x.evals), len(spec_y.evals))
     ks = tuple(min(k, widest) for k in KS)
     # Point clouds have no orientation; nan must not reach the embeddings.
-    way = jnp.sign(jnp.nan_to_num(found.orientation[0]))
+    turned = jnp.sign(jnp.nan_to_num(found.orientation[0]))
     start = (
         found.C_yx[0],
-        appearance(spec_x, desc_x),
-        appearance(spec_y, desc_y),
-        way * bracket_fields(spec_x),
+        jnp.where(itself, 0, appearance(spec_x, desc_x)),
+        jnp.where(itself, 0, appearance(spec_y, desc_y)),
+        turned * bracket_fields(spec_x),
         bracket_fields(spec_y),
     )
     tiles = seen_tiles = _tiles(spec_x, spec_y)

@@ -21,7 +21,7 @@ from typing import Literal, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.descriptors import curvature, standardise
 from jfsf.fit import Weights, fit
@@ -41,6 +41,7 @@ THIRD = (30, 30, 30, 40)
 SAMPLES, FINAL_SAMPLES = 300, 1000
 FIT_K = 30
 FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
+STARTS = 2 * 2 ** (SIGNED - 1) + len(FITS)
 HYPOTHESES = 258  # 34 starts, and 4 of them with 56 flips each
 APART = 0.04  # share of the leading block's energy in which two maps must differ
 COMPARED = 20  # size of that block
@@ -65,16 +66,16 @@ class Candidates(NamedTuple):
     orientation: Float[Array, " c"]
 
 
-@partial(jax.jit, static_argnames=("orientation", "hypotheses", "num"))
 def search(
     spec_x: Spectrum,
     spec_y: Spectrum,
     desc_x: Float[Array, "n_x d"],
     desc_y: Float[Array, "n_y d"],
     *,
-    orientation: Orientation = "preserve",
+    orientation: Orientation | Int[Array, ""] = "preserve",
     hypotheses: int = HYPOTHESES,
     num: int = 6,
+    itself: Bool[Array, ""] | bool = False,
 ) -> Candidates:
     """The `num` best and different functional maps between two shapes.
 
@@ -82,9 +83,13 @@ def search(
         spec_x, spec_y: spectra with 40 eigenpairs or more, faces wound outward.
         desc_x, desc_y: descriptors, positive (WKS, HKS); column i of one corresponds
             to column i of the other.
-        orientation: which maps to put first; the others rank behind all of them.
+        orientation: which maps to put first; the others rank behind all of them. Or
+            what `way_of` makes of it, which may be traced.
         hypotheses: how many maps to try at most, 90 or more; time grows with them.
         num: candidates to return.
+        itself: X and Y are one shape, and with orientation "reverse" its symmetries
+            are sought: a map costs energy as it resembles the identity, and
+            descriptors and curvature, which draw every point to itself, only rank.
 
     Raises:
         ValueError: too few eigenpairs or hypotheses, or an unknown orientation.
@@ -95,37 +100,71 @@ def search(
             raise ValueError(
                 f"search: spec_{name} has {len(spec.evals)} eigenpairs, it needs {k}"
             )
-    if orientation not in ("preserve", "reverse", "any"):
+    if hypotheses < STARTS + len(_flips()):
+        raise ValueError(
+            f"search: hypotheses is {hypotheses}, the least is {STARTS + len(_flips())}"
+        )
+    options = {"hypotheses": hypotheses, "num": num}
+    way = way_of(orientation)
+    return _search(spec_x, spec_y, desc_x, desc_y, way, itself, **options)
+
+
+def way_of(orientation: Orientation | Int[Array, ""]) -> Int[Array, ""] | int:
+    """The sign that a map's orientation score should have; 0 for "any".
+
+    Unlike a word it can be traced, so all orientations share one program.
+
+    Args:
+        orientation: a word, or a sign, which is returned.
+
+    Raises:
+        ValueError: an unknown orientation.
+    """
+    if not isinstance(orientation, str):
+        return orientation
+    ways = {"preserve": 1, "reverse": -1, "any": 0}
+    if orientation not in ways:
         raise ValueError(
             f"search: orientation is 'preserve', 'reverse' or 'any', not "
             f"{orientation!r}"
         )
+    return ways[orientation]
+
+
+@partial(jax.jit, static_argnames=("hypotheses", "num"))
+def _search(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    desc_x: Array,
+    desc_y: Array,
+    way: Array | int,
+    itself: Array | bool,
+    *,
+    hypotheses: int,
+    num: int,
+) -> Candidates:
     signs, flips = _signs(), _flips()
-    starts = 2 * len(signs) + len(FITS)
-    if hypotheses < starts + len(flips):
-        raise ValueError(
-            f"search: hypotheses is {hypotheses}, the least is {starts + len(flips)}"
-        )
-    num_parents = min((hypotheses - starts) // len(flips), starts)
+    num_parents = min((hypotheses - STARTS) // len(flips), STARTS)
+    seen_x = _Seen.of(spec_x, desc_x, itself)
+    seen_y = _Seen.of(spec_y, desc_y, itself)
     # With "any" the fields are 0 and say nothing.
-    way = {"preserve": 1, "reverse": -1, "any": 0}[orientation]
-    seen_x = _Seen.of(spec_x, desc_x)
-    seen_y = _Seen.of(spec_y, desc_y)
     seen_x = seen_x._replace(field=way * seen_x.field)
-    few = _Samples(seen_x.at(SAMPLES), seen_y.at(SAMPLES))
-    more = _Samples(seen_x.at(FINAL_SAMPLES), seen_y.at(FINAL_SAMPLES))
+    few, more = (
+        _Samples(seen_x.at(num), seen_y.at(num), itself)
+        for num in (SAMPLES, FINAL_SAMPLES)
+    )
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
-    sign = -1 if orientation == "reverse" else 1
 
     def gated(energy: Array, C_yx: Array) -> tuple[Array, Array]:
         turned = jnp.asarray(jax.vmap(score, (0, None, None))(C_yx, wound_x, wound_y))
-        if orientation != "any":
-            # Point clouds have no score.
-            half = jnp.where(jnp.isnan(turned), 0, TURNED * (1 - sign * turned))
-            energy = energy + jnp.where(sign * turned < 0, WRONG_WAY, half)
-        return energy, turned
+        # Point clouds have no score.
+        asked = (way != 0) & ~jnp.isnan(turned)
+        agrees = way * turned
+        wrong = jnp.where(agrees < 0, WRONG_WAY, TURNED * (1 - agrees))
+        return energy + jnp.where(asked, wrong, 0), turned
 
     dtype = spec_x.evecs.dtype
+    sign = jnp.where(way < 0, -1, 1)
     weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
     fitted = jax.lax.map(
         lambda w: fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K).C_yx,
@@ -174,17 +213,15 @@ class _Seen(NamedTuple):
 
     spec: Spectrum
     desc: Float[Array, "n d"]
+    bent: Float[Array, "n b"]
     extra: Float[Array, "n e"]
     field: Float[Array, "n k k"]
 
     @classmethod
-    def of(cls, spec: Spectrum, desc):
-        return cls(spec, desc, appearance(spec, desc), bracket_fields(spec))
-
-    @property
-    def bent(self) -> Float[Array, "n b"]:
-        """Curvature, standardised."""
-        return self.extra[:, self.desc.shape[1] :] / BENT
+    def of(cls, spec: Spectrum, desc, itself):
+        extra = jnp.asarray(appearance(spec, desc))
+        bent = extra[:, desc.shape[1] :] / BENT
+        return cls(spec, desc, bent, jnp.where(itself, 0, extra), bracket_fields(spec))
 
     def at(self, num: int) -> "_Seen":
         """From farthest points alone."""
@@ -197,9 +234,10 @@ class _Samples(NamedTuple):
 
     x: _Seen
     y: _Seen
+    itself: Array | bool
 
     def zoom(self, C_yx, ks, *, described=False):
-        x, y = self
+        x, y, _ = self
         extra = (x.extra, y.extra, x.field, y.field) if described else ()
         grow = lambda C: zoomout(
             x.spec,
@@ -214,7 +252,11 @@ class _Samples(NamedTuple):
         return jax.vmap(grow)(C_yx)
 
     def energy(self, C_yx):
-        return jax.lax.map(lambda C: _energy(C, *self), C_yx)
+        x, y, itself = self
+        size = min(COMPARED, C_yx.shape[-1])
+        kept = jnp.trace(C_yx[:, 1:size, 1:size], axis1=1, axis2=2) / (size - 1)
+        energy = jax.lax.map(lambda C: _energy(C, x, y), C_yx)
+        return energy + jnp.where(itself, kept, 0)
 
 
 def _energy(C_yx, x: _Seen, y: _Seen):

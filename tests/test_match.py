@@ -67,7 +67,11 @@ def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
     specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
     specs = jax.tree.map(jnp.asarray, specs)
     # Compiled afresh: the limits are constants of a program.
-    found = jax.jit(lambda x, y: module.match_spectra.__wrapped__(x, y))(*specs)
+    found = jax.jit(
+        lambda x, y: module._match_spectra.__wrapped__(
+            x, y, None, 1, False, hypotheses=module.HYPOTHESES
+        )
+    )(*specs)
     assert found.T_xy.shape == (len(shapes()[0][0].vertices),)
     # Samples of a mesh of 500 vertices are few.
     assert error(found) < 1.3 * error(plain())
@@ -107,13 +111,8 @@ def test_signs_of_eigenvectors_change_nothing():
     for one in by:
         one[0] = 1
     flipped = map(testing.flip_signs, specs, by)
-    # Called as `match` calls it, and padded alike: the same program.
-    found = module.match_spectra(
-        *map(module._on_device, flipped),
-        None,
-        orientation="preserve",
-        hypotheses=module.HYPOTHESES,
-    )
+    # Padded as `match` pads: the same program.
+    found = module.match_spectra(*map(module._on_device, flipped))
     n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
     same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
     C_yx = testing.flip_map(found.C_yx, *by)
@@ -139,12 +138,15 @@ def test_swapping_the_shapes_swaps_the_maps():
     assert np.linalg.norm(moved, axis=1).mean() < size / 50
 
 
+def compiled():
+    return sys.modules[jfsf.match.__module__]._match_spectra._cache_size()
+
+
 def turned():
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
     return turn * np.sign(np.linalg.det(turn)), np.array([1.0, -2.0, 3.0])
 
 
-@pytest.mark.slow  # one more compilation each
 def test_reverse_asks_for_the_mirror_image():
     (mesh_x, _), (mesh_y, _) = shapes()
     found = jfsf.match(mesh_x, mesh_y, orientation="reverse", cache=False)
@@ -154,6 +156,40 @@ def test_reverse_asks_for_the_mirror_image():
         mesh_x, testing.mirror(mesh_y), orientation="reverse", cache=False
     )
     assert other.certificate.orientation < -0.5 and error(other) < 0.05
+
+
+def test_left_goes_to_right():
+    _, (mesh, vertex) = shapes()
+    # Who stands in T pose is the mirror image of oneself.
+    rest, template = jfsf.data.load("man_t")
+    points = rest.vertices[template]
+    opposite = KDTree(points).query(points * (-1, 1, 1))[1]
+    found = jfsf.symmetry(mesh, cache=False)
+    at = slice(None, None, 20)
+    for T in (found.T_xy, found.T_yx):
+        assert geodesic_error(T, mesh, vertex[at], vertex[opposite][at]).mean() < 0.06
+        assert geodesic_error(T, mesh, vertex[at], vertex[at]).mean() > 0.3
+    assert found.certificate.orientation < -0.8
+    # It undoes itself.
+    size = np.linalg.norm(np.ptp(mesh.vertices, 0))
+    twice = mesh.vertices[found.T_xy[found.T_xy]] - mesh.vertices
+    assert np.linalg.norm(twice, axis=1).mean() < size / 50
+
+
+def test_the_orientation_may_be_traced():
+    # One program for all: its sizes are those of the other tests.
+    before = compiled()
+    (mesh_x, _), (mesh_y, _) = shapes()
+    plain()
+    jfsf.match(mesh_x, mesh_y, orientation="any", cache=False)
+    jfsf.match(mesh_x, mesh_y, orientation="reverse", cache=False)
+    assert compiled() <= before + 1
+
+
+def test_a_cloud_has_no_left_and_right():
+    cloud = testing.blob(0)._replace(faces=np.zeros((0, 3), np.int32))
+    with pytest.raises(jfsf.MeshError, match="symmetry: mesh has 162 vertices and no"):
+        jfsf.symmetry(cloud, cache=False)
 
 
 @pytest.mark.slow
