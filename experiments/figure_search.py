@@ -1,0 +1,66 @@
+"""What the search for the initial map finds: Y, and X in the colours of each candidate.
+
+Under each stand its energy and orientation score; "any" lets the mirrored ones rank
+among the others.
+
+    python experiments/figure_search.py --out experiments/results/figure_search.png
+"""
+
+import argparse
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import results_file
+
+from jfsf.convert import nearest
+from jfsf.data import load
+from jfsf.descriptors import wks
+from jfsf.fmap import embeddings
+from jfsf.match import EVERY, basis, common
+from jfsf.metrics import geodesic_error
+from jfsf.search import search
+from jfsf.viz import draw_maps
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--x", default="man_walk")
+    parser.add_argument("--y", default="man_up")
+    parser.add_argument("--show", type=int, default=4, help="candidates to draw")
+    parser.add_argument("--out", type=Path, required=True, help="PNG; JSON beside it")
+    args = parser.parse_args()
+
+    (mesh_x, gt_x), (mesh_y, gt_y) = load(args.x), load(args.y)
+    specs = common(*map(basis, (mesh_x, mesh_y)))
+    spec_x, spec_y = jax.tree.map(jnp.asarray, specs)
+    desc_x, desc_y = (wks(spec)[:, ::EVERY] for spec in (spec_x, spec_y))
+    found = search(spec_x, spec_y, desc_x, desc_y, orientation="any", num=args.show)
+
+    maps, rows = {}, []
+    some = slice(None, None, 20)
+    for C_yx, energy, turned in zip(*found, strict=True):
+        if not np.isfinite(energy):
+            continue  # a copy of a better one
+        embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+        T_xy = np.asarray(nearest(*embs).T_xy)
+        error = geodesic_error(T_xy, mesh_y, gt_x[some], gt_y[some]).mean()
+        row = {
+            "energy": float(energy),
+            "orientation": float(turned),
+            "error": float(error),
+        }
+        rows.append(row)
+        maps[f"energy {energy:.2f}, orientation {turned:+.2f}"] = T_xy
+    draw_maps(mesh_x, mesh_y, maps, path=args.out)
+
+    settings = {"x": args.x, "y": args.y, "show": args.show}
+    results_file.write(args.out.with_suffix(".json"), settings=settings, rows=rows)
+    print(*rows, sep="\n")
+
+
+if __name__ == "__main__":
+    main()
