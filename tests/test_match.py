@@ -20,12 +20,20 @@ from jfsf.types import Mesh
 @cache
 def small(name, faces):
     """A decimated shape, and its vertex for each template point."""
-    mesh, template = jfsf.data.load(name)
+    mesh, vertex = jfsf.data.load(name)
     points, corners = fast_simplification.simplify(
         mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
     )
     near = np.asarray(KDTree(points).query(mesh.vertices)[1])
-    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[template]
+    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
+
+
+@cache
+def template():
+    """Points of the template in T pose, and each one's mirror image."""
+    rest, vertex = jfsf.data.load("man_t")
+    points = rest.vertices[vertex]
+    return points, KDTree(points).query(points * (-1, 1, 1))[1]
 
 
 @cache
@@ -119,6 +127,34 @@ def test_signs_of_eigenvectors_change_nothing():
     np.testing.assert_allclose(C_yx[:30, :30], plain().C_yx[:30, :30], atol=0.1)
 
 
+def test_turns_of_repeated_eigenvectors_change_nothing():
+    module = sys.modules[jfsf.match.__module__]
+    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
+
+    def repeated(spec, angle):
+        """Eigenvalues 4 and 5 become one, and its eigenvectors turn."""
+        evals, evecs, at = np.array(spec.evals), np.array(spec.evecs), slice(4, 6)
+        c, s = np.cos(angle), np.sin(angle)
+        evals[at] = evals[at].mean()
+        evecs[:, at] = evecs[:, at] @ [[c, -s], [s, c]]
+        return spec._replace(evals=evals, evecs=evecs)
+
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    n_x, some = len(mesh_x.vertices), slice(None, None, 20)
+    maps, errors = [], []
+    for angles in ((0, 0), (0.7, -2)):
+        turned = map(repeated, specs, angles)
+        found = module.match_spectra(*map(module._on_device, turned))
+        maps.append(np.asarray(found.T_xy[:n_x]))
+        error = geodesic_error(maps[-1], mesh_y, gt_x[some], gt_y[some])
+        errors.append(error.mean())
+    # Other starts and another course, which rounding ends on near vertices.
+    apart = mesh_y.vertices[maps[0]] - mesh_y.vertices[maps[1]]
+    size = np.linalg.norm(np.ptp(mesh_y.vertices, 0))
+    assert np.linalg.norm(apart, axis=1).mean() < size / 100
+    assert max(errors) < 1.1 * min(errors) and max(errors) < 0.05
+
+
 def test_both_mirrored_is_neither_mirrored():
     (mesh_x, _), (mesh_y, _) = shapes()
     found = jfsf.match(testing.mirror(mesh_x), testing.mirror(mesh_y), cache=False)
@@ -160,10 +196,7 @@ def test_reverse_asks_for_the_mirror_image():
 
 def test_left_goes_to_right():
     _, (mesh, vertex) = shapes()
-    # Who stands in T pose is the mirror image of oneself.
-    rest, template = jfsf.data.load("man_t")
-    points = rest.vertices[template]
-    opposite = KDTree(points).query(points * (-1, 1, 1))[1]
+    _, opposite = template()
     found = jfsf.symmetry(mesh, cache=False)
     at = slice(None, None, 20)
     for T in (found.T_xy, found.T_yx):
@@ -192,12 +225,18 @@ def test_a_cloud_has_no_left_and_right():
         jfsf.symmetry(cloud, cache=False)
 
 
-@pytest.mark.slow
-def test_landmarks_do_no_harm():
+def test_one_landmark_decides_a_flip():
     (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
-    known = np.stack([gt_x[::4000], gt_y[::4000]], 1)
-    found = jfsf.match(mesh_x, mesh_y, landmarks=known, cache=False)
-    assert error(found) < 0.05
+    points, opposite = template()
+    hand = points[:, 0].argmax()
+    for truth, way in ((gt_y, 1), (gt_y[opposite], -1)):
+        known = np.array([[gt_x[hand], truth[hand]]])
+        found = jfsf.match(
+            mesh_x, mesh_y, orientation="any", landmarks=known, cache=False
+        )
+        assert way * found.certificate.orientation > 0.8
+        at = slice(None, None, 20)
+        assert geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean() < 0.05
 
 
 @pytest.mark.slow
