@@ -6,6 +6,11 @@ first; warm, as inside a refinement, has them. The exhaustive search of many poi
 timed on a sample of rows, and scaled. Memory is what the compiled program asks for:
 arguments, results and temporaries.
 
+Beside them stand the numpy filter with the authors' settings, scikit-learn's nearest
+neighbour both ways (the search inside pyFM), POT's dense Sinkhorn with as many updates,
+and what bounds every exhaustive search, two products with row maxima; each up to the
+size where it takes seconds.
+
     python experiments/bench_large.py [--sizes 1000 10000 ...] [--out RESULT.json]
 """
 
@@ -15,9 +20,12 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
+import matplotlib.pyplot as plt
 import numpy as np
+import numpy_filter
+import ot
 import results_file
-from bench_filter import interleave
+from bench_filter import interleave, product
 from upsample import upsample
 
 from jfsf import data
@@ -32,6 +40,9 @@ K0 = 10
 SAMPLE = 2048  # rows of an exhaustive search that is scaled, and of the recall
 WHOLE = 20_000  # points up to which it is run in full
 EXPONENT_FROM = 10_000
+RIVALS = 10_000  # points up to which numpy and scikit-learn run
+DENSE = 2000  # points up to which POT's matrices do
+UPDATES = 24
 
 
 def aligned(n: int, k: int):
@@ -65,6 +76,26 @@ def megabytes(function, *args, **options) -> float:
     return (size + found.temp_size_in_bytes) / 1e6
 
 
+def rivals(x, y) -> dict:
+    """What else converts both ways, by name; all but the products in float64."""
+    found = {"products": lambda: jax.block_until_ready((product(x, y), product(y, x)))}
+    wide = np.asarray(x, np.float64), np.asarray(y, np.float64)
+    if len(x) <= RIVALS:
+        found["sklearn nearest"] = partial(numpy_filter.nearest, *wide)
+        found["numpy filter"] = partial(numpy_filter.fast_sinkhorn, *wide)
+    if len(x) <= DENSE:
+        mass = np.full(len(x), 1 / len(x))
+
+        def dense():
+            cost = np.asarray(ot.dist(*wide, metric="euclidean"))
+            sharp = 120 / np.median(cost.min(1))
+            options = {"numItermax": UPDATES, "stopThr": 0, "warn": False}
+            return ot.bregman.sinkhorn_log(mass, mass, cost, 1 / sharp, **options)
+
+        found["POT dense Sinkhorn"] = dense
+    return found
+
+
 def measure(n: int, k: int, repeats: int) -> dict:
     (spec_x, spec_y), x, y = aligned(n, k)
     tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
@@ -88,9 +119,12 @@ def measure(n: int, k: int, repeats: int) -> dict:
     }
     if whole:
         runs["one product"] = lambda: mutual_neighbours(x, y, k0=K0)
+        runs["sinkhorn, exhaustive"] = lambda: sinkhorn(x, y)
     ready = {
         name: lambda run=run: jax.block_until_ready(run()) for name, run in runs.items()
     }
+    if whole:
+        ready |= rivals(x, y)
     found = interleave(ready, repeats)
     if not whole:
         for key in ("warm", "fastest", "slowest"):
@@ -119,6 +153,29 @@ def measure(n: int, k: int, repeats: int) -> dict:
         ),
         "recall_reported": float(near.recall),
     }
+
+
+def draw(rows: list[dict], path: Path) -> None:
+    """Seconds and memory against n, both axes logarithmic."""
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+    names = list(dict.fromkeys(name for row in rows for name in row["seconds"]))
+    for name in names:
+        seen = [row for row in rows if name in row["seconds"]]
+        size, seconds = zip(*((r["n"], r["seconds"][name]) for r in seen), strict=True)
+        left.loglog(size, seconds, "o-", label=name, markersize=3)
+    left.set(xlabel="vertices", ylabel="seconds, both ways", title="Time")
+    sizes = [row["n"] for row in rows]
+    for name in rows[0]["megabytes"]:
+        used = [row["megabytes"][name] for row in rows]
+        right.loglog(sizes, used, "o-", label=name, markersize=3)
+    matrix = [4e-6 * n**2 for n in sizes]
+    right.loglog(sizes, matrix, "k:", label="one n x n matrix, float32")
+    right.set(xlabel="vertices", ylabel="MB", title="Memory")
+    for axes in (left, right):
+        axes.legend(fontsize=7)
+        axes.grid(alpha=0.3)
+    figure.tight_layout()
+    figure.savefig(path, dpi=130)
 
 
 def main() -> None:
@@ -157,6 +214,7 @@ def main() -> None:
         "seconds": "both ways, median of warm calls",
     }
     results_file.write(args.out, settings=settings, rows=rows, exponent=exponent)
+    draw(rows, args.out.with_suffix(".png"))
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.types import Spectrum
+from jfsf.types import Maps, Spectrum
 
 PULLED = 8  # functions of Y pulled back, the constant left out
 SEEN = 20  # functions of X that see them
@@ -125,3 +125,31 @@ def carried_fields(
     known = (b + 1 < size) & (square > 0)
     scale = jnp.where(known, MATTERS / jnp.sqrt(jnp.where(known, square, 1)), 0)
     return on_x * scale[None], on_y * scale[None]
+
+
+def turned_over(
+    maps: Maps,
+    C_yx: Float[Array, "k_x k_y"],
+    field_x: Float[Array, "n_x s s"],
+    field_y: Float[Array, "n_y t t"],
+    mass_x: Float[Array, " n_x"],
+    mass_y: Float[Array, " n_y"],
+) -> Float[Array, ""]:
+    """Share of both shapes' area on which a map turns the surface over.
+
+    A vertex is turned over where `carried_fields` are opposed to those of its image.
+    The score of a whole map hardly moves when an arm is turned over; this does.
+
+    Args:
+        maps: both ways; C_yx is their functional map.
+        C_yx, field_x, field_y: as `carried_fields` takes them; one field negated for
+            maps that mirror.
+        mass_x, mass_y: each sums to 1; 0 on padding.
+
+    Returns:
+        In [0, 1]; 0 where there are no faces.
+    """
+    on_x, on_y = carried_fields(C_yx, field_x, field_y, mass_y, min(C_yx.shape))
+    over_x = jnp.sum(on_x * on_y[maps.T_xy], 1) < 0
+    over_y = jnp.sum(on_y * on_x[maps.T_yx], 1) < 0
+    return (jnp.sum(mass_x, where=over_x) + jnp.sum(mass_y, where=over_y)) / 2

@@ -12,9 +12,13 @@ from scipy.spatial import KDTree
 
 import jfsf
 import jfsf.data
+import jfsf.finish
 from jfsf import testing
+from jfsf.descriptors import wks
+from jfsf.finish import finish
 from jfsf.metrics import geodesic_error
-from jfsf.types import Mesh
+from jfsf.search import Candidates, appearance
+from jfsf.types import Maps, Mesh
 
 
 @cache
@@ -70,8 +74,8 @@ def test_the_truth_is_found():
 
 def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
     module = sys.modules[jfsf.match.__module__]
-    for name, value in (("TILED", 200), ("LARGE", 300), ("REFINED", 250)):
-        monkeypatch.setattr(module, name, value)
+    for name, value in (("TILED", 200), ("LARGE", 300), ("REFINED", 400)):
+        monkeypatch.setattr(jfsf.finish, name, value)
     specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
     specs = jax.tree.map(jnp.asarray, specs)
     # Compiled afresh: the limits are constants of a program.
@@ -85,10 +89,34 @@ def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
     assert error(found) < 1.3 * error(plain())
 
 
+def test_a_close_rival_that_turns_nothing_over_wins():
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    module = sys.modules[jfsf.match.__module__]
+    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
+    spec_x, spec_y = jax.tree.map(jnp.asarray, specs)
+    points, opposite = template()
+    legs_change = np.where(
+        points[:, 1] < np.median(points[:, 1]), opposite, np.arange(len(points))
+    )
+    some, at = np.unique(gt_x, return_index=True)
+    C_yx = [
+        np.linalg.lstsq(specs[0].evecs[some, :40], specs[1].evecs[T[at], :40])[0]
+        for T in (gt_y[legs_change], gt_y)
+    ]
+    descs = [wks(spec)[:, ::5] for spec in (spec_x, spec_y)]
+    looks = [appearance(*shape) for shape in zip((spec_x, spec_y), descs, strict=True)]
+    run = jax.jit(finish)
+    for extra, right in ((0.05, True), (0.5, False)):
+        energy = jnp.asarray([1, 1 + extra])
+        found = Candidates(jnp.asarray(C_yx), energy, jnp.ones(2))
+        T_xy = run(spec_x, spec_y, *looks, found).filtered.T_xy
+        assert (error(Maps(T_xy, None)) < 0.05) == right
+
+
 def test_the_certificate_says_so():
     found = plain().certificate
     assert found.finite and found.empty == 0
-    assert found.orientation > 0.8
+    assert found.orientation > 0.8 and found.turned_over < 0.2
     assert 0.7 < found.coverage_xy <= 1 and 0.7 < found.coverage_yx <= 1
     assert 0 <= found.bijectivity_x < 0.1 and 0 <= found.bijectivity_y < 0.1
     assert 0.3 < found.nn_agreement <= 1 and 0 <= found.marginal_error < 0.5
@@ -246,6 +274,7 @@ def test_point_clouds():
     found = jfsf.match(cloud, mesh_y, cache=False)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
     assert np.isnan(found.certificate.orientation) and found.certificate.finite
+    assert np.isnan(found.certificate.turned_over)
 
 
 @pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])
