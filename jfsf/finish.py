@@ -1,8 +1,8 @@
 """Candidates of the search -> the map: refine the close ones, keep the best.
 
-Some energies of the search are blind on a thousand samples: what a map tears, and what
-it turns over against the rest, shows when it is refined. So the best candidate is not
-refined alone, but with the rivals that nearly reach its energy.
+What a map tears, what it turns over against the rest, and where it bends the surface
+otherwise, shows when it is refined: a thousand samples are too few. So the best
+candidate is not refined alone, but with the rivals that nearly reach its energy.
 """
 
 from typing import NamedTuple
@@ -12,6 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.convert import brief, sinkhorn
+from jfsf.descriptors import curvature, standardise
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.orientation import bracket_fields, turned_over
 from jfsf.refine import zoomout
@@ -28,8 +29,9 @@ LARGE = 20_000  # vertices above which C_yx is refined on samples
 REFINED = 4000  # samples, up to twice as many
 RIVALS = 3  # candidates that are refined, at most
 CLOSE = 0.12  # excess energy, relative, up to which they are
-TURNED = 1.25  # energy of a map all of which were turned over
-STRETCHED = 0.01  # energy of edges e times as long, in the square
+TURNED = 1.5  # energy of a map all of which were turned over
+STRETCHED = 0.015  # energy of edges e times as long, in the square
+BENT = 0.3  # energy of curvatures that differ by one standard deviation
 
 
 class Finished(NamedTuple):
@@ -98,6 +100,7 @@ def _refiner(spec_x, spec_y, look_x, look_y):
         seen = restrict(spec_x, at[0]), restrict(spec_y, at[1])
         seen_tiles = _tiles(*seen)
     widest = len(spec_x.evals)
+    bent_x, bent_y = (standardise(curvature(s), s.mass) for s in (spec_x, spec_y))
 
     def refine(C_yx, orientation):
         # Point clouds have no orientation; nan must not reach the embeddings.
@@ -122,6 +125,7 @@ def _refiner(spec_x, spec_y, look_x, look_y):
         turned = way * fields[0], fields[1]
         over = turned_over(maps, C_yx, *turned, spec_x.mass, spec_y.mass)
         energy = TURNED * over + STRETCHED * _stretch(maps, spec_x, spec_y)
+        energy += BENT * _differ(maps, bent_x, bent_y, spec_x.mass, spec_y.mass)
         return (filtered, aligned, C_yx), energy
 
     return refine
@@ -143,6 +147,12 @@ def _stretch(maps: Maps, spec_x: Spectrum, spec_y: Spectrum):
 
     there = one(maps.T_xy, spec_x.faces, points_x, points_y)
     return (there + one(maps.T_yx, spec_y.faces, points_y, points_x)) / 2
+
+
+def _differ(maps: Maps, one_x, one_y, mass_x, mass_y):
+    """Mean square difference of columns through the maps, summed over both ways."""
+    there = mass_x @ jnp.mean((one_x - one_y[maps.T_xy]) ** 2, 1)
+    return there + mass_y @ jnp.mean((one_y - one_x[maps.T_yx]) ** 2, 1)
 
 
 def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
