@@ -10,17 +10,27 @@ from jaxtyping import Array, Bool, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
+from jfsf.convert import brief, sinkhorn
 from jfsf.descriptors import hks, wks
-from jfsf.finish import LARGE, finish
-from jfsf.fmap import embeddings, truncate
+from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.mesh import MeshError, orient, validate
+from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
+from jfsf.refine import zoomout
+from jfsf.sampling import restrict, tile_points
 from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search, way_of
 from jfsf.spectrum import spectrum
-from jfsf.types import Match, Mesh, Spectrum
+from jfsf.tiles import spectral_tiles
+from jfsf.types import Match, Mesh, Spectrum, Tiles
 
 K = 200  # eigenpairs a shape
+# The rounds in place, where descriptors weigh most, clean the start up; finer schedules
+# drift further from it.
+KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
+TILED = 2000  # vertices above which neighbours are searched among candidates
+LARGE = 20_000  # vertices above which C_yx is refined on samples
+REFINED = 4000  # samples, up to twice as many
 
 
 def match(
@@ -140,7 +150,8 @@ def match_spectra(
 
     Args:
         spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
-            See `jfsf.finish` for what changes with many vertices.
+            Neighbours are searched among candidates above `TILED` vertices, and C_yx
+            is refined on samples above `LARGE`.
         landmarks, hypotheses: as `match`.
         orientation, itself: as `search`; neither compiles anew.
     """
@@ -166,14 +177,51 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
         hypotheses=hypotheses,
         itself=itself,
     )
-    look_x, look_y = (
-        jnp.where(itself, 0, jnp.asarray(appearance(*shape)))
-        for shape in ((spec_x, desc_x), (spec_y, desc_y))
+    widest = min(len(spec_x.evals), len(spec_y.evals))
+    ks = tuple(min(k, widest) for k in KS)
+    # Point clouds have no orientation; nan must not reach the embeddings.
+    turned = jnp.sign(jnp.nan_to_num(found.orientation[0]))
+    start = (
+        found.C_yx[0],
+        jnp.where(itself, 0, appearance(spec_x, desc_x)),
+        jnp.where(itself, 0, appearance(spec_y, desc_y)),
+        turned * bracket_fields(spec_x),
+        bracket_fields(spec_y),
     )
-    filtered, aligned, C_yx, gap = finish(spec_x, spec_y, look_x, look_y, found)
-    embs = embeddings(aligned, spec_x.evecs, spec_y.evecs, space="direct")
-    certificate = certify(filtered, *embs, C_yx, spec_x, spec_y, gap)
+    tiles = seen_tiles = _tiles(spec_x, spec_y)
+    seen_x, seen_y = spec_x, spec_y
+    if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
+        at_x, at_y = (
+            tile_points(spec, num=min(REFINED, len(spec.mass)))
+            for spec in (spec_x, spec_y)
+        )
+        seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
+        C_yx, look_x, look_y, field_x, field_y = start
+        start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
+        seen_tiles = _tiles(seen_x, seen_y)
+    C_yx = zoomout(
+        seen_x,
+        seen_y,
+        *start,
+        ks=ks,
+        converter=brief,
+        weighted=True,
+        tiles=seen_tiles,
+    )
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    filtered = sinkhorn(
+        emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles
+    )
+    C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
+    gap = found.energy[1] / found.energy[0] - 1
+    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
+
+
+def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
+    if max(len(spec_x.mass), len(spec_y.mass)) <= TILED:
+        return None
+    return spectral_tiles(spec_x), spectral_tiles(spec_y)
 
 
 def _check(name: str, mesh: Mesh) -> None:
