@@ -43,6 +43,18 @@ EXPONENT_FROM = 10_000
 RIVALS = 10_000  # points up to which numpy and scikit-learn run
 DENSE = 2000  # points up to which POT's matrices do
 UPDATES = 24
+LABELS = {
+    "exhaustive": "ours: k0 nearest, exhaustive",
+    "one product": "ours: k0 nearest, one product both ways",
+    "cold": "ours: k0 nearest, tiles made anew",
+    "warm": "ours: k0 nearest, tiles",
+    "sinkhorn, exhaustive": "ours: Sinkhorn",
+    "sinkhorn, warm": "ours: Sinkhorn, tiles",
+    "products": "two bare products with row maxima",
+    "sklearn nearest": "scikit-learn (pyFM): nearest",
+    "numpy filter": "numpy: Sinkhorn, authors' settings",
+    "POT dense Sinkhorn": "POT: dense Sinkhorn",
+}
 
 
 def aligned(n: int, k: int):
@@ -157,22 +169,23 @@ def measure(n: int, k: int, repeats: int) -> dict:
 
 def draw(rows: list[dict], path: Path) -> None:
     """Seconds and memory against n, both axes logarithmic."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4))
+    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4), width_ratios=(1, 0.8))
     names = list(dict.fromkeys(name for row in rows for name in row["seconds"]))
     for name in names:
         seen = [row for row in rows if name in row["seconds"]]
         size, seconds = zip(*((r["n"], r["seconds"][name]) for r in seen), strict=True)
-        left.loglog(size, seconds, "o-", label=name, markersize=3)
+        left.loglog(size, seconds, "o-", label=LABELS[name], markersize=3)
     left.set(xlabel="vertices", ylabel="seconds, both ways", title="Time")
     sizes = [row["n"] for row in rows]
     for name in rows[0]["megabytes"]:
         used = [row["megabytes"][name] for row in rows]
-        right.loglog(sizes, used, "o-", label=name, markersize=3)
+        right.loglog(sizes, used, "o-", label=LABELS[name], markersize=3)
     matrix = [4e-6 * n**2 for n in sizes]
     right.loglog(sizes, matrix, "k:", label="one n x n matrix, float32")
     right.set(xlabel="vertices", ylabel="MB", title="Memory")
+    left.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
+    right.legend(fontsize=7)
     for axes in (left, right):
-        axes.legend(fontsize=7)
         axes.grid(alpha=0.3)
     figure.tight_layout()
     figure.savefig(path, dpi=130)
