@@ -20,23 +20,22 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("results", type=Path, nargs="+")
-    parser.add_argument("--by", default="gap", help="field of the certificate")
     args = parser.parse_args()
     rows = [
         row for path in args.results for row in json.loads(path.read_text())["pairs"]
     ]
-    value = np.array([row[args.by] for row in rows])
+    value = np.array([row["gap"] for row in rows])
     lost = np.array([row["error"] > LOST for row in rows])
     right = value[~lost]
     print(f"{len(rows)} pairs, {lost.sum()} wrong (error above {LOST})")
     if not lost.any() or lost.all():
         return
     area = mannwhitneyu(right, value[lost]).statistic / (len(right) * lost.sum())
-    print(f"area under the ROC curve of {args.by}: {area:.3f}")
+    print(f"area under the ROC curve of the gap: {area:.3f}")
     for i in np.flatnonzero(lost):
         below = np.mean(right <= value[i])
         print(
-            f"{rows[i]['x']} {rows[i]['y']}: error {rows[i]['error']:.3f}, {args.by} "
+            f"{rows[i]['x']} {rows[i]['y']}: error {rows[i]['error']:.3f}, gap "
             f"{value[i]:.3f}, which {100 * below:.0f} % of the right maps do not pass"
         )
 

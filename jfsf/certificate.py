@@ -5,9 +5,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.metrics import coverage, orthogonality
-from jfsf.orientation import SEEN, bracket_fields, brackets, score, turned_over
+from jfsf.orientation import SEEN, brackets, score
 from jfsf.sampling import biharmonic
-from jfsf.types import Certificate, Filtered, Kernel, Maps, Spectrum
+from jfsf.types import Certificate, Filtered, Kernel, Spectrum
 
 
 @jax.jit
@@ -36,10 +36,6 @@ def certify(
     every = (C_yx, emb_x, emb_y, filtered.f, filtered.g)
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in every]).all()
     k = min(SEEN, *C_yx.shape)
-    orientation = score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
-    # Against the rest of the map, whichever way round that is.
-    fields = jnp.sign(orientation) * bracket_fields(spec_x), bracket_fields(spec_y)
-    over = turned_over(Maps(T_xy, T_yx), C_yx, *fields, spec_x.mass, spec_y.mass)
     return Certificate(
         marginal_error=filtered.marginal_error,
         empty=filtered.empty_x + filtered.empty_y,
@@ -48,8 +44,7 @@ def certify(
         bijectivity_x=_there_and_back(T_yx[T_xy], spec_x),
         bijectivity_y=_there_and_back(T_xy[T_yx], spec_y),
         orthogonality=orthogonality(C_yx),
-        orientation=orientation,
-        turned_over=jnp.where(jnp.isnan(orientation), jnp.nan, over),
+        orientation=score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k)),
         gap=jnp.asarray(gap, C_yx.dtype),
         nn_agreement=agree.astype(C_yx.dtype),
         finite=finite,

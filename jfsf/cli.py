@@ -19,6 +19,7 @@ from typer.core import TyperGroup
 from jfsf.cli_batch import batch
 from jfsf.cli_files import (
     Orientation,
+    OrientationOption,
     can_write,
     matchable,
     need_matplotlib,
@@ -127,10 +128,7 @@ def match(
     png: Annotated[
         Path | None, typer.Option(help="A picture of the map (needs matplotlib).")
     ] = None,
-    orientation: Annotated[
-        Orientation,
-        typer.Option(help="Keep left and right, swap them, or take the better map."),
-    ] = Orientation.preserve,
+    orientation: OrientationOption = Orientation.preserve,
     landmarks: Annotated[
         Path | None,
         typer.Option(

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
-from jfsf.cli_files import Orientation, matchable, write_found
+from jfsf.cli_files import Orientation, OrientationOption, matchable, write_found
 from jfsf.cli_summary import (
     replace_text,
     summary_row,
@@ -46,10 +46,7 @@ def batch(
             min=1, help="Local processes; one a core without it. One for one GPU."
         ),
     ] = None,
-    orientation: Annotated[
-        Orientation,
-        typer.Option(help="Keep left and right, swap them, or take the better map."),
-    ] = Orientation.preserve,
+    orientation: OrientationOption = Orientation.preserve,
     largest_component: Annotated[
         bool,
         typer.Option(

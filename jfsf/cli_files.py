@@ -4,8 +4,10 @@ import tempfile
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from jfsf.types import Mesh
 
@@ -16,6 +18,12 @@ class Orientation(StrEnum):
     preserve = "preserve"
     reverse = "reverse"
     any = "any"
+
+
+OrientationOption = Annotated[
+    Orientation,
+    typer.Option(help="Keep left and right, swap them, or take the better map."),
+]
 
 
 def can_write(path: Path, suffix: str) -> None:

@@ -31,7 +31,6 @@ def certificate_table(certificate: Certificate) -> Table:
         "bijectivity_y": "mean way from Y to X and back",
         "orthogonality": "|C^T C - I|; 0 if areas are kept",
         "orientation": side,
-        "turned_over": "share of area that has the other orientation",
         "gap": "the runner-up's extra energy, relative; 0 is a tie",
         "nn_agreement": "share that nearest neighbour maps alike",
         "finite": "no number overflowed",

@@ -13,12 +13,13 @@ from jfsf.certificate import certify
 from jfsf.convert import brief, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
+from jfsf.hypotheses import appearance
 from jfsf.mesh import MeshError, orient, validate
 from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import zoomout
 from jfsf.sampling import restrict, tile_points
-from jfsf.search import HYPOTHESES, SECOND, Orientation, appearance, search, way_of
+from jfsf.search import HYPOTHESES, SECOND, Orientation, search, way_of
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
@@ -83,8 +84,7 @@ def symmetry(mesh: Mesh, *, hypotheses: int = HYPOTHESES, cache: bool = True) ->
     """The map of a shape to itself that swaps left and right.
 
     The best map that reverses orientation and moves the shape's points. A shape without
-    such a symmetry gets its least bad one: the orientation score, the gap and the
-    distortion of the map tell.
+    such a symmetry gets its least bad one.
 
     Args:
         mesh, hypotheses, cache: as `match`; with faces.

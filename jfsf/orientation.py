@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.types import Maps, Spectrum
+from jfsf.types import Spectrum
 
 PULLED = 8  # functions of Y pulled back, the constant left out
 SEEN = 20  # functions of X that see them
@@ -98,12 +98,10 @@ def carried_fields(
     field_y: Float[Array, "n_y t t"],
     mass_y: Float[Array, " n_y"],
     size: Array | int,
-    *,
-    pulled: int = PULLED,
 ) -> tuple[Float[Array, "n_x p"], Float[Array, "n_y p"]]:
     """Columns that agree where a map keeps orientation, and differ in sign where not.
 
-    Beside the brackets of pairs of Y's first `pulled` eigenfunctions, as functions on
+    Beside the brackets of pairs of Y's first `PULLED` eigenfunctions, as functions on
     Y, stand those of what C_yx pulls back, on X. A point and the one behind it on a
     thin body have normals that oppose, so these tell front from back.
 
@@ -117,44 +115,13 @@ def carried_fields(
     Returns:
         Columns to append to the embeddings, of root mean square `MATTERS` over Y.
     """
-    end = min(pulled + 1, field_y.shape[1], C_yx.shape[1])
-    low = C_yx[: field_x.shape[1], 1:end]
+    pulled = min(PULLED + 1, field_y.shape[1], C_yx.shape[1])
+    low = C_yx[: field_x.shape[1], 1:pulled]
     seen = len(low)
     on_x = _einsum("nij,ia,jb->nab", field_x[:, :seen, :seen], low, low)
-    a, b = jnp.triu_indices(end - 1, 1)
-    on_x, on_y = on_x[:, a, b], field_y[:, 1:end, 1:end][:, a, b]
+    a, b = jnp.triu_indices(pulled - 1, 1)
+    on_x, on_y = on_x[:, a, b], field_y[:, 1:pulled, 1:pulled][:, a, b]
     square = mass_y @ on_y**2
     known = (b + 1 < size) & (square > 0)
     scale = jnp.where(known, MATTERS / jnp.sqrt(jnp.where(known, square, 1)), 0)
     return on_x * scale[None], on_y * scale[None]
-
-
-def turned_over(
-    maps: Maps,
-    C_yx: Float[Array, "k_x k_y"],
-    field_x: Float[Array, "n_x s s"],
-    field_y: Float[Array, "n_y t t"],
-    mass_x: Float[Array, " n_x"],
-    mass_y: Float[Array, " n_y"],
-) -> Float[Array, ""]:
-    """Share of both shapes' area on which a map turns the surface over.
-
-    A vertex is turned over where `carried_fields` are opposed to those of its image:
-    those of all functions seen, as the lowest say nothing of an arm, along which they
-    all change. The score of a whole map hardly moves when an arm is turned over.
-
-    Args:
-        maps: both ways; C_yx is their functional map.
-        C_yx, field_x, field_y: as `carried_fields` takes them; one field negated for
-            maps that mirror.
-        mass_x, mass_y: each sums to 1; 0 on padding.
-
-    Returns:
-        In [0, 1]; 0 where there are no faces.
-    """
-    on_x, on_y = carried_fields(
-        C_yx, field_x, field_y, mass_y, min(C_yx.shape), pulled=SEEN
-    )
-    over_x = jnp.sum(on_x * on_y[maps.T_xy], 1) < 0
-    over_y = jnp.sum(on_y * on_x[maps.T_yx], 1) < 0
-    return (jnp.sum(mass_x, where=over_x) + jnp.sum(mass_y, where=over_y)) / 2

@@ -23,13 +23,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.descriptors import curvature, standardise
 from jfsf.fit import Weights, fit
-from jfsf.fmap import embeddings
-from jfsf.orientation import SEEN, bracket_fields, brackets, score
-from jfsf.refine.zoomout import zoomout
-from jfsf.sampling import farthest_points, restrict
-from jfsf.types import Maps, Spectrum
+from jfsf.hypotheses import COMPARED, Samples, Seen
+from jfsf.orientation import SEEN, brackets, score
+from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
 
@@ -44,9 +41,6 @@ FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
 STARTS = 2 * 2 ** (SIGNED - 1) + len(FITS)
 HYPOTHESES = 258  # 34 starts, and 4 of them with 56 flips each
 APART = 0.04  # share of the leading block's energy in which two maps must differ
-COMPARED = 20  # size of that block
-BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
-BENT_ENERGY = 0.125  # energy of curvatures that differ by one standard deviation
 TURNED = 0.2  # energy of a map that keeps orientation on half of the shape only
 WRONG_WAY = 100.0  # beyond any energy
 
@@ -145,12 +139,12 @@ def _search(
 ) -> Candidates:
     signs, flips = _signs(), _flips()
     num_parents = min((hypotheses - STARTS) // len(flips), STARTS)
-    seen_x = _Seen.of(spec_x, desc_x, itself)
-    seen_y = _Seen.of(spec_y, desc_y, itself)
+    seen_x = Seen.of(spec_x, desc_x, itself)
+    seen_y = Seen.of(spec_y, desc_y, itself)
     # With "any" the fields are 0 and say nothing.
     seen_x = seen_x._replace(field=way * seen_x.field)
     few, more = (
-        _Samples(seen_x.at(num), seen_y.at(num), itself)
+        Samples(seen_x.at(num), seen_y.at(num), itself)
         for num in (SAMPLES, FINAL_SAMPLES)
     )
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
@@ -198,90 +192,6 @@ def _search(
     return Candidates(last[order], energy[order], turned[order])
 
 
-@jax.jit
-def appearance(spec: Spectrum, desc: Float[Array, "n d"]) -> Float[Array, "n e"]:
-    """Columns that tell points apart beside eigenfunctions: descriptors, curvature.
-
-    Each is standardised over the shape; curvature then weighs `BENT`.
-    """
-    bent = BENT * standardise(curvature(spec), spec.mass)
-    return jnp.concatenate([standardise(desc, spec.mass), bent], 1)
-
-
-class _Seen(NamedTuple):
-    """A shape and what tells its points apart."""
-
-    spec: Spectrum
-    desc: Float[Array, "n d"]
-    bent: Float[Array, "n b"]
-    extra: Float[Array, "n e"]
-    field: Float[Array, "n k k"]
-
-    @classmethod
-    def of(cls, spec: Spectrum, desc, itself):
-        extra = jnp.asarray(appearance(spec, desc))
-        bent = extra[:, desc.shape[1] :] / BENT
-        return cls(spec, desc, bent, jnp.where(itself, 0, extra), bracket_fields(spec))
-
-    def at(self, num: int) -> "_Seen":
-        """From farthest points alone."""
-        chosen = farthest_points(self.spec, num=min(num, len(self.spec.mass)))
-        return _Seen(restrict(self.spec, chosen), *(a[chosen] for a in self[1:]))
-
-
-class _Samples(NamedTuple):
-    """Two shapes seen from samples, and what is done with hypotheses there."""
-
-    x: _Seen
-    y: _Seen
-    itself: Array | bool
-
-    def zoom(self, C_yx, ks, *, described=False):
-        x, y, _ = self
-        extra = (x.extra, y.extra, x.field, y.field) if described else ()
-        grow = lambda C: zoomout(
-            x.spec,
-            y.spec,
-            C,
-            *extra,
-            ks=ks,
-            converter=_dense,
-            weighted=described,
-            both=True,
-        )
-        return jax.vmap(grow)(C_yx)
-
-    def energy(self, C_yx):
-        x, y, itself = self
-        size = min(COMPARED, C_yx.shape[-1])
-        kept = jnp.trace(C_yx[:, 1:size, 1:size], axis1=1, axis2=2) / (size - 1)
-        energy = jax.lax.map(lambda C: _energy(C, x, y), C_yx)
-        return energy + jnp.where(itself, kept, 0)
-
-
-def _energy(C_yx, x: _Seen, y: _Seen):
-    k, spec_x, spec_y = len(C_yx), x.spec, y.spec
-    gap = spec_x.evals[:k, None] - spec_y.evals[None, :k]
-    top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
-    commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
-    maps = _dense(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
-    stretch = jnp.linalg.norm(C_yx.T @ C_yx - jnp.eye(k, dtype=C_yx.dtype))
-    lost_x = _mismatch(x.desc, y.desc[maps.T_xy], spec_x.mass)
-    lost_y = _mismatch(y.desc, x.desc[maps.T_yx], spec_y.mass)
-    bent = _differ(x.bent, y.bent[maps.T_xy], spec_x.mass)
-    bent += _differ(y.bent, x.bent[maps.T_yx], spec_y.mass)
-    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y + BENT_ENERGY * bent
-
-
-def _differ(one, other, mass):
-    return mass @ jnp.sum((one - other) ** 2, 1) / one.shape[1]
-
-
-def _mismatch(one, other, mass):
-    size = jnp.maximum(one + other, jnp.finfo(one.dtype).tiny)
-    return jnp.sum(mass[:, None] * jnp.abs(one - other) / size) / one.shape[1]
-
-
 def _different(C_yx, energy, num):
     """Indices of the lowest energies, each apart from those before it."""
     lead = C_yx[:, :COMPARED, :COMPARED].reshape(len(C_yx), -1)
@@ -294,18 +204,6 @@ def _different(C_yx, energy, num):
         return jnp.where(close[best], jnp.inf, energy), best
 
     return jax.lax.scan(step, energy, None, length=num)[1]
-
-
-def _dense(emb_x, emb_y, *_) -> Maps:
-    """Nearest neighbour both ways from one product: for a few hundred samples only."""
-    # Samples are far apart: float32 tells them apart, and top_k in float64 is slow.
-    emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)
-    product = jnp.matmul(emb_x, emb_y.T, precision=jax.lax.Precision.HIGHEST)
-    half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
-    # top_k is faster than argmax on CPU.
-    T_xy = jax.lax.top_k(product - half_y[None, :], 1)[1][:, 0]
-    T_yx = jax.lax.top_k(product.T - half_x[None, :], 1)[1][:, 0]
-    return Maps(T_xy, T_yx)
 
 
 def _signs() -> np.ndarray:

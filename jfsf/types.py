@@ -149,8 +149,6 @@ class Certificate(NamedTuple):
     orthogonality: |C^T C - I|_2, 0 for an area-preserving map.
     orientation: correlation in [-1, 1]; about +0.9 for a map that preserves
         orientation, -0.9 for a mirrored one; nan for point clouds.
-    turned_over: share of area on which the map has the other orientation than as a
-        whole; a few hundredths for a right map, nan for point clouds.
     gap: by how much more energy the runner-up of the search has, relative to the map's;
         near 0 two really different maps fit the shapes equally well.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex.
@@ -165,7 +163,6 @@ class Certificate(NamedTuple):
     bijectivity_y: Float[Array, ""]
     orthogonality: Float[Array, ""]
     orientation: Float[Array, ""]
-    turned_over: Float[Array, ""]
     gap: Float[Array, ""]
     nn_agreement: Float[Array, ""]
     finite: Bool[Array, ""]

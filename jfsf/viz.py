@@ -8,18 +8,25 @@ display; pyplot and its global state stay untouched. Needs the extra `viz`.
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from jfsf.colours import (
+    Up,
+    coordinate_colours,
+    error_colours,
+    frame,
+    points_of,
+    pull_back,
+    ramp,
+)
 from jfsf.types import ArrayLike, Mesh
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Up = Literal["x", "y", "z"]
 
 _DPI = 160
 _FINER = 3  # Agg leaves jags on shaded triangles: draw this much finer, then average
@@ -83,9 +90,9 @@ def draw_pair(
     ]
     scale = None
     if errors is not None:
-        paint, top = _error_colours(errors, len(view_x.depth))
+        paint, top = error_colours(errors, len(view_x.depth))
         panels.append(("error on X", view_x, paint))
-        scale = (_ramp(np.linspace(0, 1, 256)), "0", f"{top:.3g}")
+        scale = (ramp(np.linspace(0, 1, 256)), "0", f"{top:.3g}")
     return _draw(panels, path, title, scale)
 
 
@@ -116,123 +123,14 @@ def draw_maps(
     return _draw(panels, path, title, None)
 
 
-def coordinate_colours(
-    vertices: Float[ArrayLike, "n 3"], *, up: Up = "y"
-) -> Float[np.ndarray, "n 3"]:
-    """A smooth colouring of a shape by its coordinates, whatever their unit and origin.
-
-    Hue and saturation follow height and side, so that the four limbs differ and a
-    mirrored map shows; lightness follows depth.
-
-    Args:
-        vertices: in any unit.
-        up: the axis that points up.
-
-    Returns:
-        sRGB in [0, 1], one row a vertex.
-    """
-    coords = _points(vertices) @ _frame(up)
-    spread = coords.std(0)
-    # A flat shape has no spread in some direction: all of it is in the middle there.
-    coords = (coords - coords.mean(0)) / np.where(spread > 0, spread, 1)
-    side, height, depth = np.tanh(coords * [0.8, 0.8, 1]).T
-    # The root keeps the middle of the body from turning grey.
-    chroma = 0.15 * np.sqrt(np.hypot(side, height))
-    hue = np.arctan2(height, side) + 3.6
-    return _oklab(0.78 + 0.05 * depth, chroma * np.cos(hue), chroma * np.sin(hue))
-
-
-def pull_back(
-    colours_y: Float[ArrayLike, "n_y c"], T_xy: Int[ArrayLike, " n_x"]
-) -> Float[np.ndarray, "n_x c"]:
-    """Colours of X through the map from X to Y: colours_y[T_xy].
-
-    Raises:
-        ValueError: T_xy is no list of vertices of Y.
-    """
-    T_xy = np.asarray(T_xy)
-    if T_xy.ndim != 1 or not np.issubdtype(T_xy.dtype, np.integer):
-        raise ValueError(
-            "pull_back: T_xy is a list of vertices of Y, one for each of X; got "
-            f"{T_xy.dtype} of shape {T_xy.shape}"
-        )
-    n_y = len(colours_y)
-    if T_xy.size and not 0 <= T_xy.min() <= T_xy.max() < n_y:
-        raise ValueError(
-            f"pull_back: T_xy runs from {T_xy.min()} to {T_xy.max()}, but Y has "
-            f"vertices 0 to {n_y - 1}: is it the map from Y to X?"
-        )
-    return np.asarray(colours_y)[T_xy]
-
-
 def _pulled(colours_y, T_xy, view_x):
     if np.shape(T_xy) != (n_x := len(view_x.depth),):
         raise ValueError(f"draw: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}")
     return pull_back(colours_y, T_xy)
 
 
-def _error_colours(errors, n_x):
-    errors = np.asarray(errors, float)
-    if errors.shape != (n_x,):
-        raise ValueError(f"draw_pair: X has {n_x} vertices, errors {errors.shape}")
-    known = np.isfinite(errors)
-    # One vertex gone astray must not turn all the others pale.
-    top = float(np.quantile(errors[known], 0.99)) if known.any() else 0.0
-    share = np.where(known, errors, 0) / (top if top > 0 else 1)
-    return np.where(known[:, None], _ramp(share), 0.6), top
-
-
-def _ramp(share):
-    # Sand to dark red, in even steps of lightness.
-    share = np.clip(share, 0, 1)
-    chroma, hue = 0.03 + 0.15 * share, np.radians(95 - 75 * share)
-    return _oklab(0.93 - 0.5 * share, chroma * np.cos(hue), chroma * np.sin(hue))
-
-
-def _oklab(lightness, a, b):
-    # Ottosson's Oklab (2020) to sRGB: equal steps look equal, unlike in HSV.
-    to_lms = np.array(
-        [
-            [1, 0.3963377774, 0.2158037573],
-            [1, -0.1055613458, -0.0638541728],
-            [1, -0.0894841775, -1.2914855480],
-        ]
-    )
-    to_rgb = np.array(
-        [
-            [4.0767416621, -3.3077115913, 0.2309699292],
-            [-1.2684380046, 2.6097574011, -0.3413193965],
-            [-0.0041960863, -0.7034186147, 1.7076147010],
-        ]
-    )
-    lms = (np.stack([lightness, a, b], -1) @ to_lms.T) ** 3
-    rgb = np.clip(lms @ to_rgb.T, 0, 1)
-    return np.where(rgb > 0.0031308, 1.055 * rgb ** (1 / 2.4) - 0.055, 12.92 * rgb)
-
-
-def _points(vertices):
-    points = np.asarray(vertices, float)
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise ValueError(f"draw: vertices are (n, 3) and n > 0; got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("draw: some vertices are not finite")
-    return points
-
-
-def _frame(up):
-    # Columns: right, up, towards the viewer: the front as modelling tools have it.
-    frames = {
-        "x": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
-        "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    }
-    if up not in frames:
-        raise ValueError(f"draw: up is one of {', '.join(frames)}; got {up!r}")
-    return np.array(frames[up], float).T
-
-
 def _look(mesh, up, turn) -> _View:
-    points = _points(mesh.vertices) @ _frame(up)
+    points = points_of(mesh.vertices) @ frame(up)
     faces = np.asarray(mesh.faces).reshape(-1, 3)
     turn, tilt = np.radians([turn, 8])  # from a little above
     c, s = np.cos(turn), np.sin(turn)

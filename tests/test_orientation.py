@@ -1,7 +1,5 @@
 """Brackets against n . (grad f x grad g), and a score that knows a mirror."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import jax.test_util
@@ -22,11 +20,10 @@ from jfsf.orientation import (
     brackets,
     carried_fields,
     score,
-    turned_over,
 )
 from jfsf.spectrum import spectrum
 from jfsf.testing import cast
-from jfsf.types import Maps, Mesh
+from jfsf.types import Mesh
 
 seeds = st.integers(0, 10**6)
 
@@ -244,20 +241,3 @@ def test_carried_fields_have_slopes():
     fields = bracket_fields(SPEC)
     total = lambda C: sum(jnp.sum(c**3) for c in carried(C, fields, fields, SPEC))
     jax.test_util.check_grads(total, (ANY,), 1, modes=("rev",), rtol=1e-4)
-
-
-def test_turned_over_is_the_area_of_what_is():
-    one = jnp.arange(162)
-    maps, C_yx = Maps(one, one), jnp.eye(SEEN)
-    fields, mass = bracket_fields(SPEC), SPEC.mass
-    share = partial(turned_over, maps, mass_x=mass, mass_y=mass)
-    assert share(C_yx, fields, fields) == 0
-    np.testing.assert_allclose(share(C_yx, -fields, fields), 1)
-    part = jnp.where(jnp.arange(162) < 40, -1.0, 1.0)
-    half = share(C_yx, fields, part[:, None, None] * fields)
-    np.testing.assert_allclose(half, mass[:40].sum())
-    other = spec_of(mirrored(blob()))
-    C_yx = functional_map(one, SPEC, other)[:SEEN, :SEEN]
-    np.testing.assert_allclose(share(C_yx, fields, bracket_fields(other)), 1, atol=0.01)
-    cloud = jnp.zeros_like(fields)
-    assert share(C_yx, cloud, cloud) == 0

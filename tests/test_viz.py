@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jfsf.colours import coordinate_colours, pull_back
 from jfsf.data import load
 from jfsf.types import Mesh
-from jfsf.viz import coordinate_colours, draw_maps, draw_pair, pull_back
+from jfsf.viz import draw_maps, draw_pair
 
 TETRA = Mesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
