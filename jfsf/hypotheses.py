@@ -61,20 +61,22 @@ class Samples(NamedTuple):
     y: Seen
     itself: Array | bool
 
-    def zoom(self, C_yx, ks, *, described=False):
+    def zoom(self, C_yx, ks, extra_weight):
+        """Each of C_yx from ks[0] to ks[-1]; extra_weight: `zoomout`'s, or one each."""
         x, y, _ = self
-        extra = (x.extra, y.extra, x.field, y.field) if described else ()
-        grow = lambda C: zoomout(
+        extra = (x.extra, y.extra, x.field, y.field)
+        grow = lambda C, weight: zoomout(
             x.spec,
             y.spec,
             C,
             *extra,
             ks=ks,
             converter=_dense,
-            weighted=described,
+            weighted=True,
             both=True,
+            extra_weight=weight,
         )
-        return jax.vmap(grow)(C_yx)
+        return jax.vmap(grow)(C_yx, jnp.broadcast_to(extra_weight, len(C_yx)))
 
     def energy(self, C_yx):
         x, y, itself = self

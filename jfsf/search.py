@@ -2,9 +2,13 @@
 
 A map can be flipped left to right, front to back, or both, and every flip is nearly as
 isometric as the right map. So: start from all sign patterns of the first eigenfunctions
-and from descriptor fits, zoom each out on samples, flip the signs of one or two further
-eigenfunctions (where the front-to-back odd functions live), zoom again, and keep the
+and from descriptor fits, zoom each out on samples, flip the sign of one further
+eigenfunction (where the front-to-back odd functions live), zoom again, and keep the
 best that really differ. These few are refined on more samples before the last ranking.
+
+How much descriptors should say beside eigenfunctions depends on the shapes: with half
+weight a dog's legs are exchanged, with full weight a child's hands. So the starts try
+both, and none, and what follows keeps to half, at which a right start stays right.
 The idea of enumerating maps is MapTree's (Ren et al., SIGGRAPH Asia 2020); here a few
 hundred hypotheses are one vmap.
 
@@ -15,7 +19,7 @@ score gates them.
 """
 
 from functools import partial
-from itertools import combinations, product
+from itertools import product
 from typing import Literal, NamedTuple
 
 import jax
@@ -31,15 +35,18 @@ from jfsf.types import Spectrum
 Orientation = Literal["preserve", "reverse", "any"]
 
 SIGNED = 5  # eigenfunctions whose signs are tried, the constant's fixed
-FLIP_FROM, FLIP_TO = 6, 16  # eigenfunctions flipped alone and in pairs
+FLIP_FROM, FLIP_TO = 6, 16  # eigenfunctions flipped one at a time
 FIRST = (SIGNED, 7, 9, 12, FLIP_TO, 20)
 SECOND = (FLIP_TO, 18, 21, 24, 28, 33, 40)
 THIRD = (30, 30, 30, 40)
 SAMPLES, FINAL_SAMPLES = 300, 1000
 FIT_K = 30
 FITS = (Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0))
-STARTS = 2 * 2 ** (SIGNED - 1) + len(FITS)
-HYPOTHESES = 258  # 34 starts, and 4 of them with 56 flips each
+EXTRA_WEIGHTS = (0.0, 0.5, 1.0)  # `zoomout`'s, of the starts: all signs with each
+EXTRA_WEIGHT = 0.5  # of what follows
+STARTS = len(EXTRA_WEIGHTS) * 2 ** (SIGNED - 1) + len(FITS)
+FLIPS = 1 + FLIP_TO - FLIP_FROM
+HYPOTHESES = 116  # 50 starts, and 6 of them as they are and with 10 flips each
 APART = 0.04  # share of the leading block's energy in which two maps must differ
 TURNED = 0.2  # energy of a map that keeps orientation on half of the shape only
 WRONG_WAY = 100.0  # beyond any energy
@@ -79,7 +86,7 @@ def search(
             to column i of the other.
         orientation: which maps to put first; the others rank behind all of them. Or
             what `way_of` makes of it, which may be traced.
-        hypotheses: how many maps to try at most, 90 or more; time grows with them.
+        hypotheses: how many maps to try at most, 61 or more; time grows with them.
         num: candidates to return.
         itself: X and Y are one shape, and with orientation "reverse" its symmetries
             are sought: a map costs energy as it resembles the identity, and
@@ -94,9 +101,9 @@ def search(
             raise ValueError(
                 f"search: spec_{name} has {len(spec.evals)} eigenpairs, it needs {k}"
             )
-    if hypotheses < STARTS + len(_flips()):
+    if hypotheses < STARTS + FLIPS:
         raise ValueError(
-            f"search: hypotheses is {hypotheses}, the least is {STARTS + len(_flips())}"
+            f"search: hypotheses is {hypotheses}, the least is {STARTS + FLIPS}"
         )
     options = {"hypotheses": hypotheses, "num": num}
     way = way_of(orientation)
@@ -137,8 +144,7 @@ def _search(
     hypotheses: int,
     num: int,
 ) -> Candidates:
-    signs, flips = _signs(), _flips()
-    num_parents = min((hypotheses - STARTS) // len(flips), STARTS)
+    num_parents = min((hypotheses - STARTS) // FLIPS, STARTS)
     seen_x = Seen.of(spec_x, desc_x, itself)
     seen_y = Seen.of(spec_y, desc_y, itself)
     # With "any" the fields are 0 and say nothing.
@@ -159,30 +165,34 @@ def _search(
 
     dtype = spec_x.evecs.dtype
     sign = jnp.where(way < 0, -1, 1)
-    weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
+    terms = [w._replace(orientation=sign * w.orientation) for w in FITS]
     fitted = jax.lax.map(
         lambda w: fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K).C_yx,
-        jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights),
+        jax.tree.map(lambda *w: jnp.asarray(w, dtype), *terms),
     )
     fitted = fitted[:, :FLIP_TO, :FLIP_TO].astype(dtype)
-    signs, flips = jnp.asarray(signs, dtype), jnp.asarray(flips, dtype)
+    signs, flips = jnp.asarray(_signs(), dtype), jnp.asarray(_flips(), dtype)
+    weights = jnp.repeat(jnp.asarray(EXTRA_WEIGHTS, dtype), len(signs))
     # Descriptors mend a start that the eigenfunctions alone lead astray, and the other
     # way round.
     parents = jnp.concatenate(
         [
-            few.zoom(signs, FIRST),
-            few.zoom(signs, FIRST, described=True),
-            few.zoom(fitted, FIRST[-2:], described=True),
+            few.zoom(jnp.tile(signs, (len(EXTRA_WEIGHTS), 1, 1)), FIRST, weights),
+            few.zoom(fitted, FIRST[-2:], 1.0),
         ]
     )
-    parents = parents[_different(parents, few.energy(parents), num_parents)]
+    # Every other one is of full weight: by energy alone few would be.
+    weights = jnp.pad(weights, (0, len(FITS)), constant_values=1)
+    group = jnp.where(weights < 1, 1, 0)
+    chosen = _different(parents, few.energy(parents), num_parents, group, groups=2)
+    parents = parents[chosen]
 
     children = parents[:, None, :FLIP_TO, :FLIP_TO] * flips[None, :, None, :]
-    children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND, described=True)
+    children = few.zoom(children.reshape(-1, FLIP_TO, FLIP_TO), SECOND, EXTRA_WEIGHT)
     energy, _ = gated(few.energy(children), children)
     best = children[_different(children, energy, num)]
 
-    last = more.zoom(best, THIRD, described=True)
+    last = more.zoom(best, THIRD, EXTRA_WEIGHT)
     energy, turned = gated(more.energy(last), last)
     # Two starts may have ended in one map: copies go last, or they would pass for
     # rivals.
@@ -192,18 +202,21 @@ def _search(
     return Candidates(last[order], energy[order], turned[order])
 
 
-def _different(C_yx, energy, num):
-    """Indices of the lowest energies, each apart from those before it."""
+def _different(C_yx, energy, num, group: Array | int = 0, groups=1):
+    """Indices of the lowest energies, each apart from those before it.
+
+    They are taken from the groups in turn; group: in 0..groups - 1, of each map.
+    """
     lead = C_yx[:, :COMPARED, :COMPARED].reshape(len(C_yx), -1)
     square = jnp.sum(lead**2, 1)
     gap = square[:, None] + square[None, :] - 2 * lead @ lead.T
     close = gap < 2 * COMPARED * APART
 
-    def step(energy, _):
-        best = jnp.argmin(energy)
+    def step(energy, turn):
+        best = jnp.argmin(jnp.asarray(jnp.where(group == turn, energy, jnp.inf)))
         return jnp.where(close[best], jnp.inf, energy), best
 
-    return jax.lax.scan(step, energy, None, length=num)[1]
+    return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 
 
 def _signs() -> np.ndarray:
@@ -212,9 +225,6 @@ def _signs() -> np.ndarray:
 
 
 def _flips() -> np.ndarray:
-    where = range(FLIP_FROM, FLIP_TO)
-    chosen = [(), *((i,) for i in where), *combinations(where, 2)]
-    flips = np.ones((len(chosen), FLIP_TO))
-    for row, columns in zip(flips, chosen, strict=True):
-        row[list(columns)] = -1
+    flips = np.ones((FLIPS, FLIP_TO))
+    flips[np.arange(1, FLIPS), np.arange(FLIP_FROM, FLIP_TO)] = -1
     return flips

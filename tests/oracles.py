@@ -211,10 +211,10 @@ def nearest(emb_x, emb_y):
     return T_xy, neighbours(emb_y, emb_x, 1)[0][:, 0]
 
 
-def zoomout(spec_x, spec_y, C, ks, both=False, extra=None):
+def zoomout(spec_x, spec_y, C, ks, both=False, extra=None, extra_weight=1.0):
     """Nearest neighbour ZoomOut in the direct space, one basis size after the other.
 
-    With `extra` columns, weighted ones.
+    With `extra` columns, all are weighted.
     """
     (phi_x, mass_x), (phi_y, mass_y) = (
         (np.asarray(s.evecs), np.asarray(s.mass)) for s in (spec_x, spec_y)
@@ -229,6 +229,8 @@ def zoomout(spec_x, spec_y, C, ks, both=False, extra=None):
                 differ = (mass_x[:, None] * (emb_x - emb_y[T_xy]) ** 2).sum(0)
                 weight = 1 / np.sqrt(differ + 0.05)
                 emb_x, emb_y = emb_x * weight, emb_y * weight
+            emb_x[:, k:] *= extra_weight
+            emb_y[:, k:] *= extra_weight
         T_xy, T_yx = nearest(emb_x, emb_y)
         C = functional_map(T_xy, phi_x[:, :grown], phi_y[:, :grown], mass_x)
         if both:

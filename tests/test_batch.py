@@ -263,13 +263,13 @@ def free_port():
 def test_match_spectra_is_the_loop(together):
     specs = spectra()
     xs, ys = specs, specs[1:] + specs[:1]
-    found = batch.match_spectra(xs, ys, hypotheses=90, together=together)
+    found = batch.match_spectra(xs, ys, hypotheses=61, together=together)
     alone = []
     for x, y in zip(xs, ys, strict=True):
         n_x, n_y = len(x.mass), len(y.mass)
         size = rung(max(n_x, n_y))
         x, y = (pad(spec, size, 2 * size) for spec in common(x, y))
-        one = match_spectra(x, y, hypotheses=90)
+        one = match_spectra(x, y, hypotheses=61)
         alone.append(one._replace(T_xy=one.T_xy[:n_x], T_yx=one.T_yx[:n_y]))
     same(found, alone, 0.98)
     for ours, theirs in zip(found, alone, strict=True):

@@ -39,6 +39,7 @@ def zoomout(
     space: Space = "direct",
     weighted: bool = False,
     both: bool = False,
+    extra_weight: Float[Array, ""] | float = 1.0,
     tiles: tuple[Tiles, Tiles] | None = None,
 ) -> Float[Array, "k k"]:
     """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
@@ -62,6 +63,8 @@ def zoomout(
             mean squared difference under the map so far. Functions that one shape does
             not share with the other (an eigenfunction of a hand that is a fist there)
             then count for little.
+        extra_weight: of all appended columns beside the eigenfunctions: with 0 they
+            say nothing. Traced, so hypotheses may differ in it under one vmap.
         both: average the functional map of T_xy with the adjoint of that of T_yx.
         tiles: of X and of Y (`jfsf.tiles.spectral_tiles`), handed to the converter:
             every round then searches among candidates, at a cost that grows like n.
@@ -97,7 +100,7 @@ def zoomout(
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        options = (width, converter, space, weighted, both)
+        options = (width, converter, space, weighted, both, extra_weight)
         step = _step(spec_x, spec_y, extra, fields, *options)
         size = len(C_yx)
         if size < width:
@@ -111,7 +114,9 @@ def _width(k: int, last: int) -> int:
     return min(max(32, 1 << (k - 1).bit_length()), last)
 
 
-def _step(spec_x, spec_y, extra, fields, width, converter, space, weighted, both):
+def _step(
+    spec_x, spec_y, extra, fields, width, converter, space, weighted, both, extra_weight
+):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
     gram_x, gram_y = _dot(back_x, evecs_x), _dot(back_y, evecs_y)
@@ -132,10 +137,11 @@ def _step(spec_x, spec_y, extra, fields, width, converter, space, weighted, both
             )
             emb_x = jnp.concatenate([emb_x, turn_x.astype(emb_x.dtype)], 1)
             emb_y = jnp.concatenate([emb_y, turn_y.astype(emb_y.dtype)], 1)
+        weight = jnp.ones(emb_x.shape[1], emb_x.dtype).at[width:].set(extra_weight)
         if weighted:
             differ = spec_x.mass @ (emb_x - emb_y[T_xy]) ** 2
-            weight = jnp.where(T_xy[0] < 0, 1, 1 / jnp.sqrt(differ + SLACK))
-            emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
+            weight *= jnp.where(T_xy[0] < 0, 1, 1 / jnp.sqrt(differ + SLACK))
+        emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
         keep = column < ks[1]
         there = _least_squares(gram_x, _dot(back_x, evecs_y[maps.T_xy]), keep)
