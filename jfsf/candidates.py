@@ -69,8 +69,9 @@ def tiled_neighbours(
 
     Returns:
         Neighbours as from `jfsf.knn.mutual_neighbours`, nearest first up to float32,
-        ties in any order; on aligned shapes some 99.9 % of the nearest are right, and
-        99.5 % of the others. Distances are differentiable.
+        ties in any order; on aligned shapes of 1000 to 100 000 vertices 99.6 % or more
+        of the nearest are right, and 98 % of the others (experiments/bench_large.py).
+        Distances are differentiable.
 
     Raises:
         ValueError: widths differ, k0 is not in 1..min(n, m), or least not in [0, 1].
