@@ -375,6 +375,7 @@ def blocks(language):
     return re.findall(rf"^```{language}\n(.*?)^```", README, re.M | re.S)
 
 
+@pytest.mark.slow  # match and batch, compiled in another precision
 def test_readme_python_runs(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("JFSF_CACHE", str(folder / "cache"))

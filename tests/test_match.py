@@ -68,6 +68,7 @@ def test_the_truth_is_found():
     assert error(found) < 0.05
 
 
+@pytest.mark.slow  # the whole of match, compiled once more
 def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
     module = sys.modules[jfsf.match.__module__]
     for name, value in (("TILED", 200), ("LARGE", 300), ("REFINED", 250)):

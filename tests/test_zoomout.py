@@ -50,17 +50,14 @@ def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
     )
 
 
-@pytest.mark.parametrize("extra_weight", [0.0, 0.5])
 @settings(max_examples=5)
 @given(spec_x=spectra, spec_y=spectra, seed=testing.seeds)
-def test_weighted_columns_match_the_plain_loop(extra_weight, spec_x, spec_y, seed):
+def test_weighted_columns_match_the_plain_loop(spec_x, spec_y, seed):
     C = start(spec_x, spec_y, seed)
     extra = [np.random.default_rng(seed + i).normal(size=(N, 3)) for i in (0, 1)]
-    options = {"weighted": True, "extra_weight": extra_weight}
+    options = {"weighted": True, "extra_weight": 0.5}
     ours = run(spec_x, spec_y, C, *map(jnp.asarray, extra), **options)
-    truth = oracles.zoomout(
-        spec_x, spec_y, C, KS, extra=extra, extra_weight=extra_weight
-    )
+    truth = oracles.zoomout(spec_x, spec_y, C, KS, extra=extra, extra_weight=0.5)
     np.testing.assert_allclose(ours, truth, atol=1e-8)
 
 
