@@ -46,7 +46,7 @@ EXTRA_WEIGHTS = (0.0, 0.5, 1.0)  # `zoomout`'s, of the starts: all signs with ea
 EXTRA_WEIGHT = 0.5  # of what follows
 STARTS = len(EXTRA_WEIGHTS) * 2 ** (SIGNED - 1) + len(FITS)
 FLIPS = 1 + FLIP_TO - FLIP_FROM
-HYPOTHESES = 116  # 50 starts, and 6 of them as they are and with 10 flips each
+HYPOTHESES = 160  # 50 starts, and 10 of them as they are and with 10 flips each
 APART = 0.04  # share of the leading block's energy in which two maps must differ
 TURNED = 0.2  # energy of a map that keeps orientation on half of the shape only
 WRONG_WAY = 100.0  # beyond any energy
@@ -203,7 +203,7 @@ def _search(
 
 
 def _different(C_yx, energy, num, group: Array | int = 0, groups=1):
-    """Indices of the lowest energies, each apart from those before it.
+    """Indices of the lowest energies, each apart from those before it in its group.
 
     They are taken from the groups in turn; group: in 0..groups - 1, of each map.
     """
@@ -214,7 +214,7 @@ def _different(C_yx, energy, num, group: Array | int = 0, groups=1):
 
     def step(energy, turn):
         best = jnp.argmin(jnp.asarray(jnp.where(group == turn, energy, jnp.inf)))
-        return jnp.where(close[best], jnp.inf, energy), best
+        return jnp.where(close[best] & (group == turn), jnp.inf, energy), best
 
     return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 
