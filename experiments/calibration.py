@@ -1,7 +1,8 @@
 """Does the gap tell right maps from wrong ones? From results of match_pairs.py.
 
-Area under the ROC curve of `certificate.gap`, and every wrong map with its gap: the
-share of right maps whose gap is no larger is what a user would check in vain.
+How many of either the command line warns of. Where some are wrong: area under the ROC
+curve of `certificate.gap`, and every wrong map with its gap: the share of right maps
+whose gap is no larger is what a user would check in vain.
 
     python experiments/calibration.py RESULT.json [RESULT.json ...]
 """
@@ -13,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from match_pairs import LOST
 from scipy.stats import mannwhitneyu
+
+from jfsf.cli_report import UNSURE
 
 
 def main() -> None:
@@ -28,6 +31,10 @@ def main() -> None:
     lost = np.array([row["error"] > LOST for row in rows])
     right = value[~lost]
     print(f"{len(rows)} pairs, {lost.sum()} wrong (error above {LOST})")
+    print(
+        f"gap below {UNSURE}: {(right < UNSURE).sum()} of {len(right)} right maps, "
+        f"{(value[lost] < UNSURE).sum()} of {lost.sum()} wrong ones"
+    )
     if not lost.any() or lost.all():
         return
     area = mannwhitneyu(right, value[lost]).statistic / (len(right) * lost.sum())

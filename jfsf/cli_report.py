@@ -10,8 +10,7 @@ from rich.table import Table
 from jfsf.types import Certificate
 
 THRESHOLDS = (0.01, 0.02, 0.05, 0.1)
-# Nine of ten wrong maps among 248 pairs of people and animals have a lower gap, and a
-# quarter of the right ones.
+# Errs on the side of a warning: experiments/calibration.py says how often.
 UNSURE = 0.11
 
 

@@ -150,8 +150,8 @@ def _search(
     # With "any" the fields are 0 and say nothing.
     seen_x = seen_x._replace(field=way * seen_x.field)
     few, more = (
-        Samples(seen_x.at(num), seen_y.at(num), itself)
-        for num in (SAMPLES, FINAL_SAMPLES)
+        Samples(seen_x.at(count), seen_y.at(count), itself)
+        for count in (SAMPLES, FINAL_SAMPLES)
     )
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
 
