@@ -26,6 +26,7 @@ from jfsf.knn import (
     common_frame,
     exhaustive,
     inner_products,
+    leader,
     selectable,
     with_distances,
 )
@@ -188,9 +189,7 @@ def _descend(near, middle, levels, kept: int):
 def _leaders(score: Float[Array, "c r"], member: Array, k0: int):
     """The k0 members of largest score in each column, the largest first."""
     if k0 == 1:
-        best = score.max(0, keepdims=True)
-        none = jnp.iinfo(member.dtype).max
-        return jnp.where(score == best, member[:, None], none).min(0)[:, None]
+        return member[leader(score, 0)][:, None]
     return member[jax.lax.top_k(score.T, k0)[1]]
 
 

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from jfsf.metrics import coverage, orthogonality
 from jfsf.orientation import SEEN, brackets, score
 from jfsf.sampling import biharmonic
-from jfsf.types import Certificate, Filtered, Kernel, Spectrum
+from jfsf.types import Certificate, Filtered, Spectrum
 
 
 @jax.jit
@@ -31,8 +31,8 @@ def certify(
     """
     T_xy, T_yx = filtered.T_xy, filtered.T_yx
     real_x = spec_x.mass > 0
-    plain = _nearest_of(filtered.kernel, emb_x, emb_y)
-    agree = jnp.sum(real_x & (plain == T_xy)) / jnp.sum(real_x)
+    # Neighbours stand in order.
+    agree = jnp.sum(real_x & (filtered.kernel.idx_xy[:, 0] == T_xy)) / jnp.sum(real_x)
     every = (C_yx, emb_x, emb_y, filtered.f, filtered.g)
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in every]).all()
     k = min(SEEN, *C_yx.shape)
@@ -49,18 +49,6 @@ def certify(
         nn_agreement=agree.astype(C_yx.dtype),
         finite=finite,
     )
-
-
-def _nearest_of(kernel: Kernel, emb_x, emb_y):
-    """The nearest in Y of each vertex of X, which is among its k0 neighbours."""
-
-    def square(column):
-        idx, log = column
-        gap = jnp.sum((emb_x - emb_y[idx]) ** 2, 1)
-        return jnp.where(log > -jnp.inf, gap, jnp.inf)
-
-    gaps = jax.lax.map(square, (kernel.idx_xy.T, kernel.log_xy.T))
-    return jnp.take_along_axis(kernel.idx_xy.T, gaps.argmin(0)[None], 0)[0]
 
 
 def _there_and_back(returned, spec: Spectrum):

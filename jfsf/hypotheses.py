@@ -4,17 +4,19 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jfsf.descriptors import curvature, standardise
 from jfsf.fmap import embeddings
+from jfsf.knn import leader
 from jfsf.orientation import bracket_fields
 from jfsf.refine.zoomout import zoomout
-from jfsf.sampling import farthest_points, restrict
+from jfsf.sampling import restrict
 from jfsf.types import Maps, Spectrum
 
 BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
 BENT_ENERGY = 0.125  # energy of curvatures that differ by one standard deviation
+HELD = 1 << 20  # products of two samples at a time: they stay in cache
 COMPARED = 20  # size of the block in which maps are compared
 
 
@@ -48,9 +50,8 @@ class Seen(NamedTuple):
         bent = extra[:, desc.shape[1] :] / BENT
         return cls(spec, desc, bent, jnp.where(itself, 0, extra), bracket_fields(spec))
 
-    def at(self, num: int) -> "Seen":
-        """From farthest points alone."""
-        chosen = farthest_points(self.spec, num=min(num, len(self.spec.mass)))
+    def at(self, chosen: Int[Array, " s"]) -> "Seen":
+        """From these vertices alone."""
         return Seen(restrict(self.spec, chosen), *(a[chosen] for a in self[1:]))
 
 
@@ -76,7 +77,11 @@ class Samples(NamedTuple):
             both=True,
             extra_weight=weight,
         )
-        return jax.vmap(grow)(C_yx, jnp.broadcast_to(extra_weight, len(C_yx)))
+        count = len(C_yx)
+        most = max(HELD // (len(x.spec.mass) * len(y.spec.mass)), 1)
+        together = max(n for n in range(1, most + 1) if count % n == 0)
+        weights = jnp.broadcast_to(extra_weight, count)
+        return jax.lax.map(lambda a: grow(*a), (C_yx, weights), batch_size=together)
 
     def energy(self, C_yx):
         x, y, itself = self
@@ -111,11 +116,9 @@ def _mismatch(one, other, mass):
 
 def _dense(emb_x, emb_y, *_) -> Maps:
     """Nearest neighbour both ways from one product: for a few hundred samples only."""
-    # Samples are far apart: float32 tells them apart, and top_k in float64 is slow.
+    # Samples are far apart: float32 tells them apart.
     emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)
     product = jnp.matmul(emb_x, emb_y.T, precision=jax.lax.Precision.HIGHEST)
     half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
-    # top_k is faster than argmax on CPU.
-    T_xy = jax.lax.top_k(product - half_y[None, :], 1)[1][:, 0]
-    T_yx = jax.lax.top_k(product.T - half_x[None, :], 1)[1][:, 0]
-    return Maps(T_xy, T_yx)
+    T_xy = leader(product - half_y[None, :], 1)
+    return Maps(T_xy, leader(product - half_x[:, None], 0))

@@ -15,7 +15,7 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.types import Neighbours
 
@@ -216,6 +216,17 @@ def selectable(points: Array, valid) -> tuple[Array, Array]:
 
 def inner_products(one, other):
     return jnp.matmul(one, other.T, precision=jax.lax.Precision.HIGHEST)
+
+
+def leader(score: Float[Array, "n m"], axis: int) -> Int[Array, " r"]:
+    """Where along `axis` the largest entry stands, the first of equals.
+
+    Two plain reductions vectorise where argmax and top_k do not.
+    """
+    best = score == score.max(axis, keepdims=True)
+    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
+    # The last where nothing is best, as with nan.
+    return jnp.where(best, place, score.shape[axis] - 1).min(axis)
 
 
 def _distances(queries, near, points, valid):

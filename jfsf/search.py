@@ -30,6 +30,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.fit import Weights, fit
 from jfsf.hypotheses import COMPARED, Samples, Seen
 from jfsf.orientation import SEEN, brackets, score
+from jfsf.sampling import farthest_points
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
@@ -149,8 +150,13 @@ def _search(
     seen_y = Seen.of(spec_y, desc_y, itself)
     # With "any" the fields are 0 and say nothing.
     seen_x = seen_x._replace(field=way * seen_x.field)
+    many_x, many_y = (
+        farthest_points(spec, num=min(FINAL_SAMPLES, len(spec.mass)))
+        for spec in (spec_x, spec_y)
+    )
+    # Each point is the farthest from those before it: the first are a sample too.
     few, more = (
-        Samples(seen_x.at(count), seen_y.at(count), itself)
+        Samples(seen_x.at(many_x[:count]), seen_y.at(many_y[:count]), itself)
         for count in (SAMPLES, FINAL_SAMPLES)
     )
     wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)

@@ -18,7 +18,10 @@ def test_zooming_out_from_the_truth_does_not_exchange_hands():
     shapes = [data.load(name) for name in ("woman_up", "woman_walk")]
     specs = [basis(shape.mesh, cache=False) for shape in shapes]
     ats = [np.asarray(farthest_points(spec, num=SAMPLES)) for spec in specs]
-    seen = [Seen.of(spec, wks(spec)[:, ::EVERY], False).at(SAMPLES) for spec in specs]
+    seen = [
+        Seen.of(spec, wks(spec)[:, ::EVERY], False).at(jnp.asarray(at))
+        for spec, at in zip(specs, ats, strict=True)
+    ]
 
     points_x, points_y = (shape.mesh.vertices for shape in shapes)
     vertex_x, vertex_y = (shape.template_to_vertex for shape in shapes)

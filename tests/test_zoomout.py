@@ -15,6 +15,7 @@ from jfsf.fmap import embeddings, functional_map
 from jfsf.orientation import bracket_fields
 from jfsf.padding import pad
 from jfsf.refine import zoomout
+from jfsf.sampling import farthest_points, restrict
 
 N, K = 162, 40
 KS = (6, 10, 10, 20, 36, 40)  # two widths, and a size twice
@@ -47,6 +48,23 @@ def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
     ours = run(spec_x, spec_y, C, both=both)
     np.testing.assert_allclose(
         ours, oracles.zoomout(spec_x, spec_y, C, KS, both), atol=1e-8
+    )
+
+
+@pytest.mark.parametrize("both", [False, True])
+def test_the_plain_loop_agrees_on_samples(both):
+    # Where eigenvectors are skew: each size has a least squares problem of its own.
+    whole = pair(3)
+    some_x, some_y = (
+        restrict(spec, farthest_points(spec, num=num))
+        for spec, num in zip(whole, (90, 110), strict=True)
+    )
+    C = start(*whole)
+    ours = run(some_x, some_y, C, both=both)
+    gram = (some_x.evecs.T * some_x.mass[None]) @ some_x.evecs
+    assert abs(gram - np.eye(K)).max() > 0.1
+    np.testing.assert_allclose(
+        ours, oracles.zoomout(some_x, some_y, C, KS, both), atol=1e-8
     )
 
 

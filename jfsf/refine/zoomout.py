@@ -96,12 +96,16 @@ def zoomout(
     if tiles is not None:
         converter = partial(converter, tiles=tiles)
     T_xy = jnp.full(len(spec_x.mass), -1, jnp.int32)  # none yet
+    inverse = (
+        _inverse_factor(spec_x, ks[-1]),
+        (_inverse_factor(spec_y, ks[-1]) if both else None),
+    )
     steps = zip(ks[:-1], ks[1:], strict=True)
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
-        options = (width, converter, space, weighted, both, extra_weight)
-        step = _step(spec_x, spec_y, extra, fields, *options)
+        options = (width, converter, space, weighted, extra_weight)
+        step = _step(spec_x, spec_y, extra, fields, inverse, *options)
         size = len(C_yx)
         if size < width:
             C_yx = jnp.pad(C_yx, (0, width - size))
@@ -115,11 +119,19 @@ def _width(k: int, last: int) -> int:
 
 
 def _step(
-    spec_x, spec_y, extra, fields, width, converter, space, weighted, both, extra_weight
+    spec_x,
+    spec_y,
+    extra,
+    fields,
+    inverse,
+    width,
+    converter,
+    space,
+    weighted,
+    extra_weight,
 ):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
-    gram_x, gram_y = _dot(back_x, evecs_x), _dot(back_y, evecs_y)
     uniform_x, uniform_y = uniform(spec_x.mass), uniform(spec_y.mass)
     column = jnp.arange(width)
 
@@ -144,10 +156,10 @@ def _step(
         emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
         keep = column < ks[1]
-        there = _least_squares(gram_x, _dot(back_x, evecs_y[maps.T_xy]), keep)
-        if both:
-            back = _least_squares(gram_y, _dot(back_y, evecs_x[maps.T_yx]), keep)
-            there = (there + back.T) / 2
+        there = _least_squares(inverse[0], _dot(back_x, evecs_y[maps.T_xy]), keep)
+        if inverse[1] is not None:
+            back = _dot(back_y, evecs_x[maps.T_yx])
+            there = (there + _least_squares(inverse[1], back, keep).T) / 2
         return (there, maps.T_xy.astype(jnp.int32)), None
 
     return step
@@ -157,8 +169,20 @@ def _step(
 _dot = partial(jnp.matmul, precision=jax.lax.Precision.HIGHEST)
 
 
-def _least_squares(gram: Array, right: Array, keep: Array) -> Array:
-    """Solve in the first eigenfunctions only; zero elsewhere."""
+def _inverse_factor(spec: Spectrum, k: int) -> Array:
+    """L^-1 of the Gram matrix L L^T of k eigenfunctions, which samples make skew.
+
+    Leading blocks are those of fewer eigenfunctions, so all rounds share it. A solver
+    in each round would wake LAPACK's threads, whose waiting takes a core away.
+    """
+    evecs = spec.evecs[:, :k]
+    gram = _dot(evecs.T * spec.mass[None], evecs)
+    eye = jnp.eye(k, dtype=gram.dtype)
+    return jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), eye, lower=True)
+
+
+def _least_squares(inverse: Array, right: Array, keep: Array) -> Array:
+    """Coefficients in the first eigenfunctions, those to keep; zero elsewhere."""
     inside = keep[:, None] & keep[None, :]
-    gram = jnp.where(inside, gram, jnp.eye(len(gram), dtype=gram.dtype))
-    return jax.scipy.linalg.solve(gram, jnp.where(inside, right, 0), assume_a="pos")
+    inverse = jnp.where(inside, inverse[: len(keep), : len(keep)], 0)
+    return _dot(inverse.T, _dot(inverse, jnp.where(inside, right, 0)))
