@@ -16,7 +16,7 @@ from jfsf.types import Maps, Spectrum
 
 BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
 BENT_ENERGY = 0.125  # energy of curvatures that differ by one standard deviation
-HELD = 1 << 20  # products of two samples at a time: they stay in cache
+HELD = 1 << 20  # entries of products of two samples at a time: they stay in cache
 COMPARED = 20  # size of the block in which maps are compared
 
 
