@@ -16,7 +16,6 @@ from jfsf.types import Spectrum
 
 PULLED = 8  # functions of Y pulled back, the constant left out
 SEEN = 20  # functions of X that see them
-
 BLOCK = 512  # faces at a time: their products stay in cache
 
 MATTERS = 0.3  # root mean square of an oriented column; a descriptor's is 1

@@ -9,8 +9,8 @@ best that really differ. These few are refined on more samples before the last r
 How much descriptors should say beside eigenfunctions depends on the shapes: with half
 weight a dog's legs are exchanged, with full weight a child's hands. So the starts try
 both, and none, and what follows keeps to half, at which a right start stays right. The
-idea of enumerating maps is MapTree's (Ren et al., SIGGRAPH Asia 2020); here each
-generation of hypotheses is one vmap.
+idea of enumerating maps is MapTree's (Ren et al., SIGGRAPH Asia 2020); here they are
+refined in groups, each one vmap.
 
 The rank is the energy of a map, low for an isometry: it commutes with the Laplacian,
 keeps areas, the descriptors and the bending of the surface. By all but the last a thin

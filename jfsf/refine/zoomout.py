@@ -96,16 +96,15 @@ def zoomout(
     if tiles is not None:
         converter = partial(converter, tiles=tiles)
     T_xy = jnp.full(len(spec_x.mass), -1, jnp.int32)  # none yet
-    inverse = (
-        _inverse_factor(spec_x, ks[-1]),
-        (_inverse_factor(spec_y, ks[-1]) if both else None),
-    )
+    inverse_x = _inverse_factor(spec_x, ks[-1])
+    inverse_y = _inverse_factor(spec_y, ks[-1]) if both else None
     steps = zip(ks[:-1], ks[1:], strict=True)
     # A scan needs one shape, so the basis is masked to k inside it. A scan for each
     # doubling of the width keeps the waste, and the number of programs, small.
     for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
         options = (width, converter, space, weighted, extra_weight)
-        step = _step(spec_x, spec_y, extra, fields, inverse, *options)
+        inverses = inverse_x, inverse_y
+        step = _step(spec_x, spec_y, extra, fields, inverses, *options)
         size = len(C_yx)
         if size < width:
             C_yx = jnp.pad(C_yx, (0, width - size))
@@ -123,7 +122,7 @@ def _step(
     spec_y,
     extra,
     fields,
-    inverse,
+    inverses,
     width,
     converter,
     space,
@@ -133,6 +132,7 @@ def _step(
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
     uniform_x, uniform_y = uniform(spec_x.mass), uniform(spec_y.mass)
+    inverse_x, inverse_y = inverses
     column = jnp.arange(width)
 
     def step(state, ks):
@@ -156,10 +156,10 @@ def _step(
         emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
         maps = converter(emb_x, emb_y, uniform_x, uniform_y)
         keep = column < ks[1]
-        there = _least_squares(inverse[0], _dot(back_x, evecs_y[maps.T_xy]), keep)
-        if inverse[1] is not None:
+        there = _least_squares(inverse_x, _dot(back_x, evecs_y[maps.T_xy]), keep)
+        if inverse_y is not None:
             back = _dot(back_y, evecs_x[maps.T_yx])
-            there = (there + _least_squares(inverse[1], back, keep).T) / 2
+            there = (there + _least_squares(inverse_y, back, keep).T) / 2
         return (there, maps.T_xy.astype(jnp.int32)), None
 
     return step
