@@ -96,7 +96,7 @@ def curvature(spec: Spectrum) -> Float[Array, "n d"]:
     )
     flow = jnp.einsum("nk,tk,kc->tnc", spec.evecs, weight, flow, precision=HIGHEST)
     step = flow[:-1] - flow[1:]
-    signed = jnp.sum(step * _normals(flow[0], spec.faces)[None], 2)
+    signed = jnp.sum(step * normals(flow[0], spec.faces)[None], 2)
     size = jnp.sum(step**2, 2)
     moved = size > 0
     size = jnp.where(moved, jnp.sqrt(jnp.where(moved, size, 1)), 0)
@@ -125,7 +125,10 @@ def _signature(spec, log_weight, landmarks):
     return jnp.matmul(spec.evecs, seen.T, precision=HIGHEST)
 
 
-def _normals(points, faces):
+def normals(
+    points: Float[Array, "n 3"], faces: Int[Array, "m 3"]
+) -> Float[Array, "n 3"]:
+    """Unit normals at vertices, each face's counted by its area; 0 without faces."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     across = jnp.cross(b - a, c - a)
     total = jnp.zeros_like(points)

@@ -10,24 +10,24 @@ from jaxtyping import Array, Bool, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
-from jfsf.convert import brief, sinkhorn
+from jfsf.convert import brief, nearest, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
 from jfsf.hypotheses import appearance
 from jfsf.mesh import MeshError, orient, validate
 from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
-from jfsf.refine import zoomout
+from jfsf.refine import arap, zoomout
 from jfsf.sampling import restrict, tile_points
 from jfsf.search import HYPOTHESES, SECOND, Orientation, search, way_of
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
 
-K = 200  # eigenpairs a shape
+K = 128  # eigenpairs a shape; with more, the map before `arap` is better, after it not
 # The rounds in place, where descriptors weigh most, clean the start up; finer schedules
 # drift further from it.
-KS = (30,) * 6 + (45, 45, 65, 65, 110, K, K)
+KS = (30,) * 6 + (45, 45, 65, 65, 110, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 TILED = 2000  # vertices above which neighbours are searched among candidates
 LARGE = 20_000  # vertices above which C_yx is refined on samples
@@ -209,9 +209,14 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
         tiles=seen_tiles,
     )
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    filtered = sinkhorn(
-        emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles
-    )
+    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
+    if len(spec_x.faces) and len(spec_y.faces):
+        maps = nearest(emb_x, emb_y, *marginals, tiles=tiles)
+        handed = jnp.where(turned < 0, -1.0, 1.0)
+        emb_x, emb_y = arap(
+            spec_x, spec_y, maps, handed, converter=nearest, tiles=tiles
+        )
+    filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles)
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
     gap = found.energy[1] / found.energy[0] - 1
     certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)

@@ -28,10 +28,10 @@ class Spectrum(NamedTuple):
     evals: ascending, the first 0; on the shape scaled to unit area.
     evecs: mass-orthonormal, evecs.T @ diag(mass) @ evecs = I; the first is constant.
     mass: lumped vertex areas, they sum to 1; 0 marks padding.
-    faces: wound outward; only the orientation term and score read them. (0, 3) for
-        a point cloud. A padding face is (0, 0, 0).
-    vertices: positions, centred, of the shape scaled to unit area; only curvature reads
-        them. 0 on padding.
+    faces: wound outward, for orientation, curvature and `refine.arap`. (0, 3) for a
+        point cloud. A padding face is (0, 0, 0).
+    vertices: positions, centred, of the shape scaled to unit area, for curvature and
+        `refine.arap`. 0 on padding.
     """
 
     evals: Float[Array, " k"]

@@ -253,6 +253,34 @@ def icp(spec_x, spec_y, C, num_iters):
     return C
 
 
+def bend(vertices, faces, mass, target, reach, turns):
+    """Drawn to `target`, as rigid as possible: SVDs and a dense solve a turn."""
+    n = len(vertices)
+    weight = np.zeros((n, n))
+    for face in faces:
+        for c in range(3):
+            i, j, k = face[(c + 1) % 3], face[(c + 2) % 3], face[c]
+            a, b = vertices[i] - vertices[k], vertices[j] - vertices[k]
+            cotangent = a @ b / np.linalg.norm(np.cross(a, b))
+            weight[[i, j], [j, i]] += np.clip(cotangent, 0.01, 100) / 2
+    resist = np.diag(weight.sum(1)) - weight
+    pull = np.diag(mass / reach**2)
+    bent = target
+    for _ in range(turns):
+        turn = np.zeros((n, 3, 3))
+        for i in range(n):
+            rest, now = vertices[i] - vertices, bent[i] - bent
+            u, _, vt = np.linalg.svd((weight[i][:, None] * now).T @ rest)
+            turn[i] = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+        right = pull @ target
+        for i in range(n):
+            for j in np.flatnonzero(weight[i]):
+                mean = (turn[i] + turn[j]) / 2
+                right[i] += weight[i, j] * mean @ (vertices[i] - vertices[j])
+        bent = np.linalg.solve(resist + pull, right)
+    return bent
+
+
 def farthest_points(points, real, num):
     """Vertices one by one, each the farthest from all before; from the mean first."""
     size = np.where(real, (points**2).sum(1), -1)
