@@ -25,9 +25,9 @@ from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
 
 K = 128  # eigenpairs a shape; with more, the map before `arap` is better, after it not
-# The rounds in place, where descriptors weigh most, clean the start up; finer schedules
-# drift further from it.
-KS = (30,) * 6 + (45, 45, 65, 65, 110, K)
+# The rounds in place, where descriptors weigh most, clean the start up. Finer schedules
+# slide further from it; coarser ones are as good once `arap` has followed.
+KS = (30,) * 4 + (45, 65, 110, K)
 EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 TILED = 2000  # vertices above which neighbours are searched among candidates
 LARGE = 20_000  # vertices above which C_yx is refined on samples

@@ -49,7 +49,7 @@ def arap(
     maps: Maps,
     handed: Float[Array, ""] | float = 1.0,
     *,
-    rounds: int = 6,
+    rounds: int = 8,
     converter: Converter,
     tiles: tuple[Tiles, Tiles] | None = None,
 ) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
@@ -111,9 +111,8 @@ def surface(spec: Spectrum, handed: Float[Array, ""] | float = 1.0) -> Surface:
     to, fro = _ahead(rest, 2), -_ahead(rest, 1)
     across = jnp.sum(jnp.cross(to, fro) ** 2, 2, keepdims=True)
     flat = across == 0
-    cotangent = jnp.sum(to * fro, 2, keepdims=True) / jnp.sqrt(
-        jnp.where(flat, 1, across)
-    )
+    across = jnp.sqrt(jnp.where(flat, 1, across))
+    cotangent = jnp.sum(to * fro, 2, keepdims=True) / across
     # Flat faces, those of padding among them, hold nothing together.
     stiff = jnp.where(flat, 0, jnp.clip(cotangent, *STIFF) / 2)
     return Surface(spec.faces, spec.mass, rest, stiff)
