@@ -81,8 +81,9 @@ def curvature(spec: Spectrum) -> Float[Array, "n d"]:
     for which no faces are needed. Bending at a joint changes them nearby only.
 
     Args:
-        spec: with its vertices; faces wound outward. Eigenpairs beyond the 200th, which
-            the shortest time damps to a third, hardly matter.
+        spec: with its vertices; faces wound outward. The finest scales sharpen with
+            more eigenpairs, as the shortest time leaves three quarters of the 200th:
+            compare shapes with as many.
 
     Returns:
         (n, 12): signed, then unsigned, fine to coarse, in units of sqrt(area). Nothing
@@ -115,16 +116,6 @@ def standardise(
     return jnp.where((mass > 0)[:, None], scaled, 0)
 
 
-def _signature(spec, log_weight, landmarks):
-    # Of narrow bands between two eigenvalues every weight may underflow: not here.
-    weight = jax.nn.softmax(log_weight, axis=1)
-    if landmarks is None:
-        return jnp.matmul(spec.evecs**2, weight.T, precision=HIGHEST)
-    seen = spec.evecs[landmarks][:, None] * weight[None]
-    seen = seen.reshape(-1, weight.shape[1])
-    return jnp.matmul(spec.evecs, seen.T, precision=HIGHEST)
-
-
 def normals(
     points: Float[Array, "n 3"], faces: Int[Array, "m 3"]
 ) -> Float[Array, "n 3"]:
@@ -137,6 +128,16 @@ def normals(
     size = jnp.sum(total**2, 1, keepdims=True)
     found = size > 0
     return total * jnp.where(found, 1 / jnp.sqrt(jnp.where(found, size, 1)), 0)
+
+
+def _signature(spec, log_weight, landmarks):
+    # Of narrow bands between two eigenvalues every weight may underflow: not here.
+    weight = jax.nn.softmax(log_weight, axis=1)
+    if landmarks is None:
+        return jnp.matmul(spec.evecs**2, weight.T, precision=HIGHEST)
+    seen = spec.evecs[landmarks][:, None] * weight[None]
+    seen = seen.reshape(-1, weight.shape[1])
+    return jnp.matmul(spec.evecs, seen.T, precision=HIGHEST)
 
 
 def _check(name, spec, num):

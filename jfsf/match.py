@@ -24,7 +24,7 @@ from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
 
-K = 128  # eigenpairs a shape; with more, the map before `arap` is better, after it not
+K = 128  # eigenpairs a shape; more make a better map before `arap`, hardly after it
 # The rounds in place, where descriptors weigh most, clean the start up. Finer schedules
 # slide further from it; coarser ones are as good once `arap` has followed.
 KS = (30,) * 4 + (45, 65, 110, K)
