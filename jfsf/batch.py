@@ -22,6 +22,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
+from jfsf.compiling import large_jit
 from jfsf.convert import sinkhorn
 from jfsf.match import common
 from jfsf.match import match_spectra as match_one
@@ -181,7 +182,8 @@ def each(
         together = 1 if mesh.devices[0].platform == "cpu" else share
     together = min(together, share)
     share = -(-share // together) * together
-    call = partial(_spread, function, tuple(sorted(options.items())), mesh, together)
+    spread = large_jit(_spread, mesh.devices[0].platform, static_argnums=(0, 1, 2, 3))
+    call = partial(spread, function, tuple(sorted(options.items())), mesh, together)
 
     found: dict[int, Any] = {}
 
@@ -220,7 +222,6 @@ def _call(call, mesh, share, inputs):
     return [jax.tree.map(lambda x, i=i: x[i], found) for i in at]
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2, 3))
 def _spread(function, options, mesh, together, counts, batch):
     many = _alone if together == 1 else jax.vmap
     function = many(partial(function, **dict(options)))

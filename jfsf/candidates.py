@@ -30,6 +30,7 @@ from jfsf.knn import (
     selectable,
     with_distances,
 )
+from jfsf.sides import both
 from jfsf.types import Found, Neighbours, Tiles
 
 TILES = 28  # tiles whose points are compared with a block
@@ -84,16 +85,18 @@ def tiled_neighbours(
     y, valid_y = selectable(y, _taking_part(tiles_y, valid_y, len(y)))
     scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
     fast_x, fast_y = (scaled(jax.lax.stop_gradient(a)) for a in (x, y))
-    idx_xy = _search(fast_x, fast_y, tiles_x, tiles_y, valid_y, k0)
-    idx_yx = _search(fast_y, fast_x, tiles_y, tiles_x, valid_x, k0)
-    near_xy = with_distances(x, idx_xy, y, valid_x, valid_y)
-    near_yx = with_distances(y, idx_yx, x, valid_y, valid_x)
 
-    # The worse direction counts.
-    recall = jnp.fmin(
-        _recall(fast_x, fast_y, x, y, near_xy, tiles_x, valid_y),
-        _recall(fast_y, fast_x, y, x, near_yx, tiles_y, valid_x),
+    def one_way(fast_q, fast_p, q, p, tiles_q, tiles_p, valid_q, valid_p):
+        idx = _search(fast_q, fast_p, tiles_q, tiles_p, valid_p, k0)
+        near = with_distances(q, idx, p, valid_q, valid_p)
+        return near, _recall(fast_q, fast_p, q, p, near, tiles_q, valid_p)
+
+    (near_xy, recall_xy), (near_yx, recall_yx) = both(
+        one_way,
+        (fast_x, fast_y, x, y, tiles_x, tiles_y, valid_x, valid_y),
+        (fast_y, fast_x, y, x, tiles_y, tiles_x, valid_y, valid_x),
     )
+    recall = jnp.fmin(recall_xy, recall_yx)  # the worse direction counts
     exhausted = recall < least
     if least > 0:
         near_xy, near_yx = jax.lax.cond(

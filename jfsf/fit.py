@@ -19,6 +19,7 @@ import lineax
 from jaxtyping import Array, Float
 
 from jfsf.orientation import brackets
+from jfsf.sides import both
 from jfsf.types import Spectrum
 
 with warnings.catch_warnings():
@@ -136,16 +137,18 @@ def terms(
         raise ValueError(
             f"fit: desc_x has {desc_x.shape[1]} columns, desc_y {desc_y.shape[1]}"
         )
-    phi_x, phi_y = spec_x.evecs[:, :k], spec_y.evecs[:, :k]
-    dtype = phi_x.dtype
+    dtype = spec_x.evecs.dtype
     desc_x, desc_y = _standard(desc_x, spec_x.mass, desc_y, spec_y.mass)
-    coef_x = _einsum("na,n,nd->ad", phi_x, spec_x.mass, desc_x)
-    coef_y = _einsum("na,n,nd->ad", phi_y, spec_y.mass, desc_y)
 
-    times_x = _einsum("na,n,nd,nb->adb", phi_x, spec_x.mass, desc_x, phi_x)
-    times_y = _einsum("na,n,nd,nb->adb", phi_y, spec_y.mass, desc_y, phi_y)
-    turn_x = _einsum("cab,ad->cdb", brackets(spec_x, k=k), coef_x)
-    turn_y = _einsum("cab,ad->cdb", brackets(spec_y, k=k), coef_y)
+    def operators(spec, desc):
+        phi = spec.evecs[:, :k]
+        coef = _einsum("na,n,nd->ad", phi, spec.mass, desc)
+        times = _einsum("na,n,nd,nb->adb", phi, spec.mass, desc, phi)
+        return coef, times, _einsum("cab,ad->cdb", brackets(spec, k=k), coef)
+
+    (coef_x, times_x, turn_x), (coef_y, times_y, turn_y) = both(
+        operators, (spec_x, desc_x), (spec_y, desc_y)
+    )
     # C times_y = times_x C and, where orientation is kept, C turn_y = turn_x C; a
     # mirrored map reverses the sign of one side.
     w = Weights(*(jnp.asarray(w, dtype) for w in weights))

@@ -9,9 +9,10 @@ from jaxtyping import Array, Float, Int
 from jfsf.descriptors import curvature, standardise
 from jfsf.fmap import embeddings
 from jfsf.knn import leader
-from jfsf.orientation import bracket_fields
+from jfsf.orientation import SEEN, at_vertices, brackets
 from jfsf.refine.zoomout import zoomout
 from jfsf.sampling import restrict
+from jfsf.sides import both
 from jfsf.types import Maps, Spectrum
 
 BENT = 1.5  # weight of curvature beside descriptors, in the embeddings
@@ -35,24 +36,35 @@ class Seen(NamedTuple):
 
     desc, bent: descriptors; curvature, standardised. They weigh a map.
     extra: `appearance`, which is 0 for the symmetries of a shape.
-    field: `orientation.bracket_fields`, negated for maps that mirror.
+    wound: `orientation.brackets`.
+    field: the same at each vertex, negated for maps that mirror.
     """
 
     spec: Spectrum
     desc: Float[Array, "n d"]
     bent: Float[Array, "n b"]
     extra: Float[Array, "n e"]
+    wound: Float[Array, "k k k"]
     field: Float[Array, "n k k"]
 
     @classmethod
     def of(cls, spec: Spectrum, desc, itself):
         extra = jnp.asarray(appearance(spec, desc))
         bent = extra[:, desc.shape[1] :] / BENT
-        return cls(spec, desc, bent, jnp.where(itself, 0, extra), bracket_fields(spec))
+        wound = brackets(spec, k=SEEN)
+        field = at_vertices(spec, wound)
+        return cls(spec, desc, bent, jnp.where(itself, 0, extra), wound, field)
 
     def at(self, chosen: Int[Array, " s"]) -> "Seen":
         """From these vertices alone."""
-        return Seen(restrict(self.spec, chosen), *(a[chosen] for a in self[1:]))
+        return Seen(
+            restrict(self.spec, chosen),
+            self.desc[chosen],
+            self.bent[chosen],
+            self.extra[chosen],
+            self.wound,
+            self.field[chosen],
+        )
 
 
 class Samples(NamedTuple):
@@ -98,20 +110,17 @@ def _energy(C_yx, x: Seen, y: Seen):
     commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
     maps = _dense(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
     stretch = jnp.linalg.norm(C_yx.T @ C_yx - jnp.eye(k, dtype=C_yx.dtype))
-    lost_x = _mismatch(x.desc, y.desc[maps.T_xy], spec_x.mass)
-    lost_y = _mismatch(y.desc, x.desc[maps.T_yx], spec_y.mass)
-    bent = _differ(x.bent, y.bent[maps.T_xy], spec_x.mass)
-    bent += _differ(y.bent, x.bent[maps.T_yx], spec_y.mass)
-    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y + BENT_ENERGY * bent
+    lost_x, lost_y = both(_lost, (x, y, maps.T_xy), (y, x, maps.T_yx))
+    return commute + stretch / (2 * jnp.sqrt(k)) + lost_x + lost_y
 
 
-def _differ(one, other, mass):
-    return mass @ jnp.sum((one - other) ** 2, 1) / one.shape[1]
-
-
-def _mismatch(one, other, mass):
-    size = jnp.maximum(one + other, jnp.finfo(one.dtype).tiny)
-    return jnp.sum(mass[:, None] * jnp.abs(one - other) / size) / one.shape[1]
+def _lost(x: Seen, y: Seen, T_xy):
+    """How much descriptors and curvature differ under a map."""
+    other = y.desc[T_xy]
+    size = jnp.maximum(x.desc + other, jnp.finfo(other.dtype).tiny)
+    mismatch = jnp.mean(jnp.abs(x.desc - other) / size, 1)
+    bent = jnp.mean((x.bent - y.bent[T_xy]) ** 2, 1)
+    return x.spec.mass @ (mismatch + BENT_ENERGY * bent)
 
 
 def _dense(emb_x, emb_y, *_) -> Maps:

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf.sides import both
 from jfsf.types import Neighbours
 
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
@@ -152,15 +153,12 @@ def mutual_neighbours(
 def exhaustive(x: Array, y: Array, valid_x: Array, valid_y: Array, *, k0: int):
     """`neighbours` both ways; what takes no part has none."""
 
-    def only(near: Neighbours, valid: Array) -> Neighbours:
-        idx = jnp.where(valid[:, None], near.idx, 0).astype(jnp.int32)
-        return Neighbours(idx, jnp.where(valid[:, None], near.dist, jnp.inf))
+    def one_way(q, p, valid_q, valid_p):
+        near = neighbours(q, p, valid_p, k0=k0)
+        idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)
+        return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
 
-    near_xy, near_yx = (
-        neighbours(x, y, valid_y, k0=k0),
-        neighbours(y, x, valid_x, k0=k0),
-    )
-    return only(near_xy, valid_x), only(near_yx, valid_y)
+    return both(one_way, (x, y, valid_x, valid_y), (y, x, valid_y, valid_x))
 
 
 def check_sets(function: str, x: Array, y: Array, k0: int) -> None:

@@ -10,16 +10,17 @@ from jaxtyping import Array, Bool, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
-from jfsf.convert import brief, nearest, sinkhorn
+from jfsf.compiling import large_jit
+from jfsf.convert import brief, brief_nearest, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.hypotheses import appearance
+from jfsf.hypotheses import Seen
 from jfsf.mesh import MeshError, orient, validate
-from jfsf.orientation import bracket_fields
 from jfsf.padding import bucket, pad
 from jfsf.refine import arap, zoomout
 from jfsf.sampling import restrict, tile_points
-from jfsf.search import HYPOTHESES, SECOND, Orientation, search, way_of
+from jfsf.search import HYPOTHESES, SECOND, Orientation, search_seen, way_of
+from jfsf.sides import both
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Match, Mesh, Spectrum, Tiles
@@ -70,13 +71,8 @@ def match(
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
     spec_x, spec_y = common(*_bases(mesh_x, mesh_y, cache))
-    found = match_spectra(
-        _on_device(spec_x),
-        _on_device(spec_y),
-        pairs,
-        orientation=orientation,
-        hypotheses=hypotheses,
-    )
+    way = way_of(orientation)
+    found = _run(*_on_device(spec_x, spec_y), pairs, way, False, hypotheses)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
@@ -104,10 +100,8 @@ def symmetry(mesh: Mesh, *, hypotheses: int = HYPOTHESES, cache: bool = True) ->
             f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
             "and right; triangulate it"
         )
-    spec = _on_device(basis(mesh, cache=cache))
-    found = match_spectra(
-        spec, spec, orientation="reverse", hypotheses=hypotheses, itself=True
-    )
+    (spec,) = _on_device(basis(mesh, cache=cache))
+    found = _run(spec, spec, None, way_of("reverse"), True, hypotheses)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
 
@@ -161,32 +155,23 @@ def match_spectra(
 
 @partial(jax.jit, static_argnames="hypotheses")
 def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
-    desc_x, desc_y = wks(spec_x)[:, ::EVERY], wks(spec_y)[:, ::EVERY]
-    if landmarks is not None:
-        # Heat from a landmark is positive up to the cut of the spectrum.
-        seen_x = jnp.maximum(hks(spec_x, landmarks[:, 0], num=10), 0)
-        seen_y = jnp.maximum(hks(spec_y, landmarks[:, 1], num=10), 0)
-        desc_x = jnp.concatenate([desc_x, seen_x], 1)
-        desc_y = jnp.concatenate([desc_y, seen_y], 1)
-    found = search(
-        spec_x,
-        spec_y,
-        desc_x,
-        desc_y,
-        orientation=way,
-        hypotheses=hypotheses,
-        itself=itself,
+    at_x, at_y = (None, None) if landmarks is None else landmarks.T
+    look_x, look_y = both(
+        lambda spec, at: Seen.of(spec, _descriptors(spec, at), itself),
+        (spec_x, at_x),
+        (spec_y, at_y),
     )
+    found = search_seen(look_x, look_y, way, itself, hypotheses=hypotheses)
     widest = min(len(spec_x.evals), len(spec_y.evals))
     ks = tuple(min(k, widest) for k in KS)
     # Point clouds have no orientation; nan must not reach the embeddings.
     turned = jnp.sign(jnp.nan_to_num(found.orientation[0]))
     start = (
         found.C_yx[0],
-        jnp.where(itself, 0, appearance(spec_x, desc_x)),
-        jnp.where(itself, 0, appearance(spec_y, desc_y)),
-        turned * bracket_fields(spec_x),
-        bracket_fields(spec_y),
+        look_x.extra,
+        look_y.extra,
+        turned * look_x.field,
+        look_y.field,
     )
     tiles = seen_tiles = _tiles(spec_x, spec_y)
     seen_x, seen_y = spec_x, spec_y
@@ -196,8 +181,8 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
             for spec in (spec_x, spec_y)
         )
         seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
-        C_yx, look_x, look_y, field_x, field_y = start
-        start = C_yx, look_x[at_x], look_y[at_y], field_x[at_x], field_y[at_y]
+        C_yx, extra_x, extra_y, field_x, field_y = start
+        start = C_yx, extra_x[at_x], extra_y[at_y], field_x[at_x], field_y[at_y]
         seen_tiles = _tiles(seen_x, seen_y)
     C_yx = zoomout(
         seen_x,
@@ -211,10 +196,10 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
     if len(spec_x.faces) and len(spec_y.faces):
-        maps = nearest(emb_x, emb_y, *marginals, tiles=tiles)
+        maps = brief_nearest(emb_x, emb_y, *marginals, tiles=tiles)
         handed = jnp.where(turned < 0, -1.0, 1.0)
         emb_x, emb_y = arap(
-            spec_x, spec_y, maps, handed, converter=nearest, tiles=tiles
+            spec_x, spec_y, maps, handed, converter=brief_nearest, tiles=tiles
         )
     filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles)
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
@@ -223,10 +208,27 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
     return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
 
 
+def _descriptors(spec: Spectrum, landmarks) -> Array:
+    desc = wks(spec)[:, ::EVERY]
+    if landmarks is None:
+        return desc
+    # Heat from a landmark is positive up to the cut of the spectrum.
+    return jnp.concatenate([desc, jnp.maximum(hks(spec, landmarks, num=10), 0)], 1)
+
+
+def _run(spec_x, spec_y, landmarks, way, itself, hypotheses: int) -> Match:
+    return _program()(spec_x, spec_y, landmarks, way, itself, hypotheses=hypotheses)
+
+
+def _program():
+    platform = jax.default_backend()
+    return large_jit(_match_spectra, platform, static_argnames="hypotheses")
+
+
 def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
     if max(len(spec_x.mass), len(spec_y.mass)) <= TILED:
         return None
-    return spectral_tiles(spec_x), spectral_tiles(spec_y)
+    return both(spectral_tiles, (spec_x,), (spec_y,))
 
 
 def _check(name: str, mesh: Mesh) -> None:
@@ -244,11 +246,16 @@ def _bases(mesh_x: Mesh, mesh_y: Mesh, cache: bool) -> list[Spectrum]:
         return list(pool.map(one, names, meshes))
 
 
-def _on_device(spec: Spectrum) -> Spectrum:
+def _on_device(*specs: Spectrum) -> list[Spectrum]:
     # Padded first: what is done to jax arrays of each size compiles for each size.
     # A closed surface has two faces a vertex.
-    spec = pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces), 1024))
-    return jax.tree.map(jnp.asarray, spec)
+    sizes = [(bucket(len(s.mass)), bucket(len(s.faces), 1024)) for s in specs]
+    most = tuple(map(max, zip(*sizes, strict=True)))
+    # One size for both is half the program, but far apart it is twice the work.
+    if most[0] <= 2 * min(n for n, _ in sizes):
+        sizes = [most] * len(specs)
+    padded = (pad(spec, *size) for spec, size in zip(specs, sizes, strict=True))
+    return [jax.tree.map(jnp.asarray, spec) for spec in padded]
 
 
 def _landmarks(landmarks, n_x: int, n_y: int):

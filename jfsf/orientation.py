@@ -101,8 +101,12 @@ def bracket_fields(spec: Spectrum) -> Float[Array, "n s s"]:
 
     Each is projected on as many eigenfunctions. Zeros for a point cloud.
     """
-    seen = min(SEEN, len(spec.evals))
-    return _einsum("nc,cab->nab", spec.evecs[:, :seen], brackets(spec, k=seen))
+    return at_vertices(spec, brackets(spec, k=min(SEEN, len(spec.evals))))
+
+
+def at_vertices(spec: Spectrum, wound: Float[Array, "s s s"]) -> Float[Array, "n s s"]:
+    """`brackets`, functions in the eigenbasis, at each vertex."""
+    return _einsum("nc,cab->nab", spec.evecs[:, : len(wound)], wound)
 
 
 def carried_fields(

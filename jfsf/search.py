@@ -29,8 +29,9 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.fit import Weights, fit
 from jfsf.hypotheses import COMPARED, Samples, Seen
-from jfsf.orientation import SEEN, brackets, score
+from jfsf.orientation import score
 from jfsf.sampling import farthest_points
+from jfsf.sides import both
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
@@ -106,9 +107,10 @@ def search(
         raise ValueError(
             f"search: hypotheses is {hypotheses}, the least is {STARTS + FLIPS}"
         )
-    options = {"hypotheses": hypotheses, "num": num}
     way = way_of(orientation)
-    return _search(spec_x, spec_y, desc_x, desc_y, way, itself, **options)
+    return _search(
+        spec_x, spec_y, desc_x, desc_y, way, itself, hypotheses=hypotheses, num=num
+    )
 
 
 def way_of(orientation: Orientation | Int[Array, ""]) -> Int[Array, ""] | int:
@@ -141,28 +143,43 @@ def _search(
     desc_y: Array,
     way: Array | int,
     itself: Array | bool,
-    *,
-    hypotheses: int,
-    num: int,
+    **options: int,
 ) -> Candidates:
+    seen = both(
+        lambda spec, desc: Seen.of(spec, desc, itself),
+        (spec_x, desc_x),
+        (spec_y, desc_y),
+    )
+    return search_seen(*seen, way, itself, **options)
+
+
+def search_seen(
+    seen_x: Seen,
+    seen_y: Seen,
+    way: Array | int,
+    itself: Array | bool,
+    *,
+    hypotheses: int = HYPOTHESES,
+    num: int = 6,
+) -> Candidates:
+    """`search` from what was made of the shapes before; way: `way_of`."""
+    spec_x, spec_y = seen_x.spec, seen_y.spec
     num_parents = min((hypotheses - STARTS) // FLIPS, STARTS)
-    seen_x = Seen.of(spec_x, desc_x, itself)
-    seen_y = Seen.of(spec_y, desc_y, itself)
     # With "any" the fields are 0 and say nothing.
     seen_x = seen_x._replace(field=way * seen_x.field)
-    many_x, many_y = (
-        farthest_points(spec, num=min(FINAL_SAMPLES, len(spec.mass)))
-        for spec in (spec_x, spec_y)
-    )
-    # Each point is the farthest from those before it: the first are a sample too.
-    few, more = (
-        Samples(seen_x.at(many_x[:count]), seen_y.at(many_y[:count]), itself)
-        for count in (SAMPLES, FINAL_SAMPLES)
-    )
-    wound_x, wound_y = brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN)
+
+    def sampled(seen):
+        many = farthest_points(seen.spec, num=min(FINAL_SAMPLES, len(seen.spec.mass)))
+        # Each point is the farthest from those before it: the first are a sample too.
+        return [seen.at(many[:count]) for count in (SAMPLES, FINAL_SAMPLES)]
+
+    samples = zip(*both(sampled, (seen_x,), (seen_y,)), strict=True)
+    few, more = (Samples(x, y, itself) for x, y in samples)
+
+    turned_by = jax.vmap(lambda C: score(C, seen_x.wound, seen_y.wound))
 
     def gated(energy: Array, C_yx: Array) -> tuple[Array, Array]:
-        turned = jnp.asarray(jax.vmap(score, (0, None, None))(C_yx, wound_x, wound_y))
+        turned = jnp.asarray(turned_by(C_yx))
         # Point clouds have no score.
         asked = (way != 0) & ~jnp.isnan(turned)
         agrees = way * turned
@@ -173,7 +190,7 @@ def _search(
     sign = jnp.where(way < 0, -1, 1)
     terms = [w._replace(orientation=sign * w.orientation) for w in FITS]
     fitted = jax.lax.map(
-        lambda w: fit(spec_x, spec_y, desc_x, desc_y, w, k=FIT_K).C_yx,
+        lambda w: fit(spec_x, spec_y, seen_x.desc, seen_y.desc, w, k=FIT_K).C_yx,
         jax.tree.map(lambda *w: jnp.asarray(w, dtype), *terms),
     )
     fitted = fitted[:, :FLIP_TO, :FLIP_TO].astype(dtype)

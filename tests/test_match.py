@@ -57,6 +57,16 @@ def same(found, share=1.0):
         assert (np.asarray(ours) == np.asarray(theirs)).mean() >= share
 
 
+def nearly_same(found):
+    """Up to rounding: it decides ties, which a dozen rounds carry on."""
+    same(found, 0.85)
+    (mesh, _) = shapes()[1]
+    one, two, _ = mesh.vertices[mesh.faces.T]
+    edge = np.linalg.norm(one - two, axis=1).mean()
+    apart = mesh.vertices[found.T_xy] - mesh.vertices[plain().T_xy]
+    assert np.linalg.norm(apart, axis=1).mean() < edge / 5
+
+
 def test_the_truth_is_found():
     (mesh_x, _), (mesh_y, _) = shapes()
     found = plain()
@@ -101,15 +111,9 @@ def test_units_motion_and_winding_change_nothing():
     (mesh_x, _), (mesh_y, _) = shapes()
     moved = testing.move(mesh_x, turned(), unit=1000.0)
     inside_out = mesh_y._replace(faces=mesh_y.faces[:, ::-1])
-    one, two, _ = mesh_y.vertices[mesh_y.faces.T]
-    edge = np.linalg.norm(one - two, axis=1).mean()
-    # Coordinates and faces given otherwise sum up otherwise: rounding decides ties, a
-    # dozen rounds carry that on, and some rows end on a near vertex.
+    # Coordinates and faces given otherwise sum up otherwise.
     for other in (mesh_y, inside_out):
-        found = jfsf.match(moved, other, cache=False)
-        same(found, 0.9)
-        apart = mesh_y.vertices[found.T_xy] - mesh_y.vertices[plain().T_xy]
-        assert np.linalg.norm(apart, axis=1).mean() < edge / 5
+        nearly_same(jfsf.match(moved, other, cache=False))
 
 
 def test_signs_of_eigenvectors_change_nothing():
@@ -121,7 +125,7 @@ def test_signs_of_eigenvectors_change_nothing():
         one[0] = 1
     flipped = map(testing.flip_signs, specs, by)
     # Padded as `match` pads: the same program.
-    found = module.match_spectra(*map(module._on_device, flipped))
+    found = module._run(*module._on_device(*flipped), None, 1, False, module.HYPOTHESES)
     n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
     same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
     C_yx = testing.flip_map(found.C_yx, *by)
@@ -145,7 +149,9 @@ def test_turns_of_repeated_eigenvectors_change_nothing():
     maps, errors = [], []
     for angles in ((0, 0), (0.7, -2)):
         turned = map(repeated, specs, angles)
-        found = module.match_spectra(*map(module._on_device, turned))
+        found = module._run(
+            *module._on_device(*turned), None, 1, False, module.HYPOTHESES
+        )
         maps.append(np.asarray(found.T_xy[:n_x]))
         error = geodesic_error(maps[-1], mesh_y, gt_x[some], gt_y[some])
         errors.append(error.mean())
@@ -159,7 +165,7 @@ def test_turns_of_repeated_eigenvectors_change_nothing():
 def test_both_mirrored_is_neither_mirrored():
     (mesh_x, _), (mesh_y, _) = shapes()
     found = jfsf.match(testing.mirror(mesh_x), testing.mirror(mesh_y), cache=False)
-    same(found, 0.9)
+    nearly_same(found)
 
 
 def test_swapping_the_shapes_swaps_the_maps():
@@ -176,7 +182,7 @@ def test_swapping_the_shapes_swaps_the_maps():
 
 
 def compiled():
-    return sys.modules[jfsf.match.__module__]._match_spectra._cache_size()
+    return sys.modules[jfsf.match.__module__]._program()._cache_size()
 
 
 def turned():

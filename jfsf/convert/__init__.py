@@ -1,6 +1,6 @@
 """Converters: (emb_x, emb_y) -> maps."""
 
-from jfsf.convert.nn import nearest
+from jfsf.convert.nn import brief_nearest, nearest
 from jfsf.convert.precise import (
     functional_map_precise,
     precise,
@@ -17,6 +17,7 @@ from jfsf.convert.sinkhorn import (
 
 __all__ = [
     "brief",
+    "brief_nearest",
     "functional_map_precise",
     "nearest",
     "plan_entries",

@@ -1,5 +1,7 @@
 """Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5, 6 of Pai et al.)."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -9,7 +11,7 @@ from jfsf.knn import neighbours
 from jfsf.types import Maps, Tiles
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="least")
 def nearest(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -17,6 +19,7 @@ def nearest(
     marginal_y: Float[Array, " n_y"] | None = None,
     *,
     tiles: tuple[Tiles, Tiles] | None = None,
+    least: float = 0.95,
 ) -> Maps:
     """T_xy[i] is the row of `emb_y` nearest to emb_x[i], and T_yx the other way.
 
@@ -24,6 +27,8 @@ def nearest(
         emb_x, emb_y: aligned embeddings.
         marginal_x, marginal_y: only where they are 0 matters: padding, never chosen.
         tiles: of X and of Y (`jfsf.tiles.spectral_tiles`), to search among candidates.
+        least: recall of that search below which all points are compared; 0 leaves the
+            check out of the program.
 
     Raises:
         ValueError: the embeddings differ in width.
@@ -34,7 +39,13 @@ def nearest(
         near_xy = neighbours(emb_x, emb_y, valid_y, k0=1)
         near_yx = neighbours(emb_y, emb_x, valid_x, k0=1)
     else:
-        found = tiled_neighbours(emb_x, emb_y, *tiles, valid_x, valid_y, k0=1)
+        found = tiled_neighbours(
+            emb_x, emb_y, *tiles, valid_x, valid_y, k0=1, least=least
+        )
         near_xy, near_yx = found.near_xy, found.near_yx
     T_xy, T_yx = near_xy.idx[:, 0], near_yx.idx[:, 0]
     return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))
+
+
+# For the rounds of a refiner, which mend what a search among candidates misses.
+brief_nearest = partial(nearest, least=0.0)

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from jfsf import kernel as kernels
 from jfsf.candidates import tiled_neighbours
 from jfsf.knn import mutual_neighbours
+from jfsf.sides import both
 from jfsf.types import Filtered, Kernel, Neighbours, Tiles
 
 Scale = Literal["nearest", "max"]
@@ -100,7 +101,9 @@ def sinkhorn(
             emb_x, emb_y, *tiles, valid_x, valid_y, k0=k0, least=least
         )
         near_xy, near_yx = found.near_xy, found.near_yx
-    length_xy, length_yx = _length(near_xy, scale), _length(near_yx, scale)
+    length_xy, length_yx = both(
+        lambda near: _length(near, scale), (near_xy,), (near_yx,)
+    )
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
     lam = jnp.asarray(lam, emb_x.dtype)

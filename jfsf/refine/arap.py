@@ -17,6 +17,7 @@ from jaxtyping import Array, Float, Int
 from jfsf.descriptors import normals
 from jfsf.fmap import uniform
 from jfsf.refine.zoomout import Converter
+from jfsf.sides import both
 from jfsf.types import Maps, Spectrum, Tiles
 
 REACH = 0.04  # what a map does within this length is smoothed; sqrt(area) is 1
@@ -80,28 +81,33 @@ def arap(
         )
     if tiles is not None:
         converter = partial(converter, tiles=tiles)
-    surface_x, surface_y = surface(spec_x, handed), surface(spec_y, handed)
-    place_x, place_y = spec_x.vertices, spec_y.vertices
-    normal_x = NORMAL * normals(place_x, spec_x.faces)
-    normal_y = NORMAL * normals(place_y, spec_y.faces)
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
 
-    def bend_both(maps, bent_x, bent_y):
-        bent_x = bend(surface_x, place_y[maps.T_xy], bent_x)
-        bent_y = bend(surface_y, place_x[maps.T_yx], bent_y)
-        turned_x = handed * NORMAL * normals(bent_x, spec_x.faces)
-        turned_y = handed * NORMAL * normals(bent_y, spec_y.faces)
-        emb_x = jnp.concatenate([bent_x, place_x, turned_x, normal_x], 1)
-        emb_y = jnp.concatenate([place_y, bent_y, normal_y, turned_y], 1)
-        return emb_x, emb_y
+    def still(spec):
+        return surface(spec, handed), NORMAL * normals(spec.vertices, spec.faces)
 
-    def step(embs, _):
-        emb_x, emb_y = embs
-        maps = converter(emb_x, emb_y, *marginals)
-        return bend_both(maps, emb_x[:, :3], emb_y[:, 3:6]), None
+    (surface_x, normal_x), (surface_y, normal_y) = both(still, (spec_x,), (spec_y,))
 
-    start = bend_both(maps, place_y[maps.T_xy], place_x[maps.T_yx])
-    return jax.lax.scan(step, start, None, length=rounds - 1)[0]
+    def one_way(surface, target, start):
+        bent = bend(surface, target, start)
+        return bent, handed * NORMAL * normals(bent, surface.faces)
+
+    def step(state, _):
+        maps, bent_x, bent_y = state
+        (bent_x, turned_x), (bent_y, turned_y) = both(
+            one_way,
+            (surface_x, spec_y.vertices[maps.T_xy], bent_x),
+            (surface_y, spec_x.vertices[maps.T_yx], bent_y),
+        )
+        emb_x = jnp.concatenate([bent_x, spec_x.vertices, turned_x, normal_x], 1)
+        emb_y = jnp.concatenate([spec_y.vertices, bent_y, normal_y, turned_y], 1)
+        found = converter(emb_x, emb_y, *marginals)
+        maps = Maps(found.T_xy.astype(jnp.int32), found.T_yx.astype(jnp.int32))
+        return (maps, bent_x, bent_y), (emb_x, emb_y)
+
+    start = maps, spec_y.vertices[maps.T_xy], spec_x.vertices[maps.T_yx]
+    embs = jax.lax.scan(step, start, None, length=rounds)[1]
+    return jax.tree.map(lambda a: a[-1], embs)
 
 
 def surface(spec: Spectrum, handed: Float[Array, ""] | float = 1.0) -> Surface:
