@@ -28,6 +28,7 @@ from jfsf.knn import (
     inner_products,
     leader,
     selectable,
+    square_norms,
     with_distances,
 )
 from jfsf.sides import both
@@ -41,7 +42,7 @@ FAN = 8  # children of a group in that tree
 BEAM = 24  # groups whose children are ranked next
 SPREAD = 0.5  # share of a tile's mean square radius by which it counts as nearer
 EVERY = 2  # queries of a block, of which one ranks the tiles
-BLOCKS = 4  # at a time
+BLOCKS = 32  # at a time
 CHECKED = 64  # rows of each shape that are compared with the exhaustive search
 ALIKE = 1e-5  # relative difference of distances that float32 may take for none
 FAR = 1e30  # beyond any score, and finite
@@ -66,7 +67,7 @@ def tiled_neighbours(
         tiles_x, tiles_y: tiles of the rows; a row outside them takes no part.
         valid_x, valid_y: rows that take part; all in the tiles when absent.
         k0: neighbours a point, at most the number of points in the smaller set.
-        least: recall below which everything is searched exhaustively after all. With 0
+        least: recall below which a direction is searched exhaustively after all. With 0
             that is left out of the program, as befits `vmap`, which runs both ways.
 
     Returns:
@@ -79,32 +80,46 @@ def tiled_neighbours(
         ValueError: widths differ, k0 is not in 1..min(n, m), or least not in [0, 1].
     """
     check_sets("tiled_neighbours", x, y, k0)
-    if not 0 <= least <= 1:
-        raise ValueError(f"tiled_neighbours: least is {least}, not in [0, 1]")
-    x, valid_x = selectable(x, _taking_part(tiles_x, valid_x, len(x)))
-    y, valid_y = selectable(y, _taking_part(tiles_y, valid_y, len(y)))
-    scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
-    fast_x, fast_y = (scaled(jax.lax.stop_gradient(a)) for a in (x, y))
-
-    def one_way(fast_q, fast_p, q, p, tiles_q, tiles_p, valid_q, valid_p):
-        idx = _search(fast_q, fast_p, tiles_q, tiles_p, valid_p, k0)
-        near = with_distances(q, idx, p, valid_q, valid_p)
-        return near, _recall(fast_q, fast_p, q, p, near, tiles_q, valid_p)
-
     (near_xy, recall_xy), (near_yx, recall_yx) = both(
-        one_way,
-        (fast_x, fast_y, x, y, tiles_x, tiles_y, valid_x, valid_y),
-        (fast_y, fast_x, y, x, tiles_y, tiles_x, valid_y, valid_x),
+        partial(tiled_one_way, k0=k0, least=least),
+        (x, y, tiles_x, tiles_y, valid_x, valid_y),
+        (y, x, tiles_y, tiles_x, valid_y, valid_x),
     )
     recall = jnp.fmin(recall_xy, recall_yx)  # the worse direction counts
-    exhausted = recall < least
+    return Found(near_xy, near_yx, recall, recall < least)
+
+
+@partial(jax.jit, static_argnames=("k0", "least"))
+def tiled_one_way(
+    queries: Float[Array, "n d"],
+    points: Float[Array, "m d"],
+    tiles_q: Tiles,
+    tiles_p: Tiles,
+    valid_q: Bool[Array, " n"] | None = None,
+    valid_p: Bool[Array, " m"] | None = None,
+    *,
+    k0: int,
+    least: float = 0.95,
+) -> tuple[Neighbours, Float[Array, ""]]:
+    """The neighbours of each query and their recall; as `tiled_neighbours`."""
+    if not 0 <= least <= 1:
+        raise ValueError(f"tiled_neighbours: least is {least}, not in [0, 1]")
+    valid_q = _taking_part(tiles_q, valid_q, len(queries))
+    valid_p = _taking_part(tiles_p, valid_p, len(points))
+    queries, valid_q = selectable(queries, valid_q)
+    points, valid_p = selectable(points, valid_p)
+    scaled = common_frame(jax.lax.stop_gradient(points), valid_p)
+    fast_q, fast_p = (scaled(jax.lax.stop_gradient(a)) for a in (queries, points))
+    idx = _search(fast_q, fast_p, tiles_q, tiles_p, valid_p, k0)
+    near = with_distances(queries, idx, points, valid_q, valid_p)
+    recall = _recall(fast_q, fast_p, queries, points, near, tiles_q, valid_p)
     if least > 0:
-        near_xy, near_yx = jax.lax.cond(
-            exhausted,
-            lambda: exhaustive(x, y, valid_x, valid_y, k0=k0),
-            lambda: (near_xy, near_yx),
+        near = jax.lax.cond(
+            recall < least,
+            lambda: exhaustive(queries, points, valid_q, valid_p, k0=k0),
+            lambda: near,
         )
-    return Found(near_xy, near_yx, recall, exhausted)
+    return near, recall
 
 
 def _taking_part(tiles: Tiles, valid, n: int):
@@ -132,7 +147,7 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
         near = near - middle
         best = _descend(near[::EVERY], middle, levels, kept)
         around = points[best].reshape(-1, points.shape[2]) - middle
-        offset = jnp.where(real[best].ravel(), jnp.sum(around**2, 1) / 2, FAR)
+        offset = jnp.where(real[best].ravel(), square_norms(around) / 2, FAR)
         # Points down, queries across: maxima then vectorise.
         score = inner_products(around, near) - offset[:, None]
         return _leaders(score, member[best].ravel(), k0)
@@ -172,7 +187,7 @@ def _descend(near, middle, levels, kept: int):
 
     def nearest(at, num):
         centre, square = centres[at] - middle, squares[at]
-        dist = jnp.sum(centre**2, 1) - SPREAD * square
+        dist = square_norms(centre) - SPREAD * square
         dist = dist[:, None] - 2 * inner_products(centre, near)
         # How much farther than the row's own best: all rows count alike, however far
         # they are from the other shape.

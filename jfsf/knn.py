@@ -114,7 +114,8 @@ def mutual_neighbours(
     x, valid_x = selectable(x, valid_x)
     y, valid_y = selectable(y, valid_y)
     if k0 > FEW:
-        return exhaustive(x, y, valid_x, valid_y, k0=k0)
+        sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
+        return both(partial(exhaustive, k0=k0), *sides)
     scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
     bin_x, bin_y = _bin_size(len(x), k0), _bin_size(len(y), k0)
 
@@ -150,15 +151,11 @@ def mutual_neighbours(
     )
 
 
-def exhaustive(x: Array, y: Array, valid_x: Array, valid_y: Array, *, k0: int):
-    """`neighbours` both ways; what takes no part has none."""
-
-    def one_way(q, p, valid_q, valid_p):
-        near = neighbours(q, p, valid_p, k0=k0)
-        idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)
-        return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
-
-    return both(one_way, (x, y, valid_x, valid_y), (y, x, valid_y, valid_x))
+def exhaustive(queries, points, valid_q, valid_p, *, k0: int) -> Neighbours:
+    """`neighbours`; a query that takes no part has none."""
+    near = neighbours(queries, points, valid_p, k0=k0)
+    idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)
+    return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
 
 
 def check_sets(function: str, x: Array, y: Array, k0: int) -> None:
@@ -216,20 +213,28 @@ def inner_products(one, other):
     return jnp.matmul(one, other.T, precision=jax.lax.Precision.HIGHEST)
 
 
+def square_norms(points):
+    """Squared length of each row, as a product: a long sum is not vectorised."""
+    ones = jnp.ones(points.shape[-1], points.dtype)
+    return jnp.matmul(points**2, ones, precision=jax.lax.Precision.HIGHEST)
+
+
 def leader(score: Float[Array, "n m"], axis: int) -> Int[Array, " r"]:
     """Where along `axis` the largest entry stands, the first of equals.
 
-    Two plain reductions vectorise where argmax and top_k do not.
+    Two plain reductions vectorise where argmax and top_k do not, nor one of integers.
     """
     best = score == score.max(axis, keepdims=True)
-    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
+    exact = jnp.float32 if score.shape[axis] <= 1 << 24 else jnp.int32
+    place = jax.lax.broadcasted_iota(exact, score.shape, axis)
     # The last where nothing is best, as with nan.
-    return jnp.where(best, place, score.shape[axis] - 1).min(axis)
+    last = jnp.asarray(score.shape[axis] - 1, exact)
+    return jnp.where(best, place, last).min(axis).astype(jnp.int32)
 
 
 def _distances(queries, near, points, valid):
     """Differentiable; inf where a point is not valid."""
-    square = jnp.sum((queries[:, None] - points[near]) ** 2, 2)
+    square = square_norms(queries[:, None] - points[near])
     # The slope of sqrt at 0 is infinite; a coincident pair has none to give.
     apart = square > 0
     dist = jnp.where(apart, jnp.sqrt(jnp.where(apart, square, 1)), square)
