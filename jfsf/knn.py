@@ -219,17 +219,15 @@ def square_norms(points):
     return jnp.matmul(points**2, ones, precision=jax.lax.Precision.HIGHEST)
 
 
-def leader(score: Float[Array, "n m"], axis: int) -> Int[Array, " r"]:
+def leader(score: Float[Array, "..."], axis: int) -> Int[Array, "..."]:
     """Where along `axis` the largest entry stands, the first of equals.
 
-    Two plain reductions vectorise where argmax and top_k do not, nor one of integers.
+    Two plain reductions vectorise where argmax and top_k do not.
     """
     best = score == score.max(axis, keepdims=True)
-    exact = jnp.float32 if score.shape[axis] <= 1 << 24 else jnp.int32
-    place = jax.lax.broadcasted_iota(exact, score.shape, axis)
+    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
     # The last where nothing is best, as with nan.
-    last = jnp.asarray(score.shape[axis] - 1, exact)
-    return jnp.where(best, place, last).min(axis).astype(jnp.int32)
+    return jnp.where(best, place, score.shape[axis] - 1).min(axis)
 
 
 def _distances(queries, near, points, valid):

@@ -238,10 +238,8 @@ def _check(name: str, mesh: Mesh) -> None:
 def _bases(mesh_x: Mesh, mesh_y: Mesh, cache: bool) -> list[Spectrum]:
     one = lambda name, mesh: basis(mesh, name=name, cache=cache)
     names, meshes = ("mesh_x", "mesh_y"), (mesh_x, mesh_y)
-    if max(len(mesh.vertices) for mesh in meshes) <= LARGE:
-        return list(map(one, names, meshes))
-    # A minute each. The limit is set around both, for two threads that set and lift
-    # their own would leave it behind.
+    # The limit is set around both, for two threads that set and lift their own would
+    # leave it behind.
     with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
         return list(pool.map(one, names, meshes))
 

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.knn import neighbours
+from jfsf.knn import leader, neighbours
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Spectrum
 
@@ -39,10 +39,10 @@ def farthest_points(spec: Spectrum, *, num: int) -> Int[Array, " num"]:
         far, new = state
         gap = jnp.sum((points - points[new][None]) ** 2, 1)
         far = jnp.minimum(far, gap)
-        return (far, jnp.argmax(far)), new
+        return (far, leader(far, 0)), new
 
     # The start is the vertex farthest from the mean; its own distance must not count.
-    start = jnp.argmax(far)
+    start = leader(far, 0)
     far = jnp.where(spec.mass > 0, jnp.inf, -1).astype(points.dtype)
     _, chosen = jax.lax.scan(step, (far, start), None, length=num)
     return chosen.astype(jnp.int32)

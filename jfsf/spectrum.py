@@ -231,6 +231,8 @@ def _shift_invert(symmetric, k):
     # A smaller basis than the usual 2 k takes as many solves and less work on each.
     ncv = min(n, max(20, k + k // 2))
     try:
+        # To the last digit: copies of an eigenvalue, as symmetric shapes have, appear
+        # only by rounding, and a looser tolerance stops before they do.
         evals, evecs = eigsh(
             symmetric, k, sigma=SHIFT, OPinv=inverse, v0=start, ncv=ncv
         )

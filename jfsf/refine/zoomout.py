@@ -120,7 +120,7 @@ def _width(k: int, last: int, n: int) -> int:
     A scan for each doubling of the width wastes least. Each is a program to compile,
     for which only long rounds make up.
     """
-    least = 128 if n < MANY else 32
+    least = 64 if n < MANY else 32
     return min(max(least, 1 << (k - 1).bit_length()), last)
 
 
