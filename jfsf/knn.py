@@ -151,7 +151,9 @@ def mutual_neighbours(
     )
 
 
-def exhaustive(queries, points, valid_q, valid_p, *, k0: int) -> Neighbours:
+def exhaustive(
+    queries: Array, points: Array, valid_q: Array, valid_p: Array, *, k0: int
+) -> Neighbours:
     """`neighbours`; a query that takes no part has none."""
     near = neighbours(queries, points, valid_p, k0=k0)
     idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)

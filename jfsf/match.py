@@ -19,7 +19,14 @@ from jfsf.mesh import MeshError, orient, validate
 from jfsf.padding import bucket, pad
 from jfsf.refine import arap, zoomout
 from jfsf.sampling import restrict, tile_points
-from jfsf.search import HYPOTHESES, SECOND, Orientation, search_seen, way_of
+from jfsf.search import (
+    HYPOTHESES,
+    SECOND,
+    Orientation,
+    check_search,
+    search_seen,
+    way_of,
+)
 from jfsf.sides import both
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
@@ -72,7 +79,8 @@ def match(
         orientation = "any"
     spec_x, spec_y = common(*_bases(mesh_x, mesh_y, cache))
     way = way_of(orientation)
-    found = _run(*_on_device(spec_x, spec_y), pairs, way, False, hypotheses)
+    spec_x, spec_y = _on_device(spec_x, spec_y)
+    found = _run(spec_x, spec_y, pairs, way, False, hypotheses)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
@@ -155,6 +163,7 @@ def match_spectra(
 
 @partial(jax.jit, static_argnames="hypotheses")
 def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
+    check_search(spec_x, spec_y, hypotheses)
     at_x, at_y = (None, None) if landmarks is None else landmarks.T
     look_x, look_y = both(
         lambda spec, at: Seen.of(spec, _descriptors(spec, at), itself),

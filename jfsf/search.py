@@ -97,6 +97,15 @@ def search(
     Raises:
         ValueError: too few eigenpairs or hypotheses, or an unknown orientation.
     """
+    check_search(spec_x, spec_y, hypotheses)
+    way = way_of(orientation)
+    return _search(
+        spec_x, spec_y, desc_x, desc_y, way, itself, hypotheses=hypotheses, num=num
+    )
+
+
+def check_search(spec_x: Spectrum, spec_y: Spectrum, hypotheses: int) -> None:
+    """ValueError where `search` cannot begin."""
     k = SECOND[-1]
     for name, spec in (("x", spec_x), ("y", spec_y)):
         if len(spec.evals) < k:
@@ -107,10 +116,6 @@ def search(
         raise ValueError(
             f"search: hypotheses is {hypotheses}, the least is {STARTS + FLIPS}"
         )
-    way = way_of(orientation)
-    return _search(
-        spec_x, spec_y, desc_x, desc_y, way, itself, hypotheses=hypotheses, num=num
-    )
 
 
 def way_of(orientation: Orientation | Int[Array, ""]) -> Int[Array, ""] | int:
@@ -162,7 +167,7 @@ def search_seen(
     hypotheses: int = HYPOTHESES,
     num: int = 6,
 ) -> Candidates:
-    """`search` from what was made of the shapes before; way: `way_of`."""
+    """`search` from what was made of the shapes before; way: what `way_of` gives."""
     spec_x, spec_y = seen_x.spec, seen_y.spec
     num_parents = min((hypotheses - STARTS) // FLIPS, STARTS)
     # With "any" the fields are 0 and say nothing.

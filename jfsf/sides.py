@@ -14,14 +14,9 @@ def both(function: Callable[..., Any], x: tuple, y: tuple) -> tuple[Any, Any]:
     program to trace and to compile, for the cost of a copy. Pad the shapes to one size
     (`padding.pad`) to have that.
     """
-    kinds = [jax.tree.map(_kind, side) for side in (x, y)]
-    if kinds[0] != kinds[1]:
+    if jax.tree.map(jax.typeof, x) != jax.tree.map(jax.typeof, y):
         return function(*x), function(*y)
     stacked = jax.tree.map(lambda *pair: jnp.stack(pair), x, y)
     found = jax.lax.map(lambda side: function(*side), stacked)
-    first, second = (jax.tree.map(lambda a: a[i], found) for i in (0, 1))  # noqa: B023
-    return first, second
-
-
-def _kind(leaf):
-    return jnp.shape(leaf), jnp.result_type(leaf), jnp.asarray(leaf).weak_type
+    of = lambda i: jax.tree.map(lambda a: a[i], found)
+    return of(0), of(1)

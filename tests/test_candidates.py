@@ -81,6 +81,29 @@ def test_many_neighbours():
     assert nearest > 0.997 and every > 0.95
 
 
+def test_nearest_among_tiles_is_nearest():
+    x, y, *flat = surfaces(0)
+    held = tuple(tiles(jnp.asarray(at)) for at in flat)
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    plain = nearest(x, y)
+    for brief in (False, True):
+        found = nearest(x, y, tiles=held, brief=brief)
+        assert (found.T_xy == plain.T_xy).mean() > 0.99
+        assert (found.T_yx == plain.T_yx).mean() > 0.99
+
+
+def test_a_direction_that_is_not_asked_for_is_left_out():
+    x, y, *flat = surfaces(0)
+    held = tuple(tiles(jnp.asarray(at)) for at in flat)
+    whole = jax.jit(lambda x, y: nearest(x, y, tiles=held))
+    one = jax.jit(lambda x, y: nearest(x, y, tiles=held).T_xy)
+    sizes = [
+        len(str(f.lower(jnp.asarray(x), jnp.asarray(y)).compile().as_text()))
+        for f in (one, whole)
+    ]
+    assert sizes[0] < 0.7 * sizes[1]
+
+
 def test_only_valid_points_take_part():
     x, y, at_x, at_y = surfaces(0)
     valid = [np.random.default_rng(s).random(n) < 0.7 for s, n in ((0, N), (1, M))]

@@ -15,10 +15,11 @@ from jfsf.fmap import embeddings, functional_map
 from jfsf.orientation import bracket_fields
 from jfsf.padding import pad
 from jfsf.refine import zoomout
+from jfsf.refine.zoomout import _width
 from jfsf.sampling import farthest_points, restrict
 
 N, K = 162, 40
-KS = (6, 10, 10, 20, 36, 40)  # two widths, and a size twice
+KS = (6, 10, 10, 20, 36, 40)  # a size twice
 spectra = testing.spectra(K)
 run = partial(zoomout, ks=KS, converter=nearest)
 filtered = partial(sinkhorn, k0=5, num_iters=5)
@@ -49,6 +50,15 @@ def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
     np.testing.assert_allclose(
         ours, oracles.zoomout(spec_x, spec_y, C, KS, both), atol=1e-8
     )
+
+
+def test_several_widths_agree_with_the_plain_loop():
+    specs = [testing.blob_spectrum(seed, 80) for seed in (3, 4)]
+    ks = (10, 20, 60, 70, 80)
+    assert {_width(k, ks[-1]) for k in ks[1:]} == {64, 80}
+    C = start(*specs)
+    ours = zoomout(*specs, C, ks=ks, converter=nearest)
+    np.testing.assert_allclose(ours, oracles.zoomout(*specs, C, ks), atol=1e-8)
 
 
 @pytest.mark.parametrize("both", [False, True])

@@ -21,7 +21,6 @@ from jfsf.types import Spectrum, Tiles
 # (emb_x, emb_y, marginal_x, marginal_y) -> a record with T_xy and T_yx.
 Converter = Callable[..., Any]
 
-MANY = 8192  # vertices above which rounds are long
 SLACK = 0.05  # mean square that a column may differ by before it loses weight
 
 
@@ -100,9 +99,9 @@ def zoomout(
     inverse_x = _inverse_factor(spec_x, ks[-1])
     inverse_y = _inverse_factor(spec_y, ks[-1]) if both else None
     steps = zip(ks[:-1], ks[1:], strict=True)
-    # A scan needs one shape, so the basis is masked to k inside it: see `_width`.
-    n = max(len(spec_x.mass), len(spec_y.mass))
-    for width, group in groupby(steps, lambda step: _width(step[1], ks[-1], n)):
+    # A scan needs one shape, so the basis is masked to k inside it. A scan for each
+    # doubling of the width keeps the waste, and the number of programs, small.
+    for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
         options = (width, converter, space, weighted, extra_weight)
         inverses = inverse_x, inverse_y
         step = _step(spec_x, spec_y, extra, fields, inverses, *options)
@@ -114,14 +113,8 @@ def zoomout(
     return C_yx[: ks[-1], : ks[-1]]
 
 
-def _width(k: int, last: int, n: int) -> int:
-    """Columns of the scan in which a round at k takes place.
-
-    A scan for each doubling of the width wastes least. Each is a program to compile,
-    for which only long rounds make up.
-    """
-    least = 64 if n < MANY else 32
-    return min(max(least, 1 << (k - 1).bit_length()), last)
+def _width(k: int, last: int) -> int:
+    return min(max(64, 1 << (k - 1).bit_length()), last)
 
 
 def _step(
