@@ -10,7 +10,7 @@ from rich.table import Table
 from jfsf.types import Certificate
 
 THRESHOLDS = (0.01, 0.02, 0.05, 0.1)
-# Of 752 maps the one wrong one is below, and 8 % of the right ones:
+# Of 752 maps the one wrong one is below, and 7 % of the right ones:
 # experiments/calibration.py.
 UNSURE = 0.07
 

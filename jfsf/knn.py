@@ -155,7 +155,7 @@ def exhaustive(
     queries: Array, points: Array, valid_q: Array, valid_p: Array, *, k0: int
 ) -> Neighbours:
     """`neighbours`; a query that takes no part has none."""
-    near = neighbours(queries, points, valid_p, k0=k0)
+    near: Neighbours = neighbours(queries, points, valid_p, k0=k0)
     idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)
     return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
 

@@ -92,22 +92,31 @@ def arap(
         bent = bend(surface, target, start)
         return bent, handed * NORMAL * normals(bent, surface.faces)
 
-    def step(state, _):
-        maps, bent_x, bent_y = state
-        (bent_x, turned_x), (bent_y, turned_y) = both(
-            one_way,
-            (surface_x, spec_y.vertices[maps.T_xy], bent_x),
-            (surface_y, spec_x.vertices[maps.T_yx], bent_y),
-        )
+    def embed(bent_x, turned_x, bent_y, turned_y):
         emb_x = jnp.concatenate([bent_x, spec_x.vertices, turned_x, normal_x], 1)
         emb_y = jnp.concatenate([spec_y.vertices, bent_y, normal_y, turned_y], 1)
-        found = converter(emb_x, emb_y, *marginals)
-        maps = Maps(found.T_xy.astype(jnp.int32), found.T_yx.astype(jnp.int32))
-        return (maps, bent_x, bent_y), (emb_x, emb_y)
+        return emb_x, emb_y
 
-    start = maps, spec_y.vertices[maps.T_xy], spec_x.vertices[maps.T_yx]
-    embs = jax.lax.scan(step, start, None, length=rounds)[1]
-    return jax.tree.map(lambda a: a[-1], embs)
+    def convert(embs):
+        found = converter(*embs, *marginals)
+        return found.T_xy.astype(jnp.int32), found.T_yx.astype(jnp.int32)
+
+    given = maps.T_xy.astype(jnp.int32), maps.T_yx.astype(jnp.int32)
+
+    def step(embs, first):
+        # One body for all rounds, the first included, is one program.
+        T_xy, T_yx = jax.lax.cond(first, lambda _: given, convert, embs)
+        bent = both(
+            one_way,
+            (surface_x, spec_y.vertices[T_xy], embs[0][:, :3]),
+            (surface_y, spec_x.vertices[T_yx], embs[1][:, 3:6]),
+        )
+        return embed(*bent[0], *bent[1]), None
+
+    # Before they are bent all vertices lie where the maps send them; no normals yet.
+    start_x, start_y = spec_y.vertices[given[0]], spec_x.vertices[given[1]]
+    start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
+    return jax.lax.scan(step, start, jnp.arange(rounds) == 0)[0]
 
 
 def surface(spec: Spectrum, handed: Float[Array, ""] | float = 1.0) -> Surface:
