@@ -6,7 +6,7 @@ from typing import Any
 
 import jax
 
-# Measured on `match`: half of XLA's time to compile for a CPU, and a tenth less to run.
+# Measured on `match`: half of XLA's time to compile for a CPU, and no more to run.
 CPU_OPTIONS = {
     "xla_backend_optimization_level": 1,
     "xla_cpu_use_fusion_emitters": False,
