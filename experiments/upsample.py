@@ -2,8 +2,9 @@
 
     python experiments/upsample.py man_walk man_up --vertices 100000 --out FOLDER
 
-writes NAME.off and NAME.vts of embedded shapes, and the vertex of each template point,
-which subdivision does not move: old vertices keep their numbers.
+writes NAME.off of embedded shapes and corres/NAME.vts, the vertex of each template
+point (see datasets.py), which subdivision does not move: old vertices keep their
+numbers.
 """
 
 import argparse
@@ -83,12 +84,13 @@ def main() -> None:
     parser.add_argument("--vertices", type=int, default=100_000)
     parser.add_argument("--out", type=Path, default=Path("large"))
     args = parser.parse_args()
-    args.out.mkdir(parents=True, exist_ok=True)
+    corres = args.out / "corres"
+    corres.mkdir(parents=True, exist_ok=True)
     for name in args.names:
         sample = data.load(name)
         path = args.out / f"{name}.off"
         write_off(path, upsample(sample.mesh, args.vertices))
-        np.savetxt(path.with_suffix(".vts"), sample.template_to_vertex + 1, "%d")
+        np.savetxt(corres / f"{name}.vts", sample.template_to_vertex + 1, "%d")
         print(f"{path}: {args.vertices} vertices")
 
 

@@ -27,6 +27,7 @@ from jfsf.knn import (
     exhaustive,
     inner_products,
     leader,
+    leaders,
     selectable,
     square_norms,
     with_distances,
@@ -71,10 +72,9 @@ def tiled_neighbours(
             that is left out of the program, as befits `vmap`, which runs both ways.
 
     Returns:
-        Neighbours as from `jfsf.knn.mutual_neighbours`, nearest first up to float32,
-        ties in any order; on aligned shapes of 1000 to 100 000 vertices 99.6 % or more
-        of the nearest are right, and 98 % of the others (experiments/bench_large.py).
-        Distances are differentiable.
+        Neighbours as from `jfsf.knn.mutual_neighbours`, nearest first; on aligned
+        shapes of 1000 to 100 000 vertices 99.6 % or more of the nearest are right, and
+        98 % of the others (experiments/bench_large.py). Distances are differentiable.
 
     Raises:
         ValueError: widths differ, k0 is not in 1..min(n, m), or least not in [0, 1].
@@ -136,6 +136,8 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
     total, size = real.shape
     levels = _centres(points, real)
     kept = min(max(TILES, -(-A_NEIGHBOUR * k0 // size)), total)
+    # Tiles come best first: of two that half of them lie between one is rarely near.
+    folds = 2 if kept < total and kept * size >= 2 * A_NEIGHBOUR * k0 else 1
     group = max(ROWS // tiles_q.member.shape[1], 1)
     group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
     rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])
@@ -150,7 +152,8 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
         offset = jnp.where(real[best].ravel(), square_norms(around) / 2, FAR)
         # Points down, queries across: maxima then vectorise.
         score = inner_products(around, near) - offset[:, None]
-        return _leaders(score, member[best].ravel(), k0)
+        score -= square_norms(near)[None] / 2
+        return member[best].ravel()[leaders(score, k0, folds)].T
 
     found = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
     at = jnp.where(tiles_q.real, tiles_q.member, len(queries)).ravel()
@@ -204,13 +207,6 @@ def _descend(near, middle, levels, kept: int):
     return at
 
 
-def _leaders(score: Float[Array, "c r"], member: Array, k0: int):
-    """The k0 members of largest score in each column, the largest first."""
-    if k0 == 1:
-        return member[leader(score, 0)][:, None]
-    return member[jax.lax.top_k(score.T, k0)[1]]
-
-
 def _recall(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, valid):
     """Share of a sample of the queries that have their nearest; nan without any.
 
@@ -223,8 +219,7 @@ def _recall(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, v
         inner_products(fast_p, fast_q[at])
         - jnp.where(valid, jnp.sum(fast_p**2, 1) / 2, FAR)[:, None]
     )
-    index = jnp.arange(len(fast_p), dtype=jnp.int32)
-    idx = _leaders(score, index, 1)
+    idx = leader(score, 0)[:, None]
     every = jnp.ones(len(at), bool)
     exact = with_distances(queries[at], idx, points, every, valid)
     dist, exact = near.dist[at, 0], exact.dist[:, 0]

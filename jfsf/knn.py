@@ -25,6 +25,7 @@ GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 BINS = 12  # bins a neighbour: one neighbour in some 24 shares a bin with a nearer one
 FEW = 32  # with more neighbours than this, bins gain nothing and miss some
+TINY = 1e-30  # above what counts as 0, with or without its last bits
 FAR = 1e30  # below -FAR no score falls, and unlike inf it survives `_best`
 
 
@@ -104,8 +105,8 @@ def mutual_neighbours(
         k0: neighbours a point, at most the number of points in the smaller set.
 
     Returns:
-        As `neighbours`, in order up to float32. A point that takes no part has no
-        neighbours.
+        As `neighbours`, but those whose distances differ by less than 1e-4 of
+        themselves in any order. A point that takes no part has no neighbours.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -134,17 +135,24 @@ def mutual_neighbours(
     def block(args):
         rows, offset = args
         product = inner_products(rows, fast_y)
-        best_y = _best((product - offset_y[None]).reshape(ROWS, bin_y, -1), 1)
-        best_x = _best((product - offset[:, None]).reshape(bin_x, -1, len(fast_y)), 0)
-        which, member = _leaders(best_y, k0, bin_y)
-        return member * best_y.shape[1] + which, best_x
+        # Squared distances times -1/2: what is near loses least when bits are replaced.
+        score = product - offset_y[None] - offset[:, None]
+        best_y = _best(score.reshape(ROWS, bin_y, -1), 1)
+        best_x = _best(score.reshape(bin_x, -1, len(fast_y)), 0)
+        which, member = _leaders(best_y.T, k0, bin_y)
+        return (member * best_y.shape[1] + which).T, best_x
 
     near_xy, best_x = jax.lax.map(block, (strided, offset_x.reshape(ROWS, blocks).T))
     near_xy = near_xy.swapaxes(0, 1).reshape(-1, k0)[: len(x)]
     bins = ROWS // bin_x  # a block
-    best_x = best_x.reshape(blocks * bins, -1).T[: len(y)]
-    which, member = _leaders(best_x, k0, bin_x)
-    near_yx = (member * bins + which % bins) * blocks + which // bins
+    columns = _pad(best_x.reshape(blocks * bins, -1).T, ROWS)
+
+    def leading(columns):
+        which, member = _leaders(columns.T, k0, bin_x)
+        return ((member * bins + which % bins) * blocks + which // bins).T
+
+    near_yx = jax.lax.map(leading, columns.reshape(-1, ROWS, columns.shape[1]))
+    near_yx = near_yx.reshape(-1, k0)[: len(y)]
     return (
         with_distances(x, near_xy, y, valid_x, valid_y),
         with_distances(y, near_yx, x, valid_y, valid_x),
@@ -183,9 +191,10 @@ def _best(score: Float[Array, "..."], axis: int):
     return jax.lax.bitcast_convert_type(bits | place, jnp.float32).max(axis)
 
 
-def _leaders(best: Float[Array, "n bins"], k0: int, size: int):
-    """The k0 best bins of each row, and the place of the best inside each."""
-    value, which = jax.lax.top_k(best, k0)
+def _leaders(best: Float[Array, "bins n"], k0: int, size: int):
+    """The k0 best bins of each column, and the place of the best inside each."""
+    which = leaders(best, k0)
+    value = jnp.take_along_axis(best, which, 0)
     return which, jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
 
 
@@ -230,6 +239,38 @@ def leader(score: Float[Array, "..."], axis: int) -> Int[Array, "..."]:
     place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
     # The last where nothing is best, as with nan.
     return jnp.where(best, place, score.shape[axis] - 1).min(axis)
+
+
+def leaders(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "k0 r"]:
+    """Where in each column the k0 largest entries stand, the largest first.
+
+    Each of k0 passes takes the largest entry below the last one: plain maxima, which
+    vectorise where top_k does not. Places replace the last bits, so entries that differ
+    by less than c / 2^23 of themselves come in any order.
+
+    Args:
+        score: float32, finite, below 0 but for rounding, such as squared distances
+            times -1/2: what is near 0 loses the least.
+        folds: a divisor of c, at most c / k0; of so many entries c / folds apart only
+            the largest counts.
+    """
+    if k0 == 1:
+        return leader(score, 0)[None]
+    size = 1 << (len(score) - 1).bit_length()
+    # Below 0, and not by so little that it counts as 0.
+    score = jnp.minimum(score, -TINY)
+    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, 0)
+    bits = jax.lax.bitcast_convert_type(score, jnp.int32) & -size
+    key = jax.lax.bitcast_convert_type(bits | place, jnp.float32)
+    key = key.reshape(folds, -1, *key.shape[1:]).max(0)
+
+    def following(last, _):
+        largest = jnp.where(key < last[None], key, -jnp.inf).max(0)
+        return largest, largest
+
+    start = jnp.zeros(key.shape[1], key.dtype)
+    _, found = jax.lax.scan(following, start, length=k0)
+    return jax.lax.bitcast_convert_type(found, jnp.int32) & (size - 1)
 
 
 def _distances(queries, near, points, valid):

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
-from jfsf.knn import BINS, ROWS, mutual_neighbours
+from jfsf.knn import BINS, ROWS, leaders, mutual_neighbours
 
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
 FEWEST = 13  # neighbours, for which M points are too few for bins
@@ -88,6 +88,39 @@ def test_the_order_of_a_mesh_costs_no_neighbours():
         idx, dist = oracles.neighbours(*(s.astype(float) for s in sides), 10)
         np.testing.assert_allclose(near.dist.min(1), dist[:, 0], rtol=1e-3, atol=1e-5)
         assert recall(near.idx, idx) > 0.965
+
+
+def test_the_nearest_is_told_from_others_nearly_as_near():
+    # Points of one smooth surface are close together, and far from the centre.
+    rng = np.random.default_rng(0)
+    waves, phase = 2 * rng.normal(size=(2, 12)), rng.uniform(0, 6, 12)
+    x, y = (np.sin(rng.uniform(-1, 1, (4000, 2)) @ waves + phase) for _ in range(2))
+    for near, sides in zip(
+        mutual_neighbours(*arrays(x, y), k0=10), ((x, y), (y, x)), strict=True
+    ):
+        _, dist = oracles.neighbours(*sides, 10)
+        np.testing.assert_allclose(near.dist[:, 0], dist[:, 0], rtol=1e-3)
+
+
+@pytest.mark.parametrize("k0, folds", [(1, 1), (7, 1), (40, 1), (7, 4)])
+def test_leaders_are_the_largest_in_order(k0, folds):
+    score = -(random(0, 40, 9).astype(np.float32) ** 2)
+    score[:4, 3] = score[2, 3]  # equals count apart
+    found = np.asarray(leaders(jnp.asarray(score), k0, folds))
+    kept = np.zeros((40, 9), bool)
+    parts = score.reshape(folds, -1, 9)
+    kept.reshape(folds, -1, 9)[:] = parts == parts.max(0) if folds > 1 else True
+    largest = -np.sort(np.where(kept, -score, np.inf), 0)[:k0]
+    np.testing.assert_allclose(np.take_along_axis(score, found, 0), largest, rtol=1e-5)
+    assert found.shape == (k0, 9) and found.dtype == np.int32
+    assert all(len(np.unique(column)) == k0 for column in found.T)
+
+
+def test_leaders_of_scores_that_are_no_less_than_0():
+    # As where two points coincide, and rounding leaves a little.
+    score = jnp.asarray([[1e-9], [-1.0], [0.0], [-2.0]], jnp.float32)
+    found = leaders(score, 4)
+    assert set(found[:2, 0].tolist()) == {0, 2} and found[2:, 0].tolist() == [1, 3]
 
 
 def test_values_that_are_not_finite():

@@ -14,11 +14,12 @@ from hypothesis import strategies as st
 
 from jfsf import testing
 from jfsf.convert import nearest, plan_entries, pull_back, scale_kernel, sinkhorn
+from jfsf.convert.sinkhorn import _length
 from jfsf.fmap import embeddings, functional_map, truncate
 from jfsf.mesh import read
 from jfsf.refine import zoomout
 from jfsf.spectrum import operators, spectrum
-from jfsf.types import Kernel
+from jfsf.types import Kernel, Neighbours
 
 N_X, N_Y, K0, WIDTH = 23, 31, 5, 3
 FULL = max(N_X, N_Y)
@@ -276,6 +277,20 @@ def test_vmap_equals_the_loop():
         assert np.array_equal(found.T_yx[i], single.T_yx)
         np.testing.assert_allclose(found.f[i], single.f, rtol=1e-9)
         np.testing.assert_allclose(found.marginal_error[i], single.marginal_error)
+
+
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_the_length_is_the_median_of_the_nearest(dtype):
+    rng = np.random.default_rng(0)
+    for n in (1, 2, 7, 100):
+        dist = np.sort(1 + rng.random((n, 3)).astype(dtype), 1)
+        dist[rng.random(n) < 0.3] = np.inf
+        known = np.sort(dist[np.isfinite(dist[:, 0]), 0])
+        near = Neighbours(jnp.zeros((n, 3), int), jnp.asarray(dist))
+        found = _length(near, "nearest")
+        # The lower one where two are in the middle; 1 where there is none.
+        want = known[(len(known) - 1) // 2] if len(known) else 1
+        assert found == want and found.dtype == dtype
 
 
 def test_it_is_more_bijective_than_nearest_neighbour():

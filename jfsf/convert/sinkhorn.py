@@ -232,11 +232,31 @@ def _length(near: Neighbours, scale: Scale):
     if scale == "max":
         length = jnp.max(jnp.where(known, near.dist, 0))
     else:
-        near_median = jnp.nanmedian(jnp.where(known, near.dist, jnp.nan)[:, 0])
         # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
-        floor = jnp.nanmedian(jnp.where(known, near.dist, jnp.nan)[:, -1]) / 100
-        length = jnp.maximum(near_median, floor)
+        nearest, farthest = _medians(near.dist[:, (0, -1)], known[:, (0, -1)])
+        length = jnp.maximum(nearest, farthest / 100)
     return jax.lax.stop_gradient(jnp.where(length > 0, length, 1))
+
+
+def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
+    """The lower median of what is known of each column; its bits found one by one.
+
+    Counts in place of a sort, which XLA does slowly on a CPU. Bits order numbers that
+    are not negative.
+    """
+    integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
+    bits = jax.lax.bitcast_convert_type(dist, integer)
+    before = (known.sum(0) - 1) // 2
+
+    def settle(i, low):
+        larger = low | (jnp.ones((), integer) << (top - i))
+        smaller = jnp.sum(known & (bits < larger[None]), 0)
+        return jnp.where(smaller <= before, larger, low)
+
+    top = 8 * dist.dtype.itemsize - 2  # below the sign
+    low = jnp.zeros(dist.shape[1], integer)
+    found = jax.lax.fori_loop(0, top + 1, settle, low)
+    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(found, dist.dtype))
 
 
 def _minus(log_marginal: Array, log_sum: Array) -> Array:
