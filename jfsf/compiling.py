@@ -1,11 +1,20 @@
 """jit for programs so large that compiling them takes longer than running them."""
 
 from collections.abc import Callable
-from functools import cache
-from typing import Any
+from contextlib import suppress
+from functools import cache, partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import export
 
+from jfsf import cache as disk
+
+TRACED = ("jax", "jaxlib", "jaxopt", "lineax")  # beside our own code
 # Measured on `match`: half of XLA's time to compile for a CPU, and no more to run.
 CPU_OPTIONS = {
     "xla_backend_optimization_level": 1,
@@ -25,6 +34,70 @@ def large_jit(function: Callable, platform: str, **static: Any) -> Callable:
     """
     options = _known() if platform == "cpu" else {}
     return jax.jit(function, compiler_options=options, **static)
+
+
+def kept_call(
+    function: Callable, *args: Any, records: tuple[type, ...], **options: Any
+) -> Any:
+    """`function(*args, **options)` by `large_jit`, its program kept between processes.
+
+    Where jax keeps compiled programs on disk (`jax_compilation_cache_dir`), a new
+    process still traces and lowers, for seconds, to find out which one it needs. There
+    the lowered program is kept too, in the cache folder of `jfsf.cache`, for each code,
+    settings and shapes. On a CPU only.
+
+    Args:
+        function: of this package, whose files tell its programs apart; the same object
+            in each call.
+        args: arrays, numbers, and records of them.
+        records: the classes of NamedTuple among arguments and results.
+        options: static.
+    """
+    platform = jax.default_backend()
+    settings = jax.config.values
+    if platform != "cpu" or not settings.get("jax_compilation_cache_dir"):
+        run = large_jit(function, platform, static_argnames=tuple(options))
+        return run(*args, **options)
+    leaves, tree = jax.tree.flatten(args)
+    shapes = tuple(map(jax.typeof, leaves))
+    static, named = (tuple(sorted(d.items())) for d in (options, settings))
+    run = _kept(function, static, tree, shapes, records, repr(named))
+    return run(*args)
+
+
+class _Lowered(NamedTuple):
+    program: np.ndarray  # bytes
+
+
+@cache
+def _kept(function, options, tree, shapes, records, settings) -> Callable:
+    for record in records:
+        _name(record)
+
+    def lower():
+        lowered = export.export(jax.jit(partial(function, **dict(options))))
+        program = lowered(*jax.tree.unflatten(tree, shapes)).serialize()
+        return _Lowered(np.frombuffer(program, np.uint8))
+
+    what = function.__module__, function.__qualname__, options, str(tree), shapes
+    found = disk.fetch(disk.key(*what, settings, _code()), _Lowered, lower)
+    # A program that was not lowered here has no LAPACK, and crashes (jax issue 29610).
+    jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
+    return large_jit(export.deserialize(bytearray(found.program)).call, "cpu")
+
+
+def _name(record: type) -> None:
+    """Tell jax how a program on disk names it."""
+    name = f"{record.__module__}.{record.__qualname__}"
+    with suppress(ValueError):  # it has a name already
+        export.register_namedtuple_serialization(record, serialized_name=name)
+
+
+@cache
+def _code() -> str:
+    """A digest of all that is traced: other code, other programs."""
+    files = sorted(Path(__file__).parent.rglob("*.py"))
+    return disk.key(*map(version, TRACED), *(file.read_bytes() for file in files))
 
 
 @cache

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.certificate import certify
-from jfsf.compiling import large_jit
+from jfsf.compiling import kept_call
 from jfsf.convert import brief, brief_nearest, sinkhorn
 from jfsf.descriptors import hks, wks
 from jfsf.fmap import embeddings, functional_map, truncate, uniform
@@ -30,7 +30,7 @@ from jfsf.search import (
 from jfsf.sides import both
 from jfsf.spectrum import spectrum
 from jfsf.tiles import spectral_tiles
-from jfsf.types import Match, Mesh, Spectrum, Tiles
+from jfsf.types import Certificate, Match, Mesh, Spectrum, Tiles
 
 K = 128  # eigenpairs a shape; more make a better map before `arap`, hardly after it
 # The rounds in place, where descriptors weigh most, clean the start up. Finer schedules
@@ -226,12 +226,12 @@ def _descriptors(spec: Spectrum, landmarks) -> Array:
 
 
 def _run(spec_x, spec_y, landmarks, way, itself, hypotheses: int) -> Match:
-    return _program()(spec_x, spec_y, landmarks, way, itself, hypotheses=hypotheses)
-
-
-def _program():
-    platform = jax.default_backend()
-    return large_jit(_match_spectra, platform, static_argnames="hypotheses")
+    return kept_call(
+        _match_spectra,
+        *(spec_x, spec_y, landmarks, way, itself),
+        records=(Spectrum, Match, Certificate),
+        hypotheses=hypotheses,
+    )
 
 
 def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:

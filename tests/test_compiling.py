@@ -1,7 +1,14 @@
 """Programs compiled with options are the same programs."""
 
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jfsf import compiling
 
@@ -27,3 +34,107 @@ def test_options_that_this_xla_lacks_are_left_out(monkeypatch):
     known = {"xla_backend_optimization_level": 1}
     monkeypatch.setattr(compiling, "CPU_OPTIONS", known | {"xla_of_another_year": 1})
     assert compiling._known.__wrapped__() == known
+
+
+class Halves(NamedTuple):
+    low: Any
+    high: Any
+
+
+traced = []
+
+
+def split(halves, scale, *, at):
+    traced.append(at)
+    factor = jnp.linalg.cholesky(scale * jnp.eye(2, dtype=halves.low.dtype))[0, 0]
+    return Halves(factor * halves.low[:at], halves.high)
+
+
+def ask(scale=4.0, at=2):
+    halves = Halves(jnp.arange(5.0), None)
+    return compiling.kept_call(split, halves, scale, records=(Halves,), at=at)
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """Programs are kept in this folder, and none is known yet."""
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
+    before = jax.config.values["jax_compilation_cache_dir"]
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "xla"))
+    compiling._kept.cache_clear()
+    traced.clear()
+    yield tmp_path / "jfsf"
+    jax.config.update("jax_compilation_cache_dir", before)
+    compiling._kept.cache_clear()
+
+
+def another_process():
+    compiling._kept.cache_clear()
+    traced.clear()
+
+
+def test_a_kept_program_is_not_traced_again(kept):
+    for _ in range(2):
+        found = ask()
+        assert isinstance(found, Halves) and found.high is None
+        np.testing.assert_allclose(found.low, [0, 2])
+    assert traced == [2]
+    another_process()
+    # What is not static may have other values.
+    np.testing.assert_allclose(ask(scale=9.0).low, [0, 3])
+    assert not traced and len(list(kept.iterdir())) == 1
+
+
+def test_other_options_code_or_settings_are_other_programs(kept, monkeypatch):
+    ask()
+    assert len(ask(at=3).low) == 3
+    monkeypatch.setattr(compiling, "_code", lambda: "newer")
+    another_process()
+    ask()
+    assert traced == [2]
+    jax.config.update("jax_numpy_rank_promotion", "warn")
+    try:
+        ask()
+    finally:
+        jax.config.update("jax_numpy_rank_promotion", "allow")
+    assert traced == [2, 2] and len(list(kept.iterdir())) == 4
+
+
+def test_a_damaged_program_is_lowered_again(kept):
+    ask()
+    (file,) = kept.iterdir()
+    whole = bytearray(file.read_bytes())
+    whole[len(whole) // 2] ^= 255
+    file.write_bytes(whole)
+    another_process()
+    np.testing.assert_allclose(ask().low, [0, 2])
+    assert traced == [2]
+
+
+def test_nothing_is_kept_where_jax_keeps_nothing(tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
+    assert not jax.config.values["jax_compilation_cache_dir"]
+    np.testing.assert_allclose(ask().low, [0, 2])
+    assert not (tmp_path / "jfsf").exists()
+
+
+def test_a_new_process_runs_what_another_lowered(tmp_path, monkeypatch):
+    # In one that has not lowered any, a factorisation would crash.
+    script = f"""
+import sys
+from pathlib import Path
+import jax
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_compilation_cache_dir", {str(tmp_path / "xla")!r})
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import test_compiling
+print(test_compiling.ask().low, test_compiling.traced)
+"""
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", script], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        for _ in range(2)
+    ]
+    assert said == ["[0. 2.] [2]", "[0. 2.] []"]
