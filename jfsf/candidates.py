@@ -104,36 +104,36 @@ def tiled_one_way(
     """The neighbours of each query and their recall; as `tiled_neighbours`."""
     if not 0 <= least <= 1:
         raise ValueError(f"tiled_neighbours: least is {least}, not in [0, 1]")
-    valid_q = _taking_part(tiles_q, valid_q, len(queries))
-    valid_p = _taking_part(tiles_p, valid_p, len(points))
     queries, valid_q = selectable(queries, valid_q)
     points, valid_p = selectable(points, valid_p)
-    scaled = common_frame(jax.lax.stop_gradient(points), valid_p)
-    fast_q, fast_p = (scaled(jax.lax.stop_gradient(a)) for a in (queries, points))
-    idx = _search(fast_q, fast_p, tiles_q, tiles_p, valid_p, k0)
+    scaled, idx = _search(queries, points, tiles_q, tiles_p, valid_p, k0)
     near = with_distances(queries, idx, points, valid_q, valid_p)
-    recall = _recall(fast_q, fast_p, queries, points, near, tiles_q, valid_p)
+    inside_q, inside_p = _inside(tiles_q, valid_q), _inside(tiles_p, valid_p)
+    recall = _recall(scaled, queries, points, near, tiles_q, inside_p)
     if least > 0:
         near = jax.lax.cond(
             recall < least,
-            lambda: exhaustive(queries, points, valid_q, valid_p, k0=k0),
+            lambda: exhaustive(queries, points, inside_q, inside_p, k0=k0),
             lambda: near,
         )
     return near, recall
 
 
-def _taking_part(tiles: Tiles, valid, n: int):
-    inside = jnp.zeros(n, bool).at[tiles.member].max(tiles.real)
-    return inside if valid is None else inside & valid
+def _inside(tiles: Tiles, valid):
+    return valid & jnp.zeros(len(valid), bool).at[tiles.member].max(tiles.real)
 
 
 def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: int):
-    """Indices of the k0 nearest candidates of each query; float32 throughout."""
+    """A frame for float32 and, found there, the k0 nearest candidates of each query."""
     real = tiles_p.real & valid[tiles_p.member]
     # What `with_distances` knows to be no point, where a block has too few.
-    member = jnp.where(real, tiles_p.member, len(points))
-    points = points[tiles_p.member]
+    nothing = len(points)
+    member = jnp.where(real, tiles_p.member, nothing)
+    queries, points = jax.lax.stop_gradient((queries, points))
     total, size = real.shape
+    points = jnp.where(real.reshape(-1, 1), points[tiles_p.member.ravel()], 0)
+    scaled = common_frame(points, real.ravel())
+    queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
     levels = _centres(points, real)
     kept = min(max(TILES, -(-A_NEIGHBOUR * k0 // size)), total)
     # Tiles come best first: of two that half of them lie between one is rarely near.
@@ -157,8 +157,9 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
 
     found = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
     at = jnp.where(tiles_q.real, tiles_q.member, len(queries)).ravel()
-    idx = jnp.zeros((len(queries), k0), jnp.int32)
-    return idx.at[at].set(found.reshape(-1, k0), mode="drop")
+    # A query in no tile has none.
+    idx = jnp.full((len(queries), k0), nothing, jnp.int32)
+    return scaled, idx.at[at].set(found.reshape(-1, k0), mode="drop")
 
 
 def _centres(points, real):
@@ -207,21 +208,20 @@ def _descend(near, middle, levels, kept: int):
     return at
 
 
-def _recall(fast_q, fast_p, queries, points, near: Neighbours, tiles_q: Tiles, valid):
+def _recall(scaled, queries, points, near: Neighbours, tiles_q: Tiles, valid_p):
     """Share of a sample of the queries that have their nearest; nan without any.
 
     The sample is spread over the tiles, so over the shape.
     """
+    points = jnp.where(valid_p[:, None], points, 0)
     slots = tiles_q.member.size
     slot = jnp.arange(min(CHECKED, slots)) * (slots // min(CHECKED, slots))
     at = tiles_q.member.ravel()[slot]
-    score = (
-        inner_products(fast_p, fast_q[at])
-        - jnp.where(valid, jnp.sum(fast_p**2, 1) / 2, FAR)[:, None]
-    )
-    idx = leader(score, 0)[:, None]
+    fast_q, fast_p = jax.lax.stop_gradient((scaled(queries[at]), scaled(points)))
+    offset = jnp.where(valid_p, square_norms(fast_p) / 2, FAR)
+    idx = leader(inner_products(fast_p, fast_q) - offset[:, None], 0)[:, None]
     every = jnp.ones(len(at), bool)
-    exact = with_distances(queries[at], idx, points, every, valid)
+    exact = with_distances(queries[at], idx, points, every, valid_p)
     dist, exact = near.dist[at, 0], exact.dist[:, 0]
     known = jnp.isfinite(dist) & jnp.isfinite(exact)
     right = jnp.sum(known & (dist <= exact * (1 + ALIKE))).astype(dist.dtype)

@@ -122,9 +122,7 @@ def normals(
     """Unit normals at vertices, each face's counted by its area; 0 without faces."""
     a, b, c = (points[faces[:, i]] for i in range(3))
     across = jnp.cross(b - a, c - a)
-    total = jnp.zeros_like(points)
-    for i in range(3):
-        total = total.at[faces[:, i]].add(across)
+    total = jnp.zeros_like(points).at[faces].add(across[:, None])
     size = jnp.sum(total**2, 1, keepdims=True)
     found = size > 0
     return total * jnp.where(found, 1 / jnp.sqrt(jnp.where(found, size, 1)), 0)

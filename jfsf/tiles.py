@@ -97,10 +97,13 @@ def _along_axis(points: Float[Array, "c m d"], part: Int[Array, " c"]):
     first = jnp.where(far, slot, square.size - 1).min(1)
     first = over_part(first, jax.ops.segment_min)
     axis = centred.reshape(-1, points.shape[2])[first]
-    for _ in range(TURNS):
+
+    def turn(_, axis):
         # Unit length: powers of small numbers would vanish.
         norm = jnp.sqrt(jnp.sum(axis**2, 1, keepdims=True))
         axis = axis / jnp.where(norm > 0, norm, 1)
         along = jnp.einsum("cmd,cd->cm", centred, axis)
-        axis = over_part(jnp.einsum("cmd,cm->cd", centred, along))
+        return over_part(jnp.einsum("cmd,cm->cd", centred, along))
+
+    axis = jax.lax.fori_loop(0, TURNS, turn, axis)
     return jnp.einsum("cmd,cd->cm", centred, axis)

@@ -166,11 +166,13 @@ def scale_kernel(
 
     (f, g), _ = jax.lax.scan(absorbed, (f, g), _powers(num_iters - 1, relax, f.dtype))
 
-    T_xy, found_x = kernels.row_argmax(kernel, g)
-    T_yx, found_y = kernels.row_argmax(flipped, f)
+    (T_xy, found_x), (T_yx, found_y) = both(
+        kernels.row_argmax, (kernel, g), (flipped, f)
+    )
     plan = kernels.plan(kernel, f, g)
-    rows = kernels.matvec(plan, jnp.ones_like(g))
-    cols = kernels.matvec(kernels.transpose(plan), jnp.ones_like(f))
+    back = kernels.transpose(plan)
+    ones = jnp.ones_like(g), jnp.ones_like(f)
+    rows, cols = both(kernels.matvec, (plan, ones[0]), (back, ones[1]))
     error = jnp.abs(rows - marginal_x).sum() + jnp.abs(cols - marginal_y).sum()
     return Filtered(
         T_xy.astype(jnp.int32),
