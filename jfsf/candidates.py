@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jfsf.knn import (
+    FEW,
     check_sets,
     common_frame,
     exhaustive,
@@ -72,7 +73,7 @@ def tiled_neighbours(
             that is left out of the program, as befits `vmap`, which runs both ways.
 
     Returns:
-        Neighbours as from `jfsf.knn.mutual_neighbours`, nearest first; on aligned
+        Neighbours as from `jfsf.knn.mutual_neighbours`, in order as there; on aligned
         shapes of 1000 to 100 000 vertices 99.6 % or more of the nearest are right, and
         98 % of the others (experiments/bench_large.py). Distances are differentiable.
 
@@ -136,8 +137,9 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
     queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
     levels = _centres(points, real)
     kept = min(max(TILES, -(-A_NEIGHBOUR * k0 // size)), total)
-    # Tiles come best first: of two that half of them lie between one is rarely near.
-    folds = 2 if kept < total and kept * size >= 2 * A_NEIGHBOUR * k0 else 1
+    # Tiles come best first, so of tiles i and i + kept / 2 the second is rarely near.
+    many = k0 <= FEW and kept < total and kept * size >= 2 * A_NEIGHBOUR * k0
+    folds = 2 if many and kept % 2 == 0 else 1
     group = max(ROWS // tiles_q.member.shape[1], 1)
     group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
     rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])
@@ -213,7 +215,7 @@ def _recall(scaled, queries, points, near: Neighbours, tiles_q: Tiles, valid_p):
 
     The sample is spread over the tiles, so over the shape.
     """
-    points = jnp.where(valid_p[:, None], points, 0)
+    points, valid_p = selectable(points, valid_p)
     slots = tiles_q.member.size
     slot = jnp.arange(min(CHECKED, slots)) * (slots // min(CHECKED, slots))
     at = tiles_q.member.ravel()[slot]

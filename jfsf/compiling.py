@@ -1,9 +1,10 @@
 """jit for programs so large that compiling them takes longer than running them."""
 
+import struct
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
-from importlib.metadata import version
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +15,11 @@ from jax import export
 
 from jfsf import cache as disk
 
-TRACED = ("jax", "jaxlib", "jaxopt", "lineax")  # beside our own code
+# Of all that is traced, as it is now: a file may have changed by the time it is asked.
+CODE = disk.key(
+    *(distribution(name).version for name in ("jax", "jaxlib", "jaxopt", "lineax")),
+    *(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py"))),
+)
 # Measured on `match`: half of XLA's time to compile for a CPU, and no more to run.
 CPU_OPTIONS = {
     "xla_backend_optimization_level": 1,
@@ -37,7 +42,11 @@ def large_jit(function: Callable, platform: str, **static: Any) -> Callable:
 
 
 def kept_call(
-    function: Callable, *args: Any, records: tuple[type, ...], **options: Any
+    function: Callable,
+    *args: Any,
+    records: tuple[type, ...],
+    keep: bool = True,
+    **options: Any,
 ) -> Any:
     """`function(*args, **options)` by `large_jit`, its program kept between processes.
 
@@ -47,15 +56,16 @@ def kept_call(
     settings and shapes. On a CPU only.
 
     Args:
-        function: of this package, whose files tell its programs apart; the same object
-            in each call.
+        function: of this package, whose files tell its programs apart, but not what is
+            put in the place of its constants later; the same object in each call.
         args: arrays, numbers, and records of them.
         records: the classes of NamedTuple among arguments and results.
+        keep: False leaves the cache folder alone.
         options: static.
     """
     platform = jax.default_backend()
     settings = jax.config.values
-    if platform != "cpu" or not settings.get("jax_compilation_cache_dir"):
+    if not keep or platform != "cpu" or not settings["jax_compilation_cache_dir"]:
         run = large_jit(function, platform, static_argnames=tuple(options))
         return run(*args, **options)
     leaves, tree = jax.tree.flatten(args)
@@ -71,19 +81,23 @@ class _Lowered(NamedTuple):
 
 @cache
 def _kept(function, options, tree, shapes, records, settings) -> Callable:
+    whole = partial(function, **dict(options))
     for record in records:
         _name(record)
 
     def lower():
-        lowered = export.export(jax.jit(partial(function, **dict(options))))
-        program = lowered(*jax.tree.unflatten(tree, shapes)).serialize()
-        return _Lowered(np.frombuffer(program, np.uint8))
+        program = export.export(jax.jit(whole))(*jax.tree.unflatten(tree, shapes))
+        return _Lowered(np.frombuffer(program.serialize(), np.uint8))
 
     what = function.__module__, function.__qualname__, options, str(tree), shapes
-    found = disk.fetch(disk.key(*what, settings, _code()), _Lowered, lower)
+    try:
+        found = disk.fetch(disk.key(CODE, *what, settings), _Lowered, lower)
+        program = export.deserialize(bytearray(found.program))
+    except (NotImplementedError, struct.error):  # it prints, or the file is no program
+        return large_jit(whole, "cpu")
     # A program that was not lowered here has no LAPACK, and crashes (jax issue 29610).
     jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
-    return large_jit(export.deserialize(bytearray(found.program)).call, "cpu")
+    return large_jit(program.call, "cpu")
 
 
 def _name(record: type) -> None:
@@ -91,13 +105,6 @@ def _name(record: type) -> None:
     name = f"{record.__module__}.{record.__qualname__}"
     with suppress(ValueError):  # it has a name already
         export.register_namedtuple_serialization(record, serialized_name=name)
-
-
-@cache
-def _code() -> str:
-    """A digest of all that is traced: other code, other programs."""
-    files = sorted(Path(__file__).parent.rglob("*.py"))
-    return disk.key(*map(version, TRACED), *(file.read_bytes() for file in files))
 
 
 @cache

@@ -24,9 +24,9 @@ ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 BINS = 12  # bins a neighbour: one neighbour in some 24 shares a bin with a nearer one
-FEW = 32  # with more neighbours than this, bins gain nothing and miss some
+FEW = 32  # with more neighbours than this, bins and passes gain nothing
 TINY = 1e-30  # above what counts as 0, with or without its last bits
-FAR = 1e30  # below -FAR no score falls, and unlike inf it survives `_best`
+FAR = 1e30  # beyond any score, and unlike inf it survives `_best`
 
 
 @partial(jax.jit, static_argnames="k0")
@@ -105,8 +105,8 @@ def mutual_neighbours(
         k0: neighbours a point, at most the number of points in the smaller set.
 
     Returns:
-        As `neighbours`, but those whose distances differ by less than 1e-4 of
-        themselves in any order. A point that takes no part has no neighbours.
+        As `neighbours`, in order up to float32, and to some 1e-4 of the distance. A
+        point that takes no part has no neighbours.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -185,10 +185,16 @@ def _bin_size(n: int, k0: int) -> int:
 
 def _best(score: Float[Array, "..."], axis: int):
     """Largest along `axis`; its place there replaces the last bits."""
-    size = score.shape[axis]
+    return _with_places(score, axis, score.shape[axis]).max(axis)
+
+
+def _with_places(score: Float[Array, "..."], axis: int, size: int):
+    """Each with its place along `axis` for its last bits; size: a power of two."""
+    # What counts as 0 would lose its place.
+    score = jnp.minimum(score, -TINY)
     place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
     bits = jax.lax.bitcast_convert_type(score, jnp.int32) & -size
-    return jax.lax.bitcast_convert_type(bits | place, jnp.float32).max(axis)
+    return jax.lax.bitcast_convert_type(bits | place, jnp.float32)
 
 
 def _leaders(best: Float[Array, "bins n"], k0: int, size: int):
@@ -251,17 +257,15 @@ def leaders(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "
     Args:
         score: float32, finite, below 0 but for rounding, such as squared distances
             times -1/2: what is near 0 loses the least.
-        folds: a divisor of c, at most c / k0; of so many entries c / folds apart only
-            the largest counts.
+        folds: a divisor of c, at most c / k0; entries i, i + c / folds, i + 2 c / folds
+            ... share a bin, of which only the largest counts. 1 for k0 above `FEW`.
     """
     if k0 == 1:
         return leader(score, 0)[None]
+    if k0 > FEW:
+        return jax.lax.top_k(score.T, k0)[1].T
     size = 1 << (len(score) - 1).bit_length()
-    # Below 0, and not by so little that it counts as 0.
-    score = jnp.minimum(score, -TINY)
-    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, 0)
-    bits = jax.lax.bitcast_convert_type(score, jnp.int32) & -size
-    key = jax.lax.bitcast_convert_type(bits | place, jnp.float32)
+    key = _with_places(score, 0, size)
     key = key.reshape(folds, -1, *key.shape[1:]).max(0)
 
     def following(last, _):

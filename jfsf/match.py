@@ -62,7 +62,8 @@ def match(
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
             a flip.
         hypotheses: how many functional maps the search tries; see `search`.
-        cache: keep spectra on disk between calls.
+        cache: keep spectra on disk between calls, and the program where jax keeps its
+            own (`JAX_COMPILATION_CACHE_DIR`).
 
     Returns:
         T_xy, T_yx, C_yx and the certificate, in jax's default precision.
@@ -80,7 +81,7 @@ def match(
     spec_x, spec_y = common(*_bases(mesh_x, mesh_y, cache))
     way = way_of(orientation)
     spec_x, spec_y = _on_device(spec_x, spec_y)
-    found = _run(spec_x, spec_y, pairs, way, False, hypotheses)
+    found = _run(spec_x, spec_y, pairs, way, False, hypotheses, cache)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
@@ -109,7 +110,7 @@ def symmetry(mesh: Mesh, *, hypotheses: int = HYPOTHESES, cache: bool = True) ->
             "and right; triangulate it"
         )
     (spec,) = _on_device(basis(mesh, cache=cache))
-    found = _run(spec, spec, None, way_of("reverse"), True, hypotheses)
+    found = _run(spec, spec, None, way_of("reverse"), True, hypotheses, cache)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
 
@@ -225,11 +226,12 @@ def _descriptors(spec: Spectrum, landmarks) -> Array:
     return jnp.concatenate([desc, jnp.maximum(hks(spec, landmarks, num=10), 0)], 1)
 
 
-def _run(spec_x, spec_y, landmarks, way, itself, hypotheses: int) -> Match:
+def _run(spec_x, spec_y, landmarks, way, itself, hypotheses: int, cache: bool) -> Match:
     return kept_call(
         _match_spectra,
         *(spec_x, spec_y, landmarks, way, itself),
         records=(Spectrum, Match, Certificate),
+        keep=cache,
         hypotheses=hypotheses,
     )
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf import compiling
+from jfsf import cache, compiling
 
 
 def centred(x, *, axis):
@@ -88,15 +88,12 @@ def test_a_kept_program_is_not_traced_again(kept):
 def test_other_options_code_or_settings_are_other_programs(kept, monkeypatch):
     ask()
     assert len(ask(at=3).low) == 3
-    monkeypatch.setattr(compiling, "_code", lambda: "newer")
+    monkeypatch.setattr(compiling, "CODE", "newer")
     another_process()
     ask()
     assert traced == [2]
-    jax.config.update("jax_numpy_rank_promotion", "warn")
-    try:
+    with jax.numpy_rank_promotion("warn"):
         ask()
-    finally:
-        jax.config.update("jax_numpy_rank_promotion", "allow")
     assert traced == [2, 2] and len(list(kept.iterdir())) == 4
 
 
@@ -109,6 +106,30 @@ def test_a_damaged_program_is_lowered_again(kept):
     another_process()
     np.testing.assert_allclose(ask().low, [0, 2])
     assert traced == [2]
+
+
+def test_what_is_no_program_is_done_without(kept, monkeypatch):
+    ask()
+    (file,) = kept.iterdir()
+    cache.store(file, program=np.frombuffer(b"no program at all", np.uint8))
+    another_process()
+    np.testing.assert_allclose(ask().low, [0, 2])
+
+
+def loud(x):
+    jax.debug.print("{}", x)
+    return 2 * x
+
+
+def test_what_cannot_be_kept_runs(kept):
+    assert compiling.kept_call(loud, jnp.ones(()), records=()) == 2
+    assert not kept.exists()
+
+
+def test_it_keeps_nothing_unasked(kept):
+    halves = Halves(jnp.arange(5.0), None)
+    compiling.kept_call(split, halves, 4.0, records=(Halves,), keep=False, at=2)
+    assert not kept.exists()
 
 
 def test_nothing_is_kept_where_jax_keeps_nothing(tmp_path, monkeypatch):

@@ -346,9 +346,13 @@ def test_solve_refuses_an_unknown_solver():
         solve(terms(X, Y, DESC_X, DESC_Y, k=K), solver="qr")
 
 
-def test_importing_warns_of_nothing_and_leaves_jax_as_it_is():
+def test_importing_and_solving_warn_of_nothing_and_leave_jax_as_it_is():
     program = (
         "import jax; before = dict(jax.config.values); import jfsf.fit;"
+        "some = jax.numpy.ones((2, 2)); one = jax.numpy.ones((2, 1, 2));"
+        "few = one[0, 0, :1]; "
+        "problem = jfsf.fit.Terms(some, some, some[0, 0], some, one, one, few);"
+        "[jfsf.fit.solve(problem, solver=s) for s in ('jaxopt', 'lineax')];"
         "assert dict(jax.config.values) == before; assert not jax.config.jax_enable_x64"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)

@@ -102,6 +102,19 @@ def test_the_nearest_is_told_from_others_nearly_as_near():
         np.testing.assert_allclose(near.dist[:, 0], dist[:, 0], rtol=1e-3)
 
 
+@pytest.mark.parametrize("noise", [0, 1e-4, 1e-2])
+@pytest.mark.parametrize("k0", [2, 10])
+def test_points_that_coincide_find_each_other(noise, k0):
+    # Their scores are 0, or what rounding makes of it.
+    x = random(0, 2000, 8).astype(np.float32)
+    order = np.random.default_rng(1).permutation(2000)
+    y = (x + noise * random(2, 2000, 8)).astype(np.float32)[order]
+    xy, yx = mutual_neighbours(*arrays(x, y), k0=k0)
+    idx_xy, idx_yx = np.asarray(xy.idx), np.asarray(yx.idx)
+    assert (order[idx_xy] == np.arange(2000)[:, None]).any(1).all()
+    assert (idx_yx == order[:, None]).any(1).all()
+
+
 @pytest.mark.parametrize("k0, folds", [(1, 1), (7, 1), (40, 1), (7, 4)])
 def test_leaders_are_the_largest_in_order(k0, folds):
     score = -(random(0, 40, 9).astype(np.float32) ** 2)

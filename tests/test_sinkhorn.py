@@ -247,6 +247,15 @@ def test_coincident_embeddings_give_the_permutation(dtype, order, seed):
     assert np.isfinite(ours.marginal_error)
 
 
+def test_many_coincident_points_give_the_permutation():
+    # Enough for bins of several points in the search for neighbours.
+    rng = np.random.default_rng(0)
+    emb_x, order = rng.normal(size=(1500, 6)).astype(np.float32), rng.permutation(1500)
+    ours = sinkhorn(jnp.asarray(emb_x), jnp.asarray(emb_x[order]))
+    assert np.array_equal(order[ours.T_xy], np.arange(1500))
+    assert np.array_equal(ours.T_yx, order)
+
+
 def test_all_points_in_one_place():
     ours = brief(jnp.zeros((N_X, WIDTH)), jnp.zeros((N_Y, WIDTH)))
     assert np.isfinite(ours.f).all() and np.isfinite(ours.marginal_error)

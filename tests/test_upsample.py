@@ -2,19 +2,27 @@
 
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from jfsf import testing
+from jfsf import data, testing
 from jfsf.mesh import check, read
 from jfsf.mesh_check import face_areas
 
-PATH = Path(__file__).parents[1] / "experiments/upsample.py"
-found = importlib.util.spec_from_file_location("upsample", PATH)
-assert found is not None and found.loader is not None
-script = importlib.util.module_from_spec(found)
-found.loader.exec_module(script)
+FOLDER = Path(__file__).parents[1] / "experiments"
+
+
+def load(name):
+    found = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
+    assert found is not None and found.loader is not None
+    script = importlib.util.module_from_spec(found)
+    found.loader.exec_module(script)
+    return script
+
+
+script = load("upsample")
 
 
 @pytest.mark.parametrize("n", [162, 163, 300, 641, 642, 1500])
@@ -44,3 +52,13 @@ def test_the_file_reads_as_it_was(tmp_path):
     np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=1e-8)
     assert np.array_equal(back.faces, mesh.faces)
     assert [p.name for p in tmp_path.iterdir()] == ["a.off"]
+
+
+def test_what_it_writes_is_a_folder_of_shapes_with_their_truth(tmp_path, monkeypatch):
+    asked = ["man_up", "--vertices", "6000", "--out", str(tmp_path)]
+    monkeypatch.setattr("sys.argv", ["upsample.py", *asked])
+    script.main()
+    args = SimpleNamespace(embedded=False, data=tmp_path)
+    shape = load("datasets").load(args, "man_up")
+    assert len(shape.mesh.vertices) == 6000
+    assert np.array_equal(shape.truth, data.load("man_up").template_to_vertex)
