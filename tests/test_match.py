@@ -126,7 +126,9 @@ def test_signs_of_eigenvectors_change_nothing():
         one[0] = 1
     flipped = map(testing.flip_signs, specs, by)
     # Padded as `match` pads: the same program.
-    found = module._run(*module._on_device(*flipped), None, 1, False, module.HYPOTHESES)
+    found = module._run(
+        *module._on_device(*flipped), None, 1, False, module.HYPOTHESES, False
+    )
     n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
     same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
     C_yx = testing.flip_map(found.C_yx, *by)
@@ -151,7 +153,7 @@ def test_turns_of_repeated_eigenvectors_change_nothing():
     for angles in ((0, 0), (0.7, -2)):
         turned = map(repeated, specs, angles)
         found = module._run(
-            *module._on_device(*turned), None, 1, False, module.HYPOTHESES
+            *module._on_device(*turned), None, 1, False, module.HYPOTHESES, False
         )
         maps.append(np.asarray(found.T_xy[:n_x]))
         error = geodesic_error(maps[-1], mesh_y, gt_x[some], gt_y[some])
