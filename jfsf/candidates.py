@@ -22,21 +22,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jfsf.knn import (
-    FEW,
     check_sets,
     common_frame,
     exhaustive,
     inner_products,
-    leader,
-    leaders,
     selectable,
     square_norms,
     with_distances,
 )
+from jfsf.largest import leader, leaders
 from jfsf.sides import both
 from jfsf.types import Found, Neighbours, Tiles
 
-TILES = 28  # tiles whose points are compared with a block
+TILES = 28  # tiles whose points are compared with a block; even, see `folds`
 A_NEIGHBOUR = 6  # candidates a neighbour at least, for many neighbours
 ROWS = 64  # queries a block, at most
 CENTRES = 64  # so many are ranked at once where the way down the tree begins, or fewer
@@ -138,8 +136,7 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
     levels = _centres(points, real)
     kept = min(max(TILES, -(-A_NEIGHBOUR * k0 // size)), total)
     # Tiles come best first, so of tiles i and i + kept / 2 the second is rarely near.
-    many = k0 <= FEW and kept < total and kept * size >= 2 * A_NEIGHBOUR * k0
-    folds = 2 if many and kept % 2 == 0 else 1
+    folds = 2 if kept < total and kept * size >= 2 * A_NEIGHBOUR * k0 else 1
     group = max(ROWS // tiles_q.member.shape[1], 1)
     group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
     rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])

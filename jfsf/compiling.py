@@ -1,10 +1,9 @@
 """jit for programs so large that compiling them takes longer than running them."""
 
-import struct
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, partial
-from importlib.metadata import distribution
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from jfsf import cache as disk
 
 # Of all that is traced, as it is now: a file may have changed by the time it is asked.
 CODE = disk.key(
-    *(distribution(name).version for name in ("jax", "jaxlib", "jaxopt", "lineax")),
+    *map(version, ("jax", "jaxlib", "jaxopt", "lineax")),
     *(file.read_bytes() for file in sorted(Path(__file__).parent.rglob("*.py"))),
 )
 # Measured on `match`: half of XLA's time to compile for a CPU, and no more to run.
@@ -92,9 +91,9 @@ def _kept(function, options, tree, shapes, records, settings) -> Callable:
     what = function.__module__, function.__qualname__, options, str(tree), shapes
     try:
         found = disk.fetch(disk.key(CODE, *what, settings), _Lowered, lower)
-        program = export.deserialize(bytearray(found.program))
-    except (NotImplementedError, struct.error):  # it prints, or the file is no program
+    except NotImplementedError:  # no program to keep: it prints, say
         return large_jit(whole, "cpu")
+    program = export.deserialize(bytearray(found.program))
     # A program that was not lowered here has no LAPACK, and crashes (jax issue 29610).
     jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
     return large_jit(program.call, "cpu")

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.descriptors import curvature, standardise
 from jfsf.fmap import embeddings
-from jfsf.knn import leader
+from jfsf.largest import leader
 from jfsf.orientation import SEEN, at_vertices, brackets
 from jfsf.refine.zoomout import zoomout
 from jfsf.sampling import restrict

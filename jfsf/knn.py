@@ -15,8 +15,9 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
+from jfsf.largest import FEW, best_with_place, leaders
 from jfsf.sides import both
 from jfsf.types import Neighbours
 
@@ -24,9 +25,7 @@ ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
 MARGIN = 3  # candidates beyond k0 that float32 may have misplaced
 BINS = 12  # bins a neighbour: one neighbour in some 24 shares a bin with a nearer one
-FEW = 32  # with more neighbours than this, bins and passes gain nothing
-TINY = 1e-30  # above what counts as 0, with or without its last bits
-FAR = 1e30  # beyond any score, and unlike inf it survives `_best`
+FAR = 1e30  # beyond any score, and unlike inf it survives `best_with_place`
 
 
 @partial(jax.jit, static_argnames="k0")
@@ -137,8 +136,8 @@ def mutual_neighbours(
         product = inner_products(rows, fast_y)
         # Squared distances times -1/2: what is near loses least when bits are replaced.
         score = product - offset_y[None] - offset[:, None]
-        best_y = _best(score.reshape(ROWS, bin_y, -1), 1)
-        best_x = _best(score.reshape(bin_x, -1, len(fast_y)), 0)
+        best_y = best_with_place(score.reshape(ROWS, bin_y, -1), 1)
+        best_x = best_with_place(score.reshape(bin_x, -1, len(fast_y)), 0)
         which, member = _leaders(best_y.T, k0, bin_y)
         return (member * best_y.shape[1] + which).T, best_x
 
@@ -183,20 +182,6 @@ def _bin_size(n: int, k0: int) -> int:
     return min(1 << max(n // (BINS * k0), 1).bit_length() - 1, ROWS)
 
 
-def _best(score: Float[Array, "..."], axis: int):
-    """Largest along `axis`; its place there replaces the last bits."""
-    return _with_places(score, axis, score.shape[axis]).max(axis)
-
-
-def _with_places(score: Float[Array, "..."], axis: int, size: int):
-    """Each with its place along `axis` for its last bits; size: a power of two."""
-    # What counts as 0 would lose its place.
-    score = jnp.minimum(score, -TINY)
-    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
-    bits = jax.lax.bitcast_convert_type(score, jnp.int32) & -size
-    return jax.lax.bitcast_convert_type(bits | place, jnp.float32)
-
-
 def _leaders(best: Float[Array, "bins n"], k0: int, size: int):
     """The k0 best bins of each column, and the place of the best inside each."""
     which = leaders(best, k0)
@@ -234,47 +219,6 @@ def square_norms(points):
     """Squared length of each row, as a product: a long sum is not vectorised."""
     ones = jnp.ones(points.shape[-1], points.dtype)
     return jnp.matmul(points**2, ones, precision=jax.lax.Precision.HIGHEST)
-
-
-def leader(score: Float[Array, "..."], axis: int) -> Int[Array, "..."]:
-    """Where along `axis` the largest entry stands, the first of equals.
-
-    Two plain reductions vectorise where argmax and top_k do not.
-    """
-    best = score == score.max(axis, keepdims=True)
-    place = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
-    # The last where nothing is best, as with nan.
-    return jnp.where(best, place, score.shape[axis] - 1).min(axis)
-
-
-def leaders(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "k0 r"]:
-    """Where in each column the k0 largest entries stand, the largest first.
-
-    Each of k0 passes takes the largest entry below the last one: plain maxima, which
-    vectorise where top_k does not. Places replace the last bits, so entries that differ
-    by less than c / 2^23 of themselves come in any order.
-
-    Args:
-        score: float32, finite, below 0 but for rounding, such as squared distances
-            times -1/2: what is near 0 loses the least.
-        folds: a divisor of c, at most c / k0; entries i, i + c / folds, i + 2 c / folds
-            ... share a bin, of which only the largest counts. 1 for k0 above `FEW`.
-    """
-    if k0 == 1:
-        return leader(score, 0)[None]
-    if k0 > FEW:
-        return jax.lax.top_k(score.T, k0)[1].T
-    size = 1 << (len(score) - 1).bit_length()
-    key = _with_places(score, 0, size)
-    key = key.reshape(folds, -1, *key.shape[1:]).max(0)
-
-    def following(last, _):
-        largest = jnp.where(key < last[None], key, -jnp.inf).max(0)
-        return largest, largest
-
-    start = jnp.zeros(key.shape[1], key.dtype)
-    _, found = jax.lax.scan(following, start, length=k0)
-    return jax.lax.bitcast_convert_type(found, jnp.int32) & (size - 1)
 
 
 def _distances(queries, near, points, valid):

@@ -10,7 +10,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.knn import leader, neighbours
+from jfsf.knn import neighbours
+from jfsf.largest import leader
 from jfsf.tiles import spectral_tiles
 from jfsf.types import Spectrum
 

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf import cache, compiling
+from jfsf import compiling
 
 
 def centred(x, *, axis):
@@ -106,14 +106,6 @@ def test_a_damaged_program_is_lowered_again(kept):
     another_process()
     np.testing.assert_allclose(ask().low, [0, 2])
     assert traced == [2]
-
-
-def test_what_is_no_program_is_done_without(kept, monkeypatch):
-    ask()
-    (file,) = kept.iterdir()
-    cache.store(file, program=np.frombuffer(b"no program at all", np.uint8))
-    another_process()
-    np.testing.assert_allclose(ask().low, [0, 2])
 
 
 def loud(x):

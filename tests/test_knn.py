@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.knn import GROUP, MARGIN, ROWS, leader, neighbours
+from jfsf.knn import GROUP, MARGIN, ROWS, neighbours
 
 N, M, WIDTH = 150, 401, 4  # neither fills its last block or group
 ks = st.sampled_from([1, 20, M])
@@ -140,11 +140,3 @@ def test_k0_out_of_range_is_an_error(k0):
 def test_widths_that_differ_are_an_error():
     with pytest.raises(ValueError, match="queries have 2 columns, points have 3"):
         neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)
-
-
-@pytest.mark.parametrize("axis", [0, 1])
-def test_leader_is_the_first_of_the_largest(axis):
-    score = np.random.default_rng(0).integers(0, 5, (40, 30)).astype(float)
-    assert np.array_equal(leader(jnp.asarray(score), axis), score.argmax(axis))
-    nowhere = leader(jnp.full((4, 4), jnp.nan), axis)
-    assert np.all((nowhere >= 0) & (nowhere < 4))

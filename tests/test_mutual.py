@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
-from jfsf.knn import BINS, ROWS, leaders, mutual_neighbours
+from jfsf.knn import BINS, ROWS, mutual_neighbours
 
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
 FEWEST = 13  # neighbours, for which M points are too few for bins
@@ -113,27 +113,6 @@ def test_points_that_coincide_find_each_other(noise, k0):
     idx_xy, idx_yx = np.asarray(xy.idx), np.asarray(yx.idx)
     assert (order[idx_xy] == np.arange(2000)[:, None]).any(1).all()
     assert (idx_yx == order[:, None]).any(1).all()
-
-
-@pytest.mark.parametrize("k0, folds", [(1, 1), (7, 1), (40, 1), (7, 4)])
-def test_leaders_are_the_largest_in_order(k0, folds):
-    score = -(random(0, 40, 9).astype(np.float32) ** 2)
-    score[:4, 3] = score[2, 3]  # equals count apart
-    found = np.asarray(leaders(jnp.asarray(score), k0, folds))
-    kept = np.zeros((40, 9), bool)
-    parts = score.reshape(folds, -1, 9)
-    kept.reshape(folds, -1, 9)[:] = parts == parts.max(0) if folds > 1 else True
-    largest = -np.sort(np.where(kept, -score, np.inf), 0)[:k0]
-    np.testing.assert_allclose(np.take_along_axis(score, found, 0), largest, rtol=1e-5)
-    assert found.shape == (k0, 9) and found.dtype == np.int32
-    assert all(len(np.unique(column)) == k0 for column in found.T)
-
-
-def test_leaders_of_scores_that_are_no_less_than_0():
-    # As where two points coincide, and rounding leaves a little.
-    score = jnp.asarray([[1e-9], [-1.0], [0.0], [-2.0]], jnp.float32)
-    found = leaders(score, 4)
-    assert set(found[:2, 0].tolist()) == {0, 2} and found[2:, 0].tolist() == [1, 3]
 
 
 def test_values_that_are_not_finite():
