@@ -18,8 +18,9 @@ from jfsf.convert import nearest
 from jfsf.data import load
 from jfsf.descriptors import wks
 from jfsf.fmap import embeddings
-from jfsf.match import EVERY, basis, common
+from jfsf.match import basis, common
 from jfsf.metrics import geodesic_error
+from jfsf.pipeline import EVERY
 from jfsf.search import search
 from jfsf.viz import draw_maps
 

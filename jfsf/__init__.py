@@ -3,8 +3,9 @@
 `match` goes the whole way from two meshes; the modules are its parts, pure and jitted.
 """
 
-from jfsf.match import match, match_spectra, symmetry
+from jfsf.match import match, symmetry
 from jfsf.mesh import MeshError, check, read
+from jfsf.pipeline import match_spectra
 from jfsf.spectrum import spectrum
 from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 

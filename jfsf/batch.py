@@ -25,8 +25,8 @@ from jaxtyping import Array, Float
 from jfsf.compiling import large_jit
 from jfsf.convert import sinkhorn
 from jfsf.match import common
-from jfsf.match import match_spectra as match_one
 from jfsf.padding import pad, rung
+from jfsf.pipeline import match_spectra as match_one
 from jfsf.refine import Converter, zoomout
 from jfsf.search import Candidates
 from jfsf.search import search as search_one

@@ -28,7 +28,7 @@ CPU_OPTIONS = {
 
 
 @cache
-def large_jit(function: Callable, platform: str, **static: Any) -> Callable:
+def large_jit(function: Callable, platform: str, **static: Any) -> jax.stages.Wrapped:
     """`jax.jit(function, **static)` that compiles faster; not for use inside a jit.
 
     Args:
@@ -40,14 +40,16 @@ def large_jit(function: Callable, platform: str, **static: Any) -> Callable:
     return jax.jit(function, compiler_options=options, **static)
 
 
-def kept_call(
+def ready(
     function: Callable,
     *args: Any,
     records: tuple[type, ...],
     keep: bool = True,
     **options: Any,
-) -> Any:
-    """`function(*args, **options)` by `large_jit`, its program kept between processes.
+) -> Callable:
+    """`partial(function, **options)` by `large_jit`, compiled when it is returned.
+
+    So it can compile while its arguments are still being computed.
 
     Where jax keeps compiled programs on disk (`jax_compilation_cache_dir`), a new
     process still traces and lowers, for seconds, to find out which one it needs. There
@@ -57,21 +59,20 @@ def kept_call(
     Args:
         function: of this package, whose files tell its programs apart, but not what is
             put in the place of its constants later; the same object in each call.
-        args: arrays, numbers, and records of them.
+        args: arrays, numbers, and records of them, or `jax.ShapeDtypeStruct` for
+            arrays: of those that the program will be called with the shapes count.
         records: the classes of NamedTuple among arguments and results.
         keep: False leaves the cache folder alone.
         options: static.
     """
     platform = jax.default_backend()
     settings = jax.config.values
-    if not keep or platform != "cpu" or not settings["jax_compilation_cache_dir"]:
-        run = large_jit(function, platform, static_argnames=tuple(options))
-        return run(*args, **options)
+    keep = keep and platform == "cpu" and bool(settings["jax_compilation_cache_dir"])
     leaves, tree = jax.tree.flatten(args)
     shapes = tuple(map(jax.typeof, leaves))
     static, named = (tuple(sorted(d.items())) for d in (options, settings))
-    run = _kept(function, static, tree, shapes, records, repr(named))
-    return run(*args)
+    given = tree, shapes, records if keep else None, platform, repr(named)
+    return _ready(function, static, *given)
 
 
 class _Lowered(NamedTuple):
@@ -79,24 +80,34 @@ class _Lowered(NamedTuple):
 
 
 @cache
-def _kept(function, options, tree, shapes, records, settings) -> Callable:
-    whole = partial(function, **dict(options))
+def _ready(function, options, tree, shapes, records, platform, settings) -> Callable:
+    args = jax.tree.unflatten(tree, shapes)
+    program = partial(function, **dict(options))
+    if records is not None:
+        what = function.__module__, function.__qualname__, options, str(tree), shapes
+        program = _kept(program, args, records, disk.key(CODE, *what, settings))
+    run = large_jit(program, platform)
+    # jax remembers what it compiled here when it is called.
+    run.lower(*args).compile()
+    return run
+
+
+def _kept(function, args, records, key) -> Callable:
+    """`function` as it was lowered by whichever process was the first."""
     for record in records:
         _name(record)
 
     def lower():
-        program = export.export(jax.jit(whole))(*jax.tree.unflatten(tree, shapes))
+        program = export.export(jax.jit(function))(*args)
         return _Lowered(np.frombuffer(program.serialize(), np.uint8))
 
-    what = function.__module__, function.__qualname__, options, str(tree), shapes
     try:
-        found = disk.fetch(disk.key(CODE, *what, settings), _Lowered, lower)
+        found = disk.fetch(key, _Lowered, lower)
     except NotImplementedError:  # no program to keep: it prints, say
-        return large_jit(whole, "cpu")
-    program = export.deserialize(bytearray(found.program))
+        return function
     # A program that was not lowered here has no LAPACK, and crashes (jax issue 29610).
     jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
-    return large_jit(program.call, "cpu")
+    return export.deserialize(bytearray(found.program)).call
 
 
 def _name(record: type) -> None:

@@ -65,9 +65,10 @@ def measure(name_x: str, name_y: str, say: Say) -> Demo:
     from jfsf.data import load
     from jfsf.descriptors import wks
     from jfsf.fmap import embeddings
-    from jfsf.match import EVERY as WKS_EVERY
-    from jfsf.match import K, match
+    from jfsf.match import match
     from jfsf.metrics import bijectivity, coverage, geodesic_error, smoothness
+    from jfsf.pipeline import EVERY as WKS_EVERY
+    from jfsf.pipeline import K
     from jfsf.refine import zoomout
     from jfsf.search import search
     from jfsf.spectrum import operators, spectrum

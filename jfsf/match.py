@@ -1,45 +1,22 @@
-"""Two meshes -> Match, the whole way: spectra, search, refinement, conversion."""
+"""Two meshes -> Match, the whole way. Host side: checks, spectra, one program."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Int
 from threadpoolctl import threadpool_limits
 
-from jfsf.certificate import certify
-from jfsf.compiling import kept_call
-from jfsf.convert import brief, brief_nearest, sinkhorn
-from jfsf.descriptors import hks, wks
-from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.hypotheses import Seen
+from jfsf.compiling import ready
+from jfsf.fmap import truncate
 from jfsf.mesh import MeshError, orient, validate
 from jfsf.padding import bucket, pad
-from jfsf.refine import arap, zoomout
-from jfsf.sampling import restrict, tile_points
-from jfsf.search import (
-    HYPOTHESES,
-    SECOND,
-    Orientation,
-    check_search,
-    search_seen,
-    way_of,
-)
-from jfsf.sides import both
+from jfsf.pipeline import K, match_spectra
+from jfsf.search import HYPOTHESES, SECOND, Orientation, way_of
 from jfsf.spectrum import spectrum
-from jfsf.tiles import spectral_tiles
-from jfsf.types import Certificate, Match, Mesh, Spectrum, Tiles
-
-K = 128  # eigenpairs a shape; more make a better map before `arap`, hardly after it
-# The rounds in place, where descriptors weigh most, clean the start up. Finer schedules
-# slide further from it; coarser ones are as good once `arap` has followed.
-KS = (30,) * 4 + (45, 65, 110, K)
-EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
-TILED = 2000  # vertices above which neighbours are searched among candidates
-LARGE = 20_000  # vertices above which C_yx is refined on samples
-REFINED = 4000  # samples, up to twice as many
+from jfsf.types import Certificate, Match, Mesh, Spectrum
 
 
 def match(
@@ -78,10 +55,9 @@ def match(
     pairs = _landmarks(landmarks, n_x, n_y)
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
-    spec_x, spec_y = common(*_bases(mesh_x, mesh_y, cache))
-    way = way_of(orientation)
-    spec_x, spec_y = _on_device(spec_x, spec_y)
-    found = _run(spec_x, spec_y, pairs, way, False, hypotheses, cache)
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    rest = pairs, way_of(orientation), False
+    found = _match(meshes, *rest, hypotheses=hypotheses, cache=cache)
     return found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y])
 
 
@@ -109,8 +85,8 @@ def symmetry(mesh: Mesh, *, hypotheses: int = HYPOTHESES, cache: bool = True) ->
             f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
             "and right; triangulate it"
         )
-    (spec,) = _on_device(basis(mesh, cache=cache))
-    found = _run(spec, spec, None, way_of("reverse"), True, hypotheses, cache)
+    rest = None, way_of("reverse"), True
+    found = _match({"mesh": mesh}, *rest, hypotheses=hypotheses, cache=cache)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
 
@@ -129,9 +105,7 @@ def basis(mesh: Mesh, *, name: str = "mesh", cache: bool = True) -> Spectrum:
     """
     _check(name, mesh)
     wound = orient(mesh) if len(mesh.faces) else mesh
-    # The upper quarter of a mesh's spectrum says more of its triangles than its shape.
-    k = max(SECOND[-1], min(K, len(mesh.vertices) // 4))
-    return spectrum(wound, k, name=name, cache=cache)
+    return spectrum(wound, _eigenpairs(mesh), name=name, cache=cache)
 
 
 def common(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
@@ -140,131 +114,69 @@ def common(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
     return truncate(spec_x, k), truncate(spec_y, k)
 
 
-def match_spectra(
-    spec_x: Spectrum,
-    spec_y: Spectrum,
-    landmarks: Int[Array, "l 2"] | None = None,
-    *,
-    orientation: Orientation | Int[Array, ""] = "preserve",
-    hypotheses: int = HYPOTHESES,
-    itself: Bool[Array, ""] | bool = False,
-) -> Match:
-    """`match` from the spectra on: pure, so it vmaps over pairs of equal size.
-
-    Args:
-        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
-            Neighbours are searched among candidates above `TILED` vertices, and C_yx
-            is refined on samples above `LARGE`.
-        landmarks, hypotheses: as `match`.
-        orientation, itself: as `search`; neither compiles anew.
-    """
-    way = way_of(orientation)
-    return _match_spectra(spec_x, spec_y, landmarks, way, itself, hypotheses=hypotheses)
+def _match(meshes: dict[str, Mesh], *rest, hypotheses: int, cache: bool) -> Match:
+    """Of the first mesh and the last; rest: what `_matched` takes beside spectra."""
+    one = lambda name: basis(meshes[name], name=name, cache=cache)
+    sizes = _sizes(*meshes.values())
+    like = [_like(*size) for size in sizes]
+    # The limit is set around all, for threads that set and lift their own would leave
+    # it behind.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
+        specs = pool.map(one, meshes)
+        # To compile it, or to load it, takes as long as the spectra or longer.
+        run = _program(like[0], like[-1], *rest, hypotheses=hypotheses, keep=cache)
+        padded = [_padded(*each) for each in zip(specs, sizes, strict=True)]
+    return run(padded[0], padded[-1], *rest)
 
 
-@partial(jax.jit, static_argnames="hypotheses")
-def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
-    check_search(spec_x, spec_y, hypotheses)
-    at_x, at_y = (None, None) if landmarks is None else landmarks.T
-    look_x, look_y = both(
-        lambda spec, at: Seen.of(spec, _descriptors(spec, at), itself),
-        (spec_x, at_x),
-        (spec_y, at_y),
-    )
-    found = search_seen(look_x, look_y, way, itself, hypotheses=hypotheses)
-    widest = min(len(spec_x.evals), len(spec_y.evals))
-    ks = tuple(min(k, widest) for k in KS)
-    # Point clouds have no orientation; nan must not reach the embeddings.
-    turned = jnp.sign(jnp.nan_to_num(found.orientation[0]))
-    start = (
-        found.C_yx[0],
-        look_x.extra,
-        look_y.extra,
-        turned * look_x.field,
-        look_y.field,
-    )
-    tiles = seen_tiles = _tiles(spec_x, spec_y)
-    seen_x, seen_y = spec_x, spec_y
-    if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
-        at_x, at_y = (
-            tile_points(spec, num=min(REFINED, len(spec.mass)))
-            for spec in (spec_x, spec_y)
+def _program(*args, hypotheses: int = HYPOTHESES, keep: bool = False) -> Callable:
+    records = Spectrum, Match, Certificate
+    return ready(_matched, *args, records=records, keep=keep, hypotheses=hypotheses)
+
+
+def _matched(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
+    options = {"itself": itself, "hypotheses": hypotheses}
+    return match_spectra(spec_x, spec_y, landmarks, orientation=way, **options)
+
+
+def _sizes(*meshes: Mesh) -> list[tuple[int, int, int]]:
+    """Eigenpairs, vertices and faces of each, padded: all that it compiles for."""
+    k = min(map(_eigenpairs, meshes))
+    # A closed surface has two faces a vertex.
+    sizes = [(bucket(len(m.vertices)), bucket(len(m.faces), 1024)) for m in meshes]
+    most = tuple(map(max, zip(*sizes, strict=True)))
+    # One size for both is half the program, but far apart it is twice the work.
+    if most[0] <= 2 * min(n for n, _ in sizes):
+        sizes = [most] * len(meshes)
+    return [(k, n, m) for n, m in sizes]
+
+
+def _like(k: int, n: int, m: int) -> Spectrum:
+    """A spectrum's shapes, before its values are there."""
+    return jax.eval_shape(
+        lambda: Spectrum(
+            jnp.zeros(k),
+            jnp.zeros((n, k)),
+            jnp.zeros(n),
+            jnp.zeros((m, 3), jnp.int32),
+            jnp.zeros((n, 3)),
         )
-        seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
-        C_yx, extra_x, extra_y, field_x, field_y = start
-        start = C_yx, extra_x[at_x], extra_y[at_y], field_x[at_x], field_y[at_y]
-        seen_tiles = _tiles(seen_x, seen_y)
-    C_yx = zoomout(
-        seen_x,
-        seen_y,
-        *start,
-        ks=ks,
-        converter=brief,
-        weighted=True,
-        tiles=seen_tiles,
-    )
-    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-    if len(spec_x.faces) and len(spec_y.faces):
-        maps = brief_nearest(emb_x, emb_y, *marginals, tiles=tiles)
-        handed = jnp.where(turned < 0, -1.0, 1.0)
-        emb_x, emb_y = arap(
-            spec_x, spec_y, maps, handed, converter=brief_nearest, tiles=tiles
-        )
-    filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles)
-    C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
-    gap = found.energy[1] / found.energy[0] - 1
-    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
-    return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
-
-
-def _descriptors(spec: Spectrum, landmarks) -> Array:
-    desc = wks(spec)[:, ::EVERY]
-    if landmarks is None:
-        return desc
-    # Heat from a landmark is positive up to the cut of the spectrum.
-    return jnp.concatenate([desc, jnp.maximum(hks(spec, landmarks, num=10), 0)], 1)
-
-
-def _run(spec_x, spec_y, landmarks, way, itself, hypotheses: int, cache: bool) -> Match:
-    return kept_call(
-        _match_spectra,
-        *(spec_x, spec_y, landmarks, way, itself),
-        records=(Spectrum, Match, Certificate),
-        keep=cache,
-        hypotheses=hypotheses,
     )
 
 
-def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
-    if max(len(spec_x.mass), len(spec_y.mass)) <= TILED:
-        return None
-    return both(spectral_tiles, (spec_x,), (spec_y,))
+def _padded(spec: Spectrum, size: tuple[int, int, int]) -> Spectrum:
+    # On the host: what is done to jax arrays of each size compiles for each size.
+    k, n, m = size
+    return jax.tree.map(jnp.asarray, pad(truncate(spec, k), n, m))
+
+
+def _eigenpairs(mesh: Mesh) -> int:
+    # The upper quarter of a mesh's spectrum says more of its triangles than its shape.
+    return max(SECOND[-1], min(K, len(mesh.vertices) // 4))
 
 
 def _check(name: str, mesh: Mesh) -> None:
     validate(mesh, k=SECOND[-1], name=name)
-
-
-def _bases(mesh_x: Mesh, mesh_y: Mesh, cache: bool) -> list[Spectrum]:
-    one = lambda name, mesh: basis(mesh, name=name, cache=cache)
-    names, meshes = ("mesh_x", "mesh_y"), (mesh_x, mesh_y)
-    # The limit is set around both, for two threads that set and lift their own would
-    # leave it behind.
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
-        return list(pool.map(one, names, meshes))
-
-
-def _on_device(*specs: Spectrum) -> list[Spectrum]:
-    # Padded first: what is done to jax arrays of each size compiles for each size.
-    # A closed surface has two faces a vertex.
-    sizes = [(bucket(len(s.mass)), bucket(len(s.faces), 1024)) for s in specs]
-    most = tuple(map(max, zip(*sizes, strict=True)))
-    # One size for both is half the program, but far apart it is twice the work.
-    if most[0] <= 2 * min(n for n, _ in sizes):
-        sizes = [most] * len(specs)
-    padded = (pad(spec, *size) for spec, size in zip(specs, sizes, strict=True))
-    return [jax.tree.map(jnp.asarray, spec) for spec in padded]
 
 
 def _landmarks(landmarks, n_x: int, n_y: int):

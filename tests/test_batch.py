@@ -13,8 +13,9 @@ import pytest
 
 from jfsf import batch, hosts, testing
 from jfsf.convert import nearest, sinkhorn
-from jfsf.match import common, match_spectra
+from jfsf.match import common
 from jfsf.padding import pad, rung
+from jfsf.pipeline import match_spectra
 from jfsf.refine import zoomout
 from jfsf.types import Maps, Spectrum
 

@@ -19,8 +19,8 @@ def centred(x, *, axis):
 
 def test_the_result_is_that_of_jit():
     x = jnp.arange(12.0).reshape(3, 4)
-    run = compiling.large_jit(centred, "cpu", static_argnames="axis")
-    np.testing.assert_allclose(run(x, axis=1), centred(x, axis=1))
+    moved = compiling.large_jit(centred, "cpu", static_argnames="axis")
+    np.testing.assert_allclose(moved(x, axis=1), centred(x, axis=1))
 
 
 def test_it_compiles_once():
@@ -50,9 +50,13 @@ def split(halves, scale, *, at):
     return Halves(factor * halves.low[:at], halves.high)
 
 
+def run(function, *args, **options):
+    return compiling.ready(function, *args, **options)(*args)
+
+
 def ask(scale=4.0, at=2):
     halves = Halves(jnp.arange(5.0), None)
-    return compiling.kept_call(split, halves, scale, records=(Halves,), at=at)
+    return run(split, halves, scale, records=(Halves,), at=at)
 
 
 @pytest.fixture
@@ -61,15 +65,15 @@ def kept(tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "xla"))
-    compiling._kept.cache_clear()
+    compiling._ready.cache_clear()
     traced.clear()
     yield tmp_path / "jfsf"
     jax.config.update("jax_compilation_cache_dir", before)
-    compiling._kept.cache_clear()
+    compiling._ready.cache_clear()
 
 
 def another_process():
-    compiling._kept.cache_clear()
+    compiling._ready.cache_clear()
     traced.clear()
 
 
@@ -114,13 +118,13 @@ def loud(x):
 
 
 def test_what_cannot_be_kept_runs(kept):
-    assert compiling.kept_call(loud, jnp.ones(()), records=()) == 2
+    assert run(loud, jnp.ones(()), records=()) == 2
     assert not kept.exists()
 
 
 def test_it_keeps_nothing_unasked(kept):
     halves = Halves(jnp.arange(5.0), None)
-    compiling.kept_call(split, halves, 4.0, records=(Halves,), keep=False, at=2)
+    run(split, halves, 4.0, records=(Halves,), keep=False, at=2)
     assert not kept.exists()
 
 

@@ -8,7 +8,8 @@ from jfsf import data
 from jfsf.descriptors import wks
 from jfsf.fmap import embeddings, functional_map, truncate
 from jfsf.hypotheses import Samples, Seen
-from jfsf.match import EVERY, basis
+from jfsf.match import basis
+from jfsf.pipeline import EVERY
 from jfsf.sampling import farthest_points
 from jfsf.search import EXTRA_WEIGHT, SAMPLES, SECOND
 

@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 
 import jfsf
 import jfsf.data
-from jfsf import testing
-from jfsf.compiling import large_jit
+from jfsf import compiling, pipeline, testing
 from jfsf.metrics import geodesic_error
+from jfsf.search import HYPOTHESES
 from jfsf.types import Mesh
 
 
@@ -81,15 +81,15 @@ def test_the_truth_is_found():
 
 @pytest.mark.slow  # the whole of match, compiled once more
 def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
-    module = sys.modules[jfsf.match.__module__]
     for name, value in (("TILED", 200), ("LARGE", 300), ("REFINED", 250)):
-        monkeypatch.setattr(module, name, value)
+        monkeypatch.setattr(pipeline, name, value)
+    module = sys.modules[jfsf.match.__module__]
     specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
     specs = jax.tree.map(jnp.asarray, specs)
     # Compiled afresh: the limits are constants of a program.
     found = jax.jit(
-        lambda x, y: module._match_spectra.__wrapped__(
-            x, y, None, 1, False, hypotheses=module.HYPOTHESES
+        lambda x, y: pipeline._match_spectra.__wrapped__(
+            x, y, None, 1, False, hypotheses=HYPOTHESES
         )
     )(*specs)
     assert found.T_xy.shape == (len(shapes()[0][0].vertices),)
@@ -117,6 +117,27 @@ def test_units_motion_and_winding_change_nothing():
         nearly_same(jfsf.match(moved, other, cache=False))
 
 
+def as_match_does(*specs):
+    """Padded as `match` pads: the same program."""
+    module = sys.modules[jfsf.match.__module__]
+    sizes = module._sizes(*(mesh for mesh, _ in shapes()))
+    given = *map(module._padded, specs, sizes), None, 1, False
+    return module._program(*given)(*given)
+
+
+@pytest.mark.parametrize("x64", [False, True])
+def test_the_program_is_compiled_for_what_it_gets(x64):
+    module = sys.modules[jfsf.match.__module__]
+    (mesh_x, _), (mesh_y, _) = shapes()
+    cloud = mesh_x._replace(faces=mesh_x.faces[:0])
+    with jax.enable_x64(x64):
+        for meshes in ((mesh_x, mesh_y), (cloud, mesh_y), (mesh_x,)):
+            for mesh, size in zip(meshes, module._sizes(*meshes), strict=True):
+                spec = module._padded(module.basis(mesh, cache=False), size)
+                like = jax.tree.map(jax.typeof, module._like(*size))
+                assert jax.tree.map(jax.typeof, spec) == like
+
+
 def test_signs_of_eigenvectors_change_nothing():
     module = sys.modules[jfsf.match.__module__]
     specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
@@ -125,10 +146,7 @@ def test_signs_of_eigenvectors_change_nothing():
     for one in by:
         one[0] = 1
     flipped = map(testing.flip_signs, specs, by)
-    # Padded as `match` pads: the same program.
-    found = module._run(
-        *module._on_device(*flipped), None, 1, False, module.HYPOTHESES, False
-    )
+    found = as_match_does(*flipped)
     n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
     same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
     C_yx = testing.flip_map(found.C_yx, *by)
@@ -152,9 +170,7 @@ def test_turns_of_repeated_eigenvectors_change_nothing():
     maps, errors = [], []
     for angles in ((0, 0), (0.7, -2)):
         turned = map(repeated, specs, angles)
-        found = module._run(
-            *module._on_device(*turned), None, 1, False, module.HYPOTHESES, False
-        )
+        found = as_match_does(*turned)
         maps.append(np.asarray(found.T_xy[:n_x]))
         error = geodesic_error(maps[-1], mesh_y, gt_x[some], gt_y[some])
         errors.append(error.mean())
@@ -185,8 +201,7 @@ def test_swapping_the_shapes_swaps_the_maps():
 
 
 def compiled():
-    function = sys.modules[jfsf.match.__module__]._match_spectra
-    return large_jit(function, "cpu", static_argnames=("hypotheses",))._cache_size()  # type: ignore
+    return compiling._ready.cache_info().currsize
 
 
 def turned():

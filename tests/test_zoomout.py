@@ -15,7 +15,7 @@ from jfsf.fmap import embeddings, functional_map
 from jfsf.orientation import bracket_fields
 from jfsf.padding import pad
 from jfsf.refine import zoomout
-from jfsf.refine.zoomout import _width
+from jfsf.refine.zoomout import MANY, _scans
 from jfsf.sampling import farthest_points, restrict
 
 N, K = 162, 40
@@ -54,8 +54,9 @@ def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
 
 def test_several_widths_agree_with_the_plain_loop():
     specs = [testing.blob_spectrum(seed, 80) for seed in (3, 4)]
-    ks = (10, 20, 60, 70, 80)
-    assert {_width(k, ks[-1]) for k in ks[1:]} == {64, 80}
+    ks = (10,) + (20,) * (MANY - 1) + (60, 70, 80)
+    steps = zip(ks[:-1], ks[1:], strict=True)
+    assert [(width, len(s)) for width, s in _scans(steps, 80)] == [(64, MANY), (80, 2)]
     C = start(*specs)
     ours = zoomout(*specs, C, ks=ks, converter=nearest)
     np.testing.assert_allclose(ours, oracles.zoomout(*specs, C, ks), atol=1e-8)

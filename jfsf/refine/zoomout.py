@@ -22,6 +22,7 @@ from jfsf.types import Spectrum, Tiles
 Converter = Callable[..., Any]
 
 SLACK = 0.05  # mean square that a column may differ by before it loses weight
+MANY = 6  # steps, worth a scan of their own
 
 
 @partial(jax.jit, static_argnames=("ks", "converter", "space", "weighted", "both"))
@@ -99,9 +100,8 @@ def zoomout(
     inverse_x = _inverse_factor(spec_x, ks[-1])
     inverse_y = _inverse_factor(spec_y, ks[-1]) if both else None
     steps = zip(ks[:-1], ks[1:], strict=True)
-    # A scan needs one shape, so the basis is masked to k inside it. A scan for each
-    # doubling of the width keeps the waste, and the number of programs, small.
-    for width, group in groupby(steps, lambda step: _width(step[1], ks[-1])):
+    # A scan needs one shape, so the basis is masked to k inside it.
+    for width, group in _scans(steps, ks[-1]):
         options = (width, converter, space, weighted, extra_weight)
         inverses = inverse_x, inverse_y
         step = _step(spec_x, spec_y, extra, fields, inverses, *options)
@@ -109,8 +109,19 @@ def zoomout(
         if size < width:
             C_yx = jnp.pad(C_yx, (0, width - size))
         start = C_yx[:width, :width], T_xy
-        (C_yx, T_xy), _ = jax.lax.scan(step, start, jnp.asarray(list(group)))
+        (C_yx, T_xy), _ = jax.lax.scan(step, start, jnp.asarray(group))
     return C_yx[: ks[-1], : ks[-1]]
+
+
+def _scans(steps, last: int):
+    """(width, steps) for each doubling of the width: little waste, few programs."""
+    group = []
+    for width, more in groupby(steps, lambda step: _width(step[1], last)):
+        group += more
+        # Fewer steps do not make up for the time that another scan takes to compile.
+        if len(group) >= MANY or width == last:
+            yield width, group
+            group = []
 
 
 def _width(k: int, last: int) -> int:
