@@ -34,6 +34,7 @@ from jfsf.types import Maps, Match, Spectrum
 
 PAIRS = 32  # pairs a call
 AXIS = "pairs"
+STATIC = (0, 1, 2, 3)  # arguments of `_spread`
 
 
 def convert(
@@ -119,7 +120,7 @@ def search(
         return x, y, _rows(desc_x, len(x.mass)), _rows(desc_y, len(y.mass))
 
     inputs = map(padded, specs_x, specs_y, descs_x, descs_y)
-    return each(search_one, inputs, **options)
+    return each(search_one, inputs, large=True, **options)
 
 
 def match_spectra(
@@ -138,7 +139,7 @@ def match_spectra(
     """
     sizes = _sizes("match_spectra", specs_x=specs_x, specs_y=specs_y)
     inputs = (_padded(*common(*pair)) for pair in zip(specs_x, specs_y, strict=True))
-    found = each(match_one, inputs, **options)
+    found = each(match_one, inputs, large=True, **options)
     return [_cut(one, *n) for one, n in zip(found, sizes, strict=True)]
 
 
@@ -149,6 +150,7 @@ def each(
     devices: Sequence[Any] | None = None,
     pairs: int = PAIRS,
     together: int | None = None,
+    large: bool = False,
     **options: Any,
 ) -> list[Any]:
     """`function(*input, **options)` for each of `inputs`: what the others are made of.
@@ -163,6 +165,8 @@ def each(
             grows with them.
         together: inputs vmapped at a time on a device; when absent, all of its share on
             an accelerator, and on a CPU, where more would only crowd the cache, one.
+        large: compile in less time a program that may run a little longer
+            (`jfsf.compiling.large_jit`).
         options: of `function`, hashable; they are static.
 
     Returns:
@@ -182,7 +186,9 @@ def each(
         together = 1 if mesh.devices[0].platform == "cpu" else share
     together = min(together, share)
     share = -(-share // together) * together
-    spread = large_jit(_spread, mesh.devices[0].platform, static_argnums=(0, 1, 2, 3))
+    spread = _spread
+    if large:
+        spread = large_jit(_spread, mesh.devices[0].platform, static_argnums=STATIC)
     call = partial(spread, function, tuple(sorted(options.items())), mesh, together)
 
     found: dict[int, Any] = {}
@@ -222,6 +228,7 @@ def _call(call, mesh, share, inputs):
     return [jax.tree.map(lambda x, i=i: x[i], found) for i in at]
 
 
+@partial(jax.jit, static_argnums=STATIC)
 def _spread(function, options, mesh, together, counts, batch):
     many = _alone if together == 1 else jax.vmap
     function = many(partial(function, **dict(options)))

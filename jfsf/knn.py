@@ -20,6 +20,7 @@ from jaxtyping import Array, Bool, Float
 from jfsf.largest import FEW, best_with_place, leaders
 from jfsf.sides import both
 from jfsf.types import Neighbours
+from jfsf.vmap_rule import one_by_one
 
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
 GROUP = 16  # points a group, see _select
@@ -116,16 +117,26 @@ def mutual_neighbours(
     if k0 > FEW:
         sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
         return both(partial(exhaustive, k0=k0), *sides)
-    scaled = common_frame(jax.lax.stop_gradient(y), valid_y)
+    find = one_by_one(partial(_mutual, k0=k0))
+    near_xy, near_yx = find(*jax.lax.stop_gradient((x, y)), valid_x, valid_y)
+    return (
+        with_distances(x, near_xy, y, valid_x, valid_y),
+        with_distances(y, near_yx, x, valid_y, valid_x),
+    )
+
+
+def _mutual(x: Array, y: Array, valid_x: Array, valid_y: Array, *, k0: int):
+    """Indices of `mutual_neighbours`."""
+    scaled = common_frame(y, valid_y)
     bin_x, bin_y = _bin_size(len(x), k0), _bin_size(len(y), k0)
 
-    def prepared(points, valid, multiple):
-        fast = scaled(jax.lax.stop_gradient(points))
+    def prepared(points, valid):
+        fast = scaled(points)
         offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), FAR)
-        return _pad(fast, multiple), _pad(offset, multiple, FAR)
+        return _pad(fast, ROWS), _pad(offset, ROWS, FAR)
 
-    fast_x, offset_x = prepared(x, valid_x, ROWS)
-    fast_y, offset_y = prepared(y, valid_y, bin_y)
+    fast_x, offset_x = prepared(x, valid_x)
+    fast_y, offset_y = prepared(y, valid_y)
     # Points close in a mesh are often close in its file, and must not share a bin: row
     # r of block b is point r * blocks + b, and bins are strided too.
     blocks, width = len(fast_x) // ROWS, fast_x.shape[1]
@@ -144,18 +155,15 @@ def mutual_neighbours(
     near_xy, best_x = jax.lax.map(block, (strided, offset_x.reshape(ROWS, blocks).T))
     near_xy = near_xy.swapaxes(0, 1).reshape(-1, k0)[: len(x)]
     bins = ROWS // bin_x  # a block
-    columns = _pad(best_x.reshape(blocks * bins, -1).T, ROWS)
+    columns = best_x.reshape(blocks * bins, -1)
 
-    def leading(columns):
-        which, member = _leaders(columns.T, k0, bin_x)
+    def leading(at):
+        some = jax.lax.dynamic_slice_in_dim(columns, at, ROWS, 1)
+        which, member = _leaders(some, k0, bin_x)
         return ((member * bins + which % bins) * blocks + which // bins).T
 
-    near_yx = jax.lax.map(leading, columns.reshape(-1, ROWS, columns.shape[1]))
-    near_yx = near_yx.reshape(-1, k0)[: len(y)]
-    return (
-        with_distances(x, near_xy, y, valid_x, valid_y),
-        with_distances(y, near_yx, x, valid_y, valid_x),
-    )
+    near_yx = jax.lax.map(leading, jnp.arange(0, columns.shape[1], ROWS))
+    return near_xy, near_yx.reshape(-1, k0)[: len(y)]
 
 
 def exhaustive(
