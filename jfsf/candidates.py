@@ -146,7 +146,7 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
         near = queries[rows]
         middle = near.mean(0, keepdims=True)
         near = near - middle
-        best = _descend(near[::EVERY], middle, levels, kept)
+        best = _descend(queries[rows[::EVERY]], levels, kept)
         around = points[best].reshape(-1, points.shape[2]) - middle
         offset = jnp.where(real[best].ravel(), square_norms(around) / 2, FAR)
         # Points down, queries across: maxima then vectorise.
@@ -162,12 +162,16 @@ def _search(queries, points, tiles_q: Tiles, tiles_p: Tiles, valid: Array, k0: i
 
 
 def _centres(points, real):
-    """(centre, mean square radius) of tiles, of groups of `FAN` tiles, and so on up."""
+    """(centre, offset) of tiles, of groups of `FAN` tiles, and so on up.
+
+    How far a query is from a centre is offset - 2 centre . query, up to what all
+    centres share; `SPREAD` is in the offset.
+    """
     weight = real.astype(points.dtype)
     count = weight.sum(1)
     share = weight / jnp.maximum(count, 1)[:, None]
-    centre = jnp.einsum("tsd,ts->td", points, share)
-    square = jnp.einsum("tsd,ts->t", (points - centre[:, None]) ** 2, share)
+    centre = jnp.sum(points * share[:, :, None], 1)
+    square = jnp.sum(square_norms(points - centre[:, None]) * share, 1)
     levels = [(centre, square, count)]
     while len(centre) > CENTRES:
         inner, square, count = (
@@ -175,35 +179,35 @@ def _centres(points, real):
         )
         total = count.sum(1)
         share = count / jnp.maximum(total, 1)[:, None]
-        centre = jnp.einsum("gfd,gf->gd", inner, share)
-        apart = jnp.sum((inner - centre[:, None]) ** 2, 2)
+        centre = jnp.sum(inner * share[:, :, None], 1)
+        apart = square_norms(inner - centre[:, None])
         square, count = jnp.sum((square + apart) * share, 1), total
         levels.append((centre, square, count))
-    # An empty tile is as far as can be.
-    return [
-        (centre, jnp.where(count > 0, square, -FAR)) for centre, square, count in levels
-    ]
+
+    def offset(centre, square, count):
+        # An empty tile is as far as can be.
+        return jnp.where(count > 0, square_norms(centre) - SPREAD * square, FAR)
+
+    return [(level[0], offset(*level)) for level in levels]
 
 
-def _descend(near, middle, levels, kept: int):
-    """The `kept` tiles that look nearest to some row of `near`, coarse to fine."""
+def _descend(rows, levels, kept: int):
+    """The `kept` tiles that look nearest to some of the rows, coarse to fine."""
 
-    def nearest(at, num):
-        centre, square = centres[at] - middle, squares[at]
-        dist = square_norms(centre) - SPREAD * square
-        dist = dist[:, None] - 2 * inner_products(centre, near)
+    def nearest(centres, offsets, num):
+        dist = offsets[:, None] - 2 * inner_products(centres, rows)
         # How much farther than the row's own best: all rows count alike, however far
         # they are from the other shape.
         excess = jnp.min(dist - dist.min(0, keepdims=True), 1)
-        return at[jax.lax.top_k(-excess, min(num, len(at)))[1]]
+        return jax.lax.top_k(-excess, min(num, len(excess)))[1]
 
-    centres, squares = levels[-1]
-    at = jnp.arange(len(centres))
-    for depth in range(len(levels) - 1, -1, -1):
-        centres, squares = levels[depth]
-        at = nearest(at, BEAM if depth else kept)
-        if depth:
-            at = (at[:, None] * FAN + jnp.arange(FAN)[None]).ravel()
+    *lower, (centres, offsets) = levels
+    at = nearest(centres, offsets, BEAM if lower else kept)
+    for depth in reversed(range(len(lower))):
+        families = (a.reshape(-1, FAN, *a.shape[1:])[at] for a in lower[depth])
+        centres, offsets = (a.reshape(-1, *a.shape[2:]) for a in families)
+        best = nearest(centres, offsets, BEAM if depth else kept)
+        at = at[best // FAN] * FAN + best % FAN
     return at
 
 

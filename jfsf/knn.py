@@ -202,19 +202,22 @@ def with_distances(queries: Array, near: Array, points: Array, valid_q, valid_p)
     # What fills the last block is no point.
     inside = near < len(points)
     near = jnp.where(inside, near, 0)
+    # Told without the distances, which nobody may ask for.
+    there = inside & valid_q[:, None] & valid_p[near]
     in_blocks = lambda a: _pad(a, ROWS).reshape(-1, ROWS, a.shape[1])
     found = jax.lax.map(
         lambda block: _distances(block[0], block[1], points, valid_p),
         (in_blocks(queries), in_blocks(near)),
     )
     dist = jnp.reshape(found, (-1, near.shape[1]))[: len(queries)]
-    dist = jnp.where(inside & valid_q[:, None], dist, jnp.inf)
-    return Neighbours(jnp.where(jnp.isfinite(dist), near, 0), dist)
+    return Neighbours(jnp.where(there, near, 0), jnp.where(there, dist, jnp.inf))
 
 
 def selectable(points: Array, valid) -> tuple[Array, Array]:
     """Which points can be chosen; the others must not reach a score as inf * 0."""
-    finite = jnp.isfinite(points).all(1)
+    # As a product, for the same reason as `square_norms`.
+    ones = jnp.ones(points.shape[1], points.dtype)
+    finite = jnp.matmul(0 * points, ones) == 0
     valid = finite if valid is None else valid & finite
     return jnp.where(valid[:, None], points, 0), valid
 
