@@ -22,8 +22,11 @@ from jfsf.types import ArrayLike, Mesh, Spectrum
 # Of the unit-area Laplacian, whose first nonzero eigenvalue is of order 10: far enough
 # below 0 to factor safely, near enough for fast convergence.
 SHIFT = -0.01
+# Vertices above which it pays to order the factor by nested dissection (METIS): at
+# 100 000 it takes a fifth of minimum degree's time, and each solve less than half.
+DISSECTED = 50_000
 # Part of the cache key: raise it when the same mesh is to give other numbers.
-VERSION = 2
+VERSION = 3
 
 
 def spectrum(
@@ -218,15 +221,8 @@ def _spectrum(mesh, k, laplacian, mass):
 
 def _shift_invert(symmetric, k):
     n = symmetric.shape[0]
-    # The shifted matrix is positive definite: no pivoting, and half the fill of the
-    # default ordering.
-    factor = splu(
-        (symmetric - SHIFT * sp.identity(n)).tocsc(),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0,
-        options={"SymmetricMode": True},
-    )
-    inverse = LinearOperator((n, n), matvec=factor.solve, dtype=float)  # type: ignore
+    solve = _factor((symmetric - SHIFT * sp.identity(n)).tocsc())
+    inverse = LinearOperator((n, n), matvec=solve, dtype=float)  # type: ignore
     start = np.random.default_rng(0).normal(size=n)
     # A smaller basis than the usual 2 k takes as many solves and less work on each.
     ncv = min(n, max(20, k + k // 2))
@@ -243,3 +239,33 @@ def _shift_invert(symmetric, k):
         ) from error
     order = np.argsort(evals)
     return evals[order], evecs[:, order]
+
+
+def _factor(matrix):
+    """b -> matrix^-1 b."""
+    # Positive definite: no pivoting, and half the fill of the default ordering.
+    definite = {"diag_pivot_thresh": 0, "options": {"SymmetricMode": True}}
+    order = _dissection(matrix) if matrix.shape[0] > DISSECTED else None
+    if order is None:
+        return splu(matrix, permc_spec="MMD_AT_PLUS_A", **definite).solve
+    factor = splu(matrix[order][:, order].tocsc(), permc_spec="NATURAL", **definite)
+
+    def solve(b):
+        x = np.empty_like(b)
+        x[order] = factor.solve(b[order])
+        return x
+
+    return solve
+
+
+def _dissection(matrix):
+    """Rows in the order of nested dissection; None where METIS is not installed."""
+    try:
+        import pymetis
+    except ImportError:
+        return None
+    graph = matrix.copy()
+    graph.setdiag(0)
+    graph.eliminate_zeros()
+    adjacency = pymetis.CSRAdjacency(graph.indptr, graph.indices)
+    return np.asarray(pymetis.nested_dissection(adjacency)[0])

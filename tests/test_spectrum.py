@@ -131,6 +131,30 @@ def test_other_holders_of_the_numbers_give_the_same():
     assert all(np.array_equal(a, b) for a, b in zip(spec, other, strict=True))
 
 
+def test_large_meshes_have_the_same_eigenpairs(monkeypatch):
+    mesh = jfsf.data.load("man_walk").mesh
+    module = sys.modules[spectrum.__module__]
+    orders = []
+    dissection = module._dissection
+    monkeypatch.setattr(
+        module, "_dissection", lambda m: orders.append(dissection(m)) or orders[-1]
+    )
+    plain = spectrum(mesh, 30, cache=False)
+    monkeypatch.setattr(module, "DISSECTED", 1000)
+    for missing in (False, True):
+        if missing:
+            monkeypatch.setitem(sys.modules, "pymetis", None)
+        found = spectrum(mesh, 30, cache=False)
+        np.testing.assert_allclose(found.evals, plain.evals, rtol=1e-9, atol=1e-9)
+        same = np.abs(found.evecs.T * found.mass @ plain.evecs)
+        np.testing.assert_allclose(same, np.eye(30), atol=1e-6)
+    # Without METIS, as on Windows, it takes longer.
+    with_metis, without = orders
+    assert without is None
+    if sys.platform != "win32":
+        assert sorted(with_metis) == list(range(len(mesh.vertices)))
+
+
 def test_it_is_deterministic_and_leaves_the_mesh_alone():
     mesh = blob(subdivisions=3)
     before = mesh.vertices.copy()
