@@ -44,7 +44,10 @@ SPREAD = 0.5  # share of a tile's mean square radius by which it counts as neare
 EVERY = 2  # queries of a block, of which one ranks the tiles
 BLOCKS = 32  # at a time
 CHECKED = 64  # rows of each shape that are compared with the exhaustive search
-ALIKE = 1e-5  # relative difference of distances that float32 may take for none
+# Relative difference of distances that counts for none. Where vertices are denser than
+# the map is exact, many are nearly as near as the nearest: at 300 000 the second is
+# 0.1 % farther, and to have that one is no reason to compare all with all.
+ALIKE = 1e-3
 FAR = 1e30  # beyond any score, and finite
 
 

@@ -80,7 +80,8 @@ class Found(NamedTuple):
 
     near_xy, near_yx: neighbours in Y of each point of X, and the other way.
     recall: share of the points compared with the exhaustive search whose nearest
-        neighbour was found, in the worse direction; nan where none was compared.
+        neighbour was found, or one no more than 0.1 % farther, in the worse direction;
+        nan where none was compared.
     exhausted: whether that was too little, so that in such a direction all points were
         compared with all.
     """

@@ -177,6 +177,16 @@ def test_a_lost_search_is_exhaustive():
         assert np.array_equal(near.idx, oracles.neighbours(q, p, 5)[0])
 
 
+def test_what_is_nearly_as_near_is_not_lost():
+    # So far apart that all points of one are within 0.1 % as near as the nearest.
+    x, y, *flat = lost()
+    found = search(*(np.pad(p, ((0, 0), (0, 1))) for p in (x, y)), *flat, 5)
+    assert found.exhausted
+    far = np.pad(x, ((0, 0), (0, 1)), constant_values=100), np.pad(y, ((0, 0), (0, 1)))
+    found = search(*far, *flat, 5)
+    assert not found.exhausted and found.recall == 1
+
+
 def test_the_recall_it_reports_is_the_recall():
     x, y, *flat = lost()
     found = search(x, y, *flat, 1, least=0.0)
