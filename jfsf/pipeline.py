@@ -26,6 +26,9 @@ EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 TILED = 2000  # vertices above which neighbours are searched among candidates
 LARGE = 20_000  # vertices above which C_yx is refined on samples
 REFINED = 4000  # samples, up to twice as many
+LEAST = (
+    0.95  # recall among candidates below which all points are compared, up to `LARGE`
+)
 
 
 def match_spectra(
@@ -99,7 +102,9 @@ def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
         emb_x, emb_y = arap(
             spec_x, spec_y, maps, handed, converter=brief_nearest, tiles=tiles
         )
-    filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles)
+    # To compare a million points with all would take hours.
+    least = 0.0 if max(len(spec_x.mass), len(spec_y.mass)) > LARGE else LEAST
+    filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles, least=least)
     C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
     gap = found.energy[1] / found.energy[0] - 1
     certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
