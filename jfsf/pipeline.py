@@ -26,9 +26,7 @@ EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
 TILED = 2000  # vertices above which neighbours are searched among candidates
 LARGE = 20_000  # vertices above which C_yx is refined on samples
 REFINED = 4000  # samples, up to twice as many
-LEAST = (
-    0.95  # recall among candidates below which all points are compared, up to `LARGE`
-)
+LEAST = 0.95  # recall below which, up to `LARGE`, all points are compared
 
 
 def match_spectra(
