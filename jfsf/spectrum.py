@@ -54,7 +54,7 @@ def spectrum(
         numpy arrays, float64 and int32: evals (k,) ascending, evals[0] = 0; evecs
         (n, k) mass-orthonormal, evecs[:, 0] = 1; mass (n,), sums to 1; the mesh's
         faces. The same mesh gives the same bits again; signs, and bases of repeated
-        eigenvalues, may differ on another machine. 0.6 s at n = 5000, k = 200.
+        eigenvalues, may differ on another machine. 1.3 s at n = 5000, k = 200.
 
     Raises:
         MeshError: what `validate` finds, a vertex without area, a Laplacian that falls

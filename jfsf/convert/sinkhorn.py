@@ -61,7 +61,7 @@ def sinkhorn(
             of Y; each sums to 1, 0 marks padding. Uniform when absent.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
         k0: neighbours a vertex, both ways. Ten cost some percent of accuracy; more
-            than these change little, and above 32 the search takes three times as long.
+            than these change little, and above 32 the search takes twice as long.
         num_iters: updates of each side. More lower the marginal error. On shapes
             sampled differently, uniform marginals are not quite true, and ten updates
             may do better than these.
