@@ -1,22 +1,61 @@
 """JAX Fast Sinkhorn Filters: maps between non-rigid 3D shapes.
 
-`match` goes the whole way from two meshes; the modules are its parts, pure and jitted.
+`match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
+rooms are its parts, in the order in which data goes through them. A module imports only
+from rooms above its own:
+
+- `types`: the records that travel between functions
+- `array`: precise products, top-k, both sides in one program, padding
+- `storage`: files written whole, the disk cache, compiled programs
+- `mesh`: files to meshes; check, repair, measure
+- `neighbours`: nearest neighbours, exhaustive or among tiles
+- `spectral`: spectra, descriptors, functional maps, orientation, samples
+- `convert`: aligned embeddings to point-to-point maps
+- `refine`: ICP, ZoomOut, and deformation as rigid as possible
+- `initial`: fits to descriptors, and the search for the initial map
+- `evaluate`: geodesics, metrics, the certificate
+- `settings`: every tuned number, and every stage that can be replaced
+- `pipeline`: spectra to maps, stage by stage
+- `arguments`: checks of what `match` is given
+- `matching`: meshes to maps
+- `mapfiles`: maps, ground truth and matches on disk
+- `batch`: many pairs, over devices, hosts and clusters
+- `baselines`: the paper's rivals
+- `data`: embedded shapes with ground truth
+- `plot`: pictures by colour transfer
+- `testing`: strategies and laws for property tests
+- `cli`: the command line
 """
 
-from jfsf.match import match, symmetry
+from importlib import import_module
+from typing import Any
+
+from jfsf.initial import SearchSettings
+from jfsf.matching import basis, check_matchable, match, symmetry
 from jfsf.mesh import MeshError, check, read
+from jfsf.neighbours import NeighbourSettings
 from jfsf.pipeline import match_spectra
-from jfsf.spectrum import spectrum
+from jfsf.refine import ArapSettings, ZoomOutSettings
+from jfsf.settings import Settings
+from jfsf.spectral import FeatureSettings, spectrum
 from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 
 __all__ = [
+    "ArapSettings",
     "Certificate",
+    "FeatureSettings",
     "Maps",
     "Match",
     "Mesh",
     "MeshError",
+    "NeighbourSettings",
+    "SearchSettings",
+    "Settings",
     "Spectrum",
+    "ZoomOutSettings",
+    "basis",
     "check",
+    "check_matchable",
     "match",
     "match_spectra",
     "read",
@@ -24,3 +63,16 @@ __all__ = [
     "symmetry",
 ]
 __version__ = "0.1.0"
+
+# Not needed by `match`: imported on first use.
+_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "testing")
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        return import_module(f"jfsf.{name}")
+    raise AttributeError(f"module 'jfsf' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_LAZY})

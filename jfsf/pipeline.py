@@ -1,123 +1,338 @@
-"""Spectra -> Match: search, refinement, conversion. Pure, jitted."""
+"""Spectra -> Match, stage by stage. Every stage is public, pure, jitted and vmappable.
+
+| stage | from | to |
+|---|---|---|
+| `jfsf.spectral.features` | spectrum | what is read of one shape |
+| `initial_map` | features of both | the best candidate of the search, or a given map |
+| `refinement_samples` | features | the same at samples, for large shapes |
+| `refine` | features, C_yx | C_yx in a larger basis |
+| `bend` | spectra, C_yx | aligned embeddings |
+| `convert` | aligned embeddings | maps both ways, with their plan |
+| `jfsf.evaluate.certify` | all of these | evidence |
+
+Only the features, the tiles, the bending and the last conversion depend on the number
+of vertices. The search (`jfsf.initial.candidates`) always reads samples, and the
+refinement reads whatever it is given.
+
+This file is long because it has all stages one below the other.
+"""
 
 from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.certificate import certify
-from jfsf.convert import brief, brief_nearest, sinkhorn
-from jfsf.descriptors import hks, wks
-from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.hypotheses import Seen
+from jfsf.array import map_sides
+from jfsf.convert import HasMaps, maps_of, with_options
+from jfsf.evaluate import certify
+from jfsf.initial import Orientation, candidates, orientation_sign, search_samples
+from jfsf.neighbours import tiles_of_pair
 from jfsf.refine import arap, zoomout
-from jfsf.sampling import restrict, tile_points
-from jfsf.search import HYPOTHESES, Orientation, check_search, search_seen, way_of
-from jfsf.sides import both
-from jfsf.tiles import spectral_tiles
-from jfsf.types import Match, Spectrum, Tiles
+from jfsf.settings import Settings
+from jfsf.spectral import (
+    Features,
+    embeddings,
+    features,
+    functional_map,
+    orientation_score,
+    tile_points,
+    truncate,
+    uniform,
+)
+from jfsf.types import Filtered, Maps, Match, Spectrum, Tiles
 
-K = 128  # eigenpairs a shape; more make a better map before `arap`, hardly after it
-# The rounds in place, where descriptors weigh most, clean the start up. Finer schedules
-# slide further from it; coarser ones are as good once `arap` has followed.
-KS = (30,) * 4 + (45, 65, 110, K)
-EVERY = 5  # one WKS energy in so many: neighbours say nearly the same
-TILED = 2000  # vertices above which neighbours are searched among candidates
-LARGE = 20_000  # vertices above which C_yx is refined on samples
-REFINED = 4000  # samples, up to twice as many
-LEAST = 0.95  # recall below which, up to `LARGE`, all points are compared
+Pair = tuple[Tiles, Tiles]
+
+
+class InitialMap(NamedTuple):
+    """Where the refinement starts.
+
+    C_yx: functions on Y pulled back to X.
+    orientation: score in [-1, 1]; nan for point clouds.
+    gap: the second candidate's energy over the first's, minus 1; nan without a search.
+    """
+
+    C_yx: Float[Array, "k_x k_y"]
+    orientation: Float[Array, ""]
+    gap: Float[Array, ""]
+
+    @property
+    def sign(self) -> Float[Array, ""]:
+        """1 for a map that keeps orientation, -1 for one that mirrors, 0 if unknown."""
+        return jnp.sign(jnp.nan_to_num(self.orientation))
 
 
 def match_spectra(
     spec_x: Spectrum,
     spec_y: Spectrum,
     landmarks: Int[Array, "l 2"] | None = None,
+    descriptors: tuple[Float[Array, "n_x d"], Float[Array, "n_y d"]] | None = None,
+    initial: Float[Array, "k_x k_y"] | Int[Array, " n_x"] | HasMaps | None = None,
     *,
     orientation: Orientation | Int[Array, ""] = "preserve",
-    hypotheses: int = HYPOTHESES,
-    itself: Bool[Array, ""] | bool = False,
+    self_map: Bool[Array, ""] | bool = False,
+    settings: Settings = Settings(),
 ) -> Match:
     """`jfsf.match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Args:
-        spec_x, spec_y: 40 eigenpairs or more, as many of each; mass 0 is padding.
-            Neighbours are searched among candidates above `TILED` vertices, and C_yx
-            is refined on samples above `LARGE`.
-        landmarks, hypotheses: as `jfsf.match`.
-        orientation, itself: as `search`; neither compiles anew.
+        spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
+            mass 0 is padding.
+        landmarks, descriptors: as `jfsf.match`, one row a vertex, padding included.
+        initial: C_yx, T_xy, or a record with T_xy, in place of the search.
+        orientation, self_map: as `jfsf.initial.candidates`; neither compiles anew.
+        settings: of all stages.
+
+    Raises:
+        ValueError: too few eigenpairs, or arrays that do not fit the spectra.
     """
-    way = way_of(orientation)
-    return _match_spectra(spec_x, spec_y, landmarks, way, itself, hypotheses=hypotheses)
+    sign = orientation_sign(orientation)
+    if initial is not None and not hasattr(initial, "ndim"):
+        initial = initial.T_xy  # type: ignore[union-attr]
+    return _match_spectra(
+        spec_x,
+        spec_y,
+        landmarks,
+        descriptors,
+        initial,
+        sign,
+        self_map,
+        settings=settings,
+    )
 
 
-@partial(jax.jit, static_argnames="hypotheses")
-def _match_spectra(spec_x, spec_y, landmarks, way, itself, *, hypotheses):
-    check_search(spec_x, spec_y, hypotheses)
+@partial(jax.jit, static_argnames="settings")
+def _match_spectra(
+    spec_x, spec_y, landmarks, descriptors, initial, sign, self_map, *, settings
+):
+    desc_x, desc_y = (None, None) if descriptors is None else descriptors
     at_x, at_y = (None, None) if landmarks is None else landmarks.T
-    look_x, look_y = both(
-        lambda spec, at: Seen.of(spec, _descriptors(spec, at), itself),
-        (spec_x, at_x),
-        (spec_y, at_y),
+    of_shape = partial(features, self_map=self_map, settings=settings.features)
+    x, y = map_sides(of_shape, (spec_x, desc_x, at_x), (spec_y, desc_y, at_y))
+    start = initial_map(x, y, initial, sign, self_map, settings=settings)
+    tiles = pair_tiles(spec_x, spec_y, settings=settings)
+    few_x, few_y, few_tiles = refinement_samples(x, y, tiles, settings=settings)
+    C_yx = refine(few_x, few_y, start.C_yx, start.sign, few_tiles, settings=settings)
+    embs = bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
+    maps = convert(*embs, spec_x, spec_y, tiles, settings=settings)
+    k = min(len(spec_x.evals), len(spec_y.evals))
+    C_yx = functional_map(maps.T_xy, truncate(spec_x, k), spec_y)
+    certificate = certify(
+        maps,
+        *embs,
+        C_yx,
+        spec_x,
+        spec_y,
+        start.gap,
+        oriented_functions=settings.features.oriented_functions,
+        distance_pairs=settings.distance_pairs,
     )
-    found = search_seen(look_x, look_y, way, itself, hypotheses=hypotheses)
-    widest = min(len(spec_x.evals), len(spec_y.evals))
-    ks = tuple(min(k, widest) for k in KS)
-    # Point clouds have no orientation; nan must not reach the embeddings.
-    turned = jnp.sign(jnp.nan_to_num(found.orientation[0]))
-    start = (
-        found.C_yx[0],
-        look_x.extra,
-        look_y.extra,
-        turned * look_x.field,
-        look_y.field,
-    )
-    tiles = seen_tiles = _tiles(spec_x, spec_y)
-    seen_x, seen_y = spec_x, spec_y
-    if max(len(spec_x.mass), len(spec_y.mass)) > LARGE:
-        at_x, at_y = (
-            tile_points(spec, num=min(REFINED, len(spec.mass)))
-            for spec in (spec_x, spec_y)
+    return Match(*maps_of(maps), C_yx, certificate)
+
+
+@partial(jax.jit, static_argnames="settings")
+def initial_map(
+    x: Features,
+    y: Features,
+    initial: Float[Array, "k_x k_y"] | Int[Array, " n_x"] | None = None,
+    orientation: Int[Array, ""] | int = 1,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: Settings = Settings(),
+) -> InitialMap:
+    """The best candidate of the search, or the map that is given.
+
+    Args:
+        x, y: features of both shapes, whole.
+        initial: C_yx, or T_xy as integers; None searches.
+        orientation: the sign of the wanted orientation (`orientation_sign`).
+        self_map: X and Y are one shape.
+        settings: of the search.
+
+    Raises:
+        ValueError: too few eigenpairs for the search, or an initial map that does not
+            fit the shapes.
+    """
+    if initial is None:
+        of_shape = partial(search_samples, settings=settings.search)
+        found = candidates(
+            *map_sides(of_shape, (x,), (y,)),
+            orientation=orientation,  # type: ignore[arg-type]
+            self_map=self_map,
+            settings=settings.search,
         )
-        seen_x, seen_y = restrict(spec_x, at_x), restrict(spec_y, at_y)
-        C_yx, extra_x, extra_y, field_x, field_y = start
-        start = C_yx, extra_x[at_x], extra_y[at_y], field_x[at_x], field_y[at_y]
-        seen_tiles = _tiles(seen_x, seen_y)
-    C_yx = zoomout(
-        seen_x,
-        seen_y,
-        *start,
-        ks=ks,
-        converter=brief,
-        weighted=True,
-        tiles=seen_tiles,
-    )
-    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-    if len(spec_x.faces) and len(spec_y.faces):
-        maps = brief_nearest(emb_x, emb_y, *marginals, tiles=tiles)
-        handed = jnp.where(turned < 0, -1.0, 1.0)
-        emb_x, emb_y = arap(
-            spec_x, spec_y, maps, handed, converter=brief_nearest, tiles=tiles
-        )
-    # To compare a million points with all would take hours.
-    least = 0.0 if max(len(spec_x.mass), len(spec_y.mass)) > LARGE else LEAST
-    filtered = sinkhorn(emb_x, emb_y, *marginals, tiles=tiles, least=least)
-    C_yx = functional_map(filtered.T_xy, truncate(spec_x, widest), spec_y)
-    gap = found.energy[1] / found.energy[0] - 1
-    certificate = certify(filtered, emb_x, emb_y, C_yx, spec_x, spec_y, gap)
-    return Match(filtered.T_xy, filtered.T_yx, C_yx, certificate)
+        gap = found.energy[1] / found.energy[0] - 1
+        return InitialMap(found.C_yx[0], found.orientation[0], gap)
+    C_yx = _functional_map_of(initial, x.spec, y.spec, settings.ks[0])
+    pulled_back = settings.search.zoomout.pulled_back
+    score = orientation_score(C_yx, x.brackets, y.brackets, pulled_back=pulled_back)
+    return InitialMap(C_yx, jnp.asarray(score), jnp.full((), jnp.nan, C_yx.dtype))
 
 
-def _descriptors(spec: Spectrum, landmarks) -> Array:
-    desc = wks(spec)[:, ::EVERY]
-    if landmarks is None:
-        return desc
-    # Heat from a landmark is positive up to the cut of the spectrum.
-    return jnp.concatenate([desc, jnp.maximum(hks(spec, landmarks, num=10), 0)], 1)
-
-
-def _tiles(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles] | None:
-    if max(len(spec_x.mass), len(spec_y.mass)) <= TILED:
+@partial(jax.jit, static_argnames="settings")
+def pair_tiles(
+    spec_x: Spectrum, spec_y: Spectrum, *, settings: Settings = Settings()
+) -> Pair | None:
+    """Tiles of both shapes, or None for shapes that are small enough without."""
+    if max(len(spec_x.mass), len(spec_y.mass)) <= settings.tiles_above:
         return None
-    return both(spectral_tiles, (spec_x,), (spec_y,))
+    return tiles_of_pair(spec_x, spec_y, settings=settings.neighbours)
+
+
+@partial(jax.jit, static_argnames="settings")
+def refinement_samples(
+    x: Features,
+    y: Features,
+    tiles: Pair | None = None,
+    *,
+    settings: Settings = Settings(),
+) -> tuple[Features, Features, Pair | None]:
+    """Features that the refinement reads, and tiles: of samples if a shape is large."""
+    if max(len(x.spec.mass), len(y.spec.mass)) <= settings.samples_above:
+        return x, y, tiles
+
+    def sampled(side: Features) -> Features:
+        pairs = settings.distance_pairs
+        num = min(settings.samples, len(side.spec.mass))
+        chosen = tile_points(side.spec, num=num, distance_pairs=pairs)
+        return side.at(chosen, distance_pairs=pairs)
+
+    few_x, few_y = sampled(x), sampled(y)
+    return few_x, few_y, pair_tiles(few_x.spec, few_y.spec, settings=settings)
+
+
+@partial(jax.jit, static_argnames="settings")
+def refine(
+    x: Features,
+    y: Features,
+    C_yx: Float[Array, "k_x k_y"],
+    orientation: Float[Array, ""] | float = 1.0,
+    tiles: Pair | None = None,
+    *,
+    settings: Settings = Settings(),
+) -> Float[Array, "k k"]:
+    """ZoomOut of C_yx with descriptors, curvature and oriented products.
+
+    Args:
+        x, y: features, whole or at samples.
+        C_yx: the start.
+        orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
+        tiles: of these features.
+        settings: `ks`, `refine_converter`, `zoomout`. Sizes beyond the eigenpairs
+            there are are cut; a smaller start adds its own size in front.
+    """
+    widest = min(len(x.spec.evals), len(y.spec.evals))
+    ks = tuple(min(k, widest) for k in settings.ks)
+    if (size := min(C_yx.shape)) < ks[0]:
+        ks = (size, *ks)
+    return zoomout(
+        x.spec,
+        y.spec,
+        C_yx,
+        x.columns,
+        y.columns,
+        orientation * x.bracket_fields,
+        y.bracket_fields,
+        ks=ks,
+        converter=settings.refine_converter,
+        weighted=True,
+        tiles=tiles,
+        settings=settings.zoomout,
+        neighbour_settings=settings.neighbours,
+    )
+
+
+@partial(jax.jit, static_argnames="settings")
+def bend(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "k_x k_y"],
+    orientation: Float[Array, ""] | float = 1.0,
+    tiles: Pair | None = None,
+    *,
+    settings: Settings = Settings(),
+) -> tuple[Float[Array, "n_x d"], Float[Array, "n_y d"]]:
+    """Aligned embeddings: of both shapes bent onto each other, or those of C_yx.
+
+    Args:
+        spec_x, spec_y: with their vertices and faces, for the bending.
+        C_yx: the functional map, refined.
+        orientation: -1 for a map that mirrors.
+        tiles: of both shapes.
+        settings: `bend_rounds`, `bend_converter`, `bend`. Without rounds, or for two
+            point clouds, the embeddings are those of C_yx, in the direct space.
+    """
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    if not (settings.bend_rounds and len(spec_x.faces) + len(spec_y.faces)):
+        return emb_x, emb_y
+    # A point cloud beside a mesh gets a face of padding: its points move freely, while
+    # the mesh resists.
+    spec_x, spec_y = (
+        spec if len(spec.faces) else spec._replace(faces=jnp.zeros((1, 3), jnp.int32))
+        for spec in (spec_x, spec_y)
+    )
+    options: dict[str, Any] = {"neighbour_settings": settings.neighbours}
+    converter = with_options(settings.bend_converter, tiles=tiles, **options)
+    marginal_x, marginal_y = uniform(spec_x.mass), uniform(spec_y.mass)
+    maps = maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
+    return arap(
+        spec_x,
+        spec_y,
+        maps,
+        jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0),
+        rounds=settings.bend_rounds,
+        converter=settings.bend_converter,
+        tiles=tiles,
+        settings=settings.bend,
+        **options,
+    )
+
+
+@partial(jax.jit, static_argnames="settings")
+def convert(
+    emb_x: Float[Array, "n_x d"],
+    emb_y: Float[Array, "n_y d"],
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    tiles: Pair | None = None,
+    *,
+    settings: Settings = Settings(),
+) -> Filtered | Maps:
+    """The last conversion, by `Settings.converter` on uniform marginals.
+
+    Returns:
+        `Filtered`, if the converter makes a plan as `sinkhorn` does; else `Maps`.
+    """
+    large = max(len(spec_x.mass), len(spec_y.mass)) > settings.samples_above
+    converter = with_options(
+        settings.converter,
+        tiles=tiles,
+        neighbour_settings=settings.neighbours,
+        # To compare a million points with all others would take hours.
+        min_recall=0.0 if large else settings.min_recall,
+    )
+    found = converter(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    return found if isinstance(found, Filtered) else maps_of(found)
+
+
+def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):
+    dtype = spec_x.evecs.dtype
+    if initial.ndim == 1 and jnp.issubdtype(initial.dtype, jnp.integer):
+        k = min(k, len(spec_x.evals), len(spec_y.evals))
+        return functional_map(initial, truncate(spec_x, k), truncate(spec_y, k))
+    widths = len(spec_x.evals), len(spec_y.evals)
+    if (
+        initial.ndim != 2
+        or min(initial.shape) < 2
+        or not all(
+            size <= width for size, width in zip(initial.shape, widths, strict=True)
+        )
+    ):
+        raise ValueError(
+            f"initial is {initial.dtype} {initial.shape}; give C_yx (k_x, k_y) of 2 or "
+            f"more functions and at most the {widths} eigenpairs there are, or T_xy "
+            "(n_x,) as integers"
+        )
+    return initial.astype(dtype)

@@ -1,7 +1,8 @@
-"""Hypothesis strategies for shapes, and the changes that a map must follow or ignore.
+"""Hypothesis strategies for shapes, and changes with a known effect on their map.
 
-For tests only: it needs hypothesis, which jfsf[test] brings. Sizes are arguments, not
-drawn, so that jitted code under test compiles once; everything drawn shrinks to seed 0.
+For tests only: it needs hypothesis, from the extra jfsf[test]. Sizes are arguments and
+are not drawn, so jitted code under test compiles once. Whatever is drawn shrinks to
+seed 0.
 """
 
 from functools import cache
@@ -14,7 +15,7 @@ import trimesh
 from hypothesis import strategies as st
 from jaxtyping import Array, Float, Int
 
-from jfsf.spectrum import spectrum
+from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh, Spectrum
 
 seeds = st.integers(0, 2**31 - 1)
@@ -41,7 +42,7 @@ def meshes(*, subdivisions: int = 2) -> st.SearchStrategy[Mesh]:
 
 def spectra(k: int, *, subdivisions: int = 2) -> st.SearchStrategy[Spectrum]:
     """Spectra of blobs of one size: jax arrays in the default precision."""
-    # Eigenpairs are slow: few shapes, each computed once.
+    # Eigenpairs take long, so there are eight shapes, each computed once.
     return st.integers(0, 7).map(lambda seed: blob_spectrum(seed, k, subdivisions))
 
 
@@ -136,7 +137,7 @@ def relabel_maps(
 
 
 def flip_signs(spec: Spectrum, by: Float[np.ndarray, " k"]) -> Spectrum:
-    """Eigenvectors times `by`: as good a basis of the same shape."""
+    """Eigenvectors times `by`: another basis of the same shape."""
     return spec._replace(evecs=spec.evecs * jnp.asarray(by, spec.evecs.dtype)[None])
 
 

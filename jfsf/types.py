@@ -1,6 +1,6 @@
 """The records that travel between the functions: NamedTuples of arrays.
 
-`_xy` reads "from X to Y" everywhere. DESIGN notation: T_XY -> `T_xy`, C_YX -> `C_yx`.
+`_xy` reads "from X to Y" everywhere. The paper's T_XY is `T_xy`, its C_YX is `C_yx`.
 """
 
 from typing import Any, NamedTuple
@@ -53,10 +53,10 @@ class Maps(NamedTuple):
 
 
 class Neighbours(NamedTuple):
-    """k0 nearest points of the other set for each point, nearest first.
+    """The k0 nearest points of the other set for each point, nearest first.
 
-    idx: their indices; ties by lower index.
-    dist: Euclidean distances; inf where there are fewer than k0 valid points.
+    idx: their indices; 0 where there are fewer than k0 valid points.
+    dist: Euclidean distances; inf there.
     """
 
     idx: Int[Array, "n k0"]
@@ -64,32 +64,33 @@ class Neighbours(NamedTuple):
 
 
 class Tiles(NamedTuple):
-    """Points in compact groups of equal size, groups close in number close in space.
+    """Compact groups of points, all of one size; consecutive groups are close in space.
 
-    member: the point in each slot.
-    real: whether the slot is the point's own; it has one, or none if it takes no part.
-        The other slots repeat points and are never chosen.
+    member: index of the point in each slot.
+    valid: whether the slot counts. Every point that takes part has one such slot, every
+        other point none. The slots that do not count repeat points.
     """
 
     member: Int[Array, "t s"]
-    real: Bool[Array, "t s"]
+    valid: Bool[Array, "t s"]
 
 
-class Found(NamedTuple):
-    """Neighbours both ways from a search among candidates.
+class NeighboursBothWays(NamedTuple):
+    """Neighbours in both directions, and how reliable the search for them was.
 
-    near_xy, near_yx: neighbours in Y of each point of X, and the other way.
-    recall: share of the points compared with the exhaustive search whose nearest
-        neighbour was found, or one no more than 0.1 % farther, in the worse direction;
-        nan where none was compared.
-    exhausted: whether that was too little, so that in such a direction all points were
-        compared with all.
+    near_xy, near_yx: neighbours in Y of each point of X, and in X of each point of Y.
+    recall: share of points whose nearest neighbour was found among candidates, or one
+        at most 0.1 % farther (`NeighbourSettings.tolerance`). It is estimated on a
+        sample, by exhaustive search; the smaller of both directions. nan if no point
+        was compared.
+    searched_all: whether all points were compared in at least one direction, because
+        its recall was too small or there were no tiles.
     """
 
     near_xy: Neighbours
     near_yx: Neighbours
     recall: Float[Array, ""]
-    exhausted: Bool[Array, ""]
+    searched_all: Bool[Array, ""]
 
 
 class Kernel(NamedTuple):
@@ -106,10 +107,24 @@ class Kernel(NamedTuple):
     log_yx: Float[Array, "n_y k0"]
 
 
+class Plan(NamedTuple):
+    """Sparse transport plan S = diag(exp f) K diag(exp g), laid out as its kernel K.
+
+    idx_xy, idx_yx: as in `Kernel`.
+    weight_xy, weight_yx: mass of each entry, 0 where it is absent.
+    """
+
+    idx_xy: Int[Array, "n_x k0"]
+    weight_xy: Float[Array, "n_x k0"]
+    idx_yx: Int[Array, "n_y k0"]
+    weight_yx: Float[Array, "n_y k0"]
+
+
 class Filtered(NamedTuple):
     """What the Fast Sinkhorn Filter returns: both maps and the plan they come from.
 
-    The plan is diag(exp f) K diag(exp g); its sums are the marginals.
+    The plan is S = diag(exp f) K diag(exp g) (`jfsf.convert.plan`). Its row and column
+    sums are the marginals.
 
     T_xy, T_yx: row and column argmax of the plan.
     kernel: K, sparse.
@@ -143,17 +158,19 @@ class PreciseMap(NamedTuple):
 class Certificate(NamedTuple):
     """Evidence of how good a map is, computed without ground truth.
 
-    marginal_error: l1 gap of the plan's sums, as a fraction of all mass.
-    empty: vertices of either shape that no mass reached.
+    marginal_error: l1 gap of the plan's sums, as a fraction of all mass; nan if the
+        last converter made no plan.
+    empty: vertices of either shape that no mass reached; 0 without a plan.
     coverage_xy, coverage_yx: share of the target's area that the map hits.
     bijectivity_x, bijectivity_y: mean spectral distance between a vertex and its image
         there and back, relative to the mean distance of two random vertices.
     orthogonality: |C^T C - I|_2, 0 for an area-preserving map.
     orientation: correlation in [-1, 1]; about +0.9 for a map that preserves
         orientation, -0.9 for a mirrored one; nan for point clouds.
-    gap: by how much more energy the runner-up of the search has, relative to the map's;
-        near 0 two really different maps fit the shapes equally well.
-    nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex.
+    gap: the energy of the search's second candidate over that of its first, minus 1.
+        Near 0 two different maps fit the shapes equally well. nan without a search.
+    nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
+        nan without a plan.
     finite: whether every number the maps came from is finite.
     """
 
@@ -175,7 +192,7 @@ class Match(NamedTuple):
 
     T_xy: the vertex of Y for each vertex of X.
     T_yx: the vertex of X for each vertex of Y.
-    C_yx: functions on Y pulled back to X, in the eigenbases of `jfsf.match.basis`.
+    C_yx: functions on Y pulled back to X, in the eigenbases of `jfsf.basis`.
     certificate: evidence of how good the maps are.
     """
 

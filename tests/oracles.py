@@ -141,7 +141,7 @@ def neighbours(queries, points, k0, valid=None):
     return np.where(np.isfinite(dist), idx, 0), dist
 
 
-def log_kernel(near_xy, near_yx, lam_xy, lam_yx, power=1.0, one_sided=1.0):
+def log_kernel(near_xy, near_yx, lam_xy, lam_yx, power=1.0, unilateral_weight=1.0):
     """log K (n_x, n_y) on the union of (indices, distances) both ways, pair by pair."""
     cost_xy = np.full((len(near_xy[0]), len(near_yx[0])), np.nan)
     cost_yx = cost_xy.copy()
@@ -151,7 +151,7 @@ def log_kernel(near_xy, near_yx, lam_xy, lam_yx, power=1.0, one_sided=1.0):
     asked_xy, asked_yx = ~np.isnan(cost_xy), ~np.isnan(cost_yx)
     cost = np.nan_to_num(np.where(asked_xy, cost_xy, cost_yx))
     with np.errstate(divide="ignore"):
-        alone = np.log(one_sided)
+        alone = np.log(unilateral_weight)
         both = np.logaddexp(-lam_xy * cost, -lam_yx * cost) - np.log(2)
     out = np.where(asked_xy, -lam_xy * cost + alone, -np.inf)
     out = np.where(asked_yx, -lam_yx * cost + alone, out)
@@ -185,7 +185,7 @@ def sinkhorn(log_k, marginal_x, marginal_y, num_iters, relax=1.0):
 
 
 def authors_filter(emb_x, emb_y, k0, lam, num_iters):
-    """The authors' settings, word for word: plain exp, plain scalings, float64."""
+    """The authors' settings, exactly: plain exp, plain scalings, float64."""
     kernel = np.zeros((len(emb_x), len(emb_y)))
     for one, other, out in ((emb_x, emb_y, kernel), (emb_y, emb_x, kernel.T)):
         idx, dist = neighbours(one, other, k0)
@@ -211,7 +211,7 @@ def nearest(emb_x, emb_y):
     return T_xy, neighbours(emb_y, emb_x, 1)[0][:, 0]
 
 
-def zoomout(spec_x, spec_y, C, ks, both=False, extra=None, extra_weight=1.0):
+def zoomout(spec_x, spec_y, C, ks, bidirectional=False, extra=None, extra_weight=1.0):
     """Nearest neighbour ZoomOut in the direct space, one basis size after the other.
 
     With `extra` columns, all are weighted.
@@ -233,7 +233,7 @@ def zoomout(spec_x, spec_y, C, ks, both=False, extra=None, extra_weight=1.0):
             emb_y[:, k:] *= extra_weight
         T_xy, T_yx = nearest(emb_x, emb_y)
         C = functional_map(T_xy, phi_x[:, :grown], phi_y[:, :grown], mass_x)
-        if both:
+        if bidirectional:
             back = functional_map(T_yx, phi_y[:, :grown], phi_x[:, :grown], mass_y)
             C = (C + back.T) / 2
     return C
@@ -253,8 +253,8 @@ def icp(spec_x, spec_y, C, num_iters):
     return C
 
 
-def bend(vertices, faces, mass, target, reach, turns):
-    """Drawn to `target`, as rigid as possible: SVDs and a dense solve a turn."""
+def deform(vertices, faces, mass, target, reach, updates):
+    """Drawn to `target`, as rigid as possible: SVDs and a dense solve an update."""
     n = len(vertices)
     weight = np.zeros((n, n))
     for face in faces:
@@ -265,24 +265,24 @@ def bend(vertices, faces, mass, target, reach, turns):
             weight[[i, j], [j, i]] += np.clip(cotangent, 0.01, 100) / 2
     resist = np.diag(weight.sum(1)) - weight
     pull = np.diag(mass / reach**2)
-    bent = target
-    for _ in range(turns):
-        turn = np.zeros((n, 3, 3))
+    moved = target
+    for _ in range(updates):
+        rotation = np.zeros((n, 3, 3))
         for i in range(n):
-            rest, now = vertices[i] - vertices, bent[i] - bent
+            rest, now = vertices[i] - vertices, moved[i] - moved
             u, _, vt = np.linalg.svd((weight[i][:, None] * now).T @ rest)
-            turn[i] = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
+            rotation[i] = u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt
         right = pull @ target
         for i in range(n):
             for j in np.flatnonzero(weight[i]):
-                mean = (turn[i] + turn[j]) / 2
+                mean = (rotation[i] + rotation[j]) / 2
                 right[i] += weight[i, j] * mean @ (vertices[i] - vertices[j])
-        bent = np.linalg.solve(resist + pull, right)
-    return bent
+        moved = np.linalg.solve(resist + pull, right)
+    return moved
 
 
 def farthest_points(points, real, num):
-    """Vertices one by one, each the farthest from all before; from the mean first."""
+    """Vertices, each the farthest from all before it; the first, from the mean."""
     size = np.where(real, (points**2).sum(1), -1)
     chosen = [int(size.argmax())]
     while len(chosen) < num:

@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from jfsf import testing
-from jfsf.baselines.auction import KEEP, assign, auction
+from jfsf.baselines import auction
+from jfsf.baselines._auction import KEEP, assign
 from jfsf.convert import nearest
-from jfsf.fmap import functional_map
 from jfsf.refine import icp
+from jfsf.spectral import functional_map
 
 N_X, N_Y, WIDTH = 23, 31, 3
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)

@@ -1,4 +1,4 @@
-"""Batches of pairs: what a loop over them gives, from a handful of programs."""
+"""Batches of pairs: the results of a loop, from a handful of programs."""
 
 import os
 import subprocess
@@ -11,12 +11,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf import batch, hosts, testing
+from jfsf import SearchSettings, Settings, batch, testing
+from jfsf.array import pad, padded_size
 from jfsf.convert import nearest, sinkhorn
-from jfsf.match import common
-from jfsf.padding import pad, rung
 from jfsf.pipeline import match_spectra
 from jfsf.refine import zoomout
+from jfsf.spectral import truncate_pair
 from jfsf.types import Maps, Spectrum
 
 ROOT = Path(__file__).parents[1]
@@ -60,10 +60,10 @@ def by_hand(xs, ys):
         yield Maps(gap.argmin(1), gap.argmin(0))
 
 
-@pytest.mark.parametrize("together", [1, 3])
-def test_convert_is_the_loop_unpadded(together):
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_convert_is_the_loop_unpadded(batch_size):
     xs, ys = embeddings(SIZES)
-    found = batch.convert(xs, ys, converter=nearest, pairs=4, together=together)
+    found = batch.convert(xs, ys, converter=nearest, pairs=4, batch_size=batch_size)
     assert all(isinstance(maps, Maps) for maps in found)
     same(found, list(by_hand(xs, ys)))
 
@@ -74,9 +74,9 @@ def filtered():
     return [sinkhorn(x, y) for x, y in zip(*embeddings(SIZES[:3:2]), strict=True)]
 
 
-@pytest.mark.parametrize("together", [1, 2])
-def test_the_filter_is_the_loop_up_to_ties(together):
-    found = batch.convert(*embeddings(SIZES[:3:2]), together=together)
+@pytest.mark.parametrize("batch_size", [1, 2])
+def test_the_filter_is_the_loop_up_to_ties(batch_size):
+    found = batch.convert(*embeddings(SIZES[:3:2]), batch_size=batch_size)
     # Sums over padding round otherwise, and ties follow.
     same(found, filtered(), 0.95)
 
@@ -85,9 +85,9 @@ def test_refine_is_the_loop():
     small, large, other = spectra()
     xs, ys, ks = [small, other], [large, large], (4, 6, 8)
     starts = [jnp.eye(4)] * 2
-    found = batch.refine(xs, ys, starts, ks=ks, converter=nearest, both=True)
+    found = batch.refine(xs, ys, starts, ks=ks, converter=nearest, bidirectional=True)
     for x, y, start, C_yx in zip(xs, ys, starts, found, strict=True):
-        alone = zoomout(x, y, start, ks=ks, converter=nearest, both=True)
+        alone = zoomout(x, y, start, ks=ks, converter=nearest, bidirectional=True)
         assert C_yx.shape == (8, 8) and np.allclose(C_yx, alone, atol=1e-8)
 
 
@@ -134,8 +134,8 @@ def test_spectra_of_mixed_sizes_take_few_compilations():
 
     xs, ys = ([some(n) for n in rng.integers(300, 901, 100)] for _ in range(2))
     counted = compilations()
-    found = batch.each(
-        _mean, (batch._padded(*pair) for pair in zip(xs, ys, strict=True))
+    found = batch.map_pairs(
+        _mean, (batch.padded_pair(*pair) for pair in zip(xs, ys, strict=True))
     )
     assert 1 < len(counted) <= 6
     wanted = [x.evecs.sum() + y.evecs.sum() for x, y in zip(xs, ys, strict=True)]
@@ -146,10 +146,10 @@ def _mean(spec_x, spec_y):
     return spec_x.evecs.sum() + spec_y.evecs.sum()
 
 
-@pytest.mark.parametrize("count, pairs, together", [(1, 8, 3), (7, 2, 2), (9, 9, 4)])
-def test_any_number_of_inputs_fills_any_batch(count, pairs, together):
+@pytest.mark.parametrize("count, pairs, batch_size", [(1, 8, 3), (7, 2, 2), (9, 9, 4)])
+def test_any_number_of_inputs_fills_any_batch(count, pairs, batch_size):
     inputs = [(np.full(3, float(i)),) for i in range(count)]
-    found = batch.each(jnp.cumsum, inputs, pairs=pairs, together=together)
+    found = batch.map_pairs(jnp.cumsum, inputs, pairs=pairs, batch_size=batch_size)
     assert np.array_equal(found, [np.cumsum(x) for (x,) in inputs])
 
 
@@ -164,8 +164,8 @@ def test_what_does_not_fit_is_named():
     ys[3] = ys[3][:, :2]
     with pytest.raises(ValueError, match="pair 3: neighbours: queries have 6 columns"):
         batch.convert(xs, ys, converter=nearest)
-    for wrong in ({"pairs": 0}, {"together": 0}):
-        with pytest.raises(ValueError, match="each: pairs and together"):
+    for wrong in ({"pairs": 0}, {"batch_size": 0}):
+        with pytest.raises(ValueError, match="map_pairs: pairs and batch_size"):
             batch.convert(xs, ys, **wrong)
     with pytest.raises(ValueError, match="pair 0: zoomout: ks"):
         batch.refine(spectra(), spectra(), [np.eye(4)] * 3, ks=(9, 4))
@@ -176,8 +176,8 @@ def test_what_does_not_fit_is_named():
 
 def test_join_wants_all_or_nothing():
     with pytest.raises(ValueError, match="join: give coordinator, .*'here:1', 2, None"):
-        hosts.join("here:1", 2)
-    assert hosts.share(range(5)) == [0, 1, 2, 3, 4]
+        batch.join("here:1", 2)
+    assert batch.local_shard(range(5)) == [0, 1, 2, 3, 4]
 
 
 SHARDED = """
@@ -187,27 +187,27 @@ assert len(jax.local_devices()) == 4
 xs, ys = embeddings(SIZES)
 loop = list(by_hand(xs, ys))
 same(batch.convert(xs, ys, converter=nearest, pairs=6), loop)
-same(batch.convert(xs, ys, converter=nearest, pairs=16, together=2), loop)
+same(batch.convert(xs, ys, converter=nearest, pairs=16, batch_size=2), loop)
 
 seen = []
-def where(x):
+def device_of(x):
     jax.debug.callback(lambda i: seen.append(int(i)), jax.lax.axis_index("pairs"))
     return x + 1
-found = batch.each(where, [(np.full(2, float(i)),) for i in range(6)], pairs=8)
+found = batch.map_pairs(device_of, [(np.full(2, float(i)),) for i in range(6)], pairs=8)
 jax.effects_barrier()
 assert np.array_equal(found, [[i + 1, i + 1] for i in range(6)])
-# Dealt out evenly, and nothing computed for what fills the batch.
+# Dealt out evenly, and nothing is computed for the copies that fill the batch.
 assert sorted(seen) == [0, 0, 1, 1, 2, 3], seen
 """
 
 HOST = """
 import sys
-from jfsf import hosts
-hosts.join(f"127.0.0.1:{sys.argv[1]}", 2, int(sys.argv[2]))
+from jfsf import batch
+batch.join(f"127.0.0.1:{sys.argv[1]}", 2, int(sys.argv[2]))
 from test_batch import *
 assert jax.process_count() == 2
 xs, ys = embeddings(SIZES)
-found = batch.convert(hosts.share(xs), hosts.share(ys), converter=nearest)
+found = batch.convert(batch.local_shard(xs), batch.local_shard(ys), converter=nearest)
 np.savez(sys.argv[3], **{f"xy{i}": m.T_xy for i, m in enumerate(found)},
          **{f"yx{i}": m.T_yx for i, m in enumerate(found)})
 """
@@ -225,10 +225,10 @@ def start(code, *args, **env):
 
 def ends(process):
     try:
-        said = process.communicate(timeout=200)[1]
+        errors = process.communicate(timeout=200)[1]
     finally:
         process.kill()
-    assert process.returncode == 0, said
+    assert process.returncode == 0, errors
 
 
 def test_four_devices_share_the_pairs():
@@ -266,15 +266,16 @@ def edge(spec):
 
 
 @pytest.mark.slow  # the whole search, compiled for two sizes, twice
-@pytest.mark.parametrize("together", [1, 3])
-def test_match_spectra_is_the_loop(together):
+@pytest.mark.parametrize("batch_size", [1, 3])
+def test_match_spectra_is_the_loop(batch_size):
     specs = spectra()
     xs, ys = specs, specs[1:] + specs[:1]
-    found = batch.match_spectra(xs, ys, hypotheses=61, together=together)
+    quick = Settings(search=SearchSettings(hypotheses=61))
+    found = batch.match_spectra(xs, ys, settings=quick, batch_size=batch_size)
     for x, y, ours in zip(xs, ys, found, strict=True):
-        size = rung(max(len(x.mass), len(y.mass)))
-        padded = (pad(spec, size, 2 * size) for spec in common(x, y))
-        theirs = match_spectra(*padded, hypotheses=61)
+        size = padded_size(max(len(x.mass), len(y.mass)), per_doubling=2)
+        padded = (pad(spec, size, 2 * size) for spec in truncate_pair(x, y))
+        theirs = match_spectra(*padded, settings=quick)
         # Sums under vmap round otherwise, which decides ties between near vertices.
         coarse = max(edge(x), edge(y))
         for name, source, target in (("T_xy", x, y), ("T_yx", y, x)):

@@ -1,6 +1,5 @@
 """BCICP: each step does what it says, and together they repair maps."""
 
-import importlib
 from functools import cache, partial
 
 import jax.numpy as jnp
@@ -8,13 +7,11 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.baselines.bcicp import bcicp, surface
+from jfsf.baselines import _bcicp as steps
+from jfsf.baselines import bcicp
 from jfsf.convert import nearest
-from jfsf.metrics import bijectivity, coverage, geodesic_error
+from jfsf.evaluate import bijectivity, coverage, geodesic_error
 from jfsf.types import Maps, Mesh
-
-# The package names the function; its steps are the module's.
-steps = importlib.import_module("jfsf.baselines.bcicp")
 
 K = 20
 N_X, N_Y = 642, 162
@@ -25,7 +22,7 @@ run = partial(bcicp, k=K, num_iters=3)
 @cache
 def shape(subdivisions=3):
     mesh = testing.blob(2, subdivisions=subdivisions)
-    return mesh, testing.blob_spectrum(2, K, subdivisions), surface(mesh)
+    return mesh, testing.blob_spectrum(2, K, subdivisions), steps.surface(mesh)
 
 
 def covered(T, n):

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
-from jfsf.certificate import certify
+from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings, functional_map, uniform
-from jfsf.padding import pad
+from jfsf.evaluate import certify
+from jfsf.spectral import embeddings, functional_map, uniform
 
 N, K = 162, 30
 SPEC = testing.blob_spectrum(0, K)

@@ -1,4 +1,4 @@
-"""The command line on small bodies: what it writes, says and refuses."""
+"""The command line on small bodies: its files, its output and its errors."""
 
 import json
 import re
@@ -16,12 +16,12 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from jfsf import __version__
-from jfsf.cli import app
-from jfsf.cli_report import certificate_table, warnings_of
+from jfsf.cli import app, certificate_table, warnings_of
 from jfsf.data import Sample, load
 from jfsf.mapfiles import read_map, read_match, write_map
-from jfsf.match import basis, common
+from jfsf.matching import basis
 from jfsf.mesh import read
+from jfsf.spectral import truncate_pair
 from jfsf.types import Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
@@ -76,7 +76,7 @@ def shapes():
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory, shapes):
-    """Meshes, ground truth, and what `jfsf match` writes about them."""
+    """Meshes, ground truth, and the files and output of `jfsf match` for them."""
     folder = tmp_path_factory.mktemp("cli")
     for name, sample in shapes.items():
         write_off(folder / f"{name}.off", sample.mesh)
@@ -85,7 +85,7 @@ def folder(tmp_path_factory, shapes):
     args = ("--out", folder / "map.npz", "--png", folder / "map.png", "--no-cache")
     result = run("match", x, y, *args)
     assert result.exit_code == 0, result.output
-    (folder / "said.txt").write_text(result.stdout)
+    (folder / "output.txt").write_text(result.stdout)
     return folder
 
 
@@ -105,10 +105,10 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
     assert len(found.T_yx) == len(read(y).vertices)
     assert found.T_xy.dtype == np.int32
     assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
-    said = (folder / "said.txt").read_text()
-    assert "keeps left and right" in said and "warning" not in said
+    shown = (folder / "output.txt").read_text()
+    assert "keeps left and right" in shown and "warning" not in shown
     for name in Certificate._fields:
-        assert name in said
+        assert name in shown
 
 
 def test_evaluate_measures_the_match_against_ground_truth(folder, x, y):
@@ -182,14 +182,14 @@ def test_largest_component_writes_kept_vertices_and_their_numbers(
     write_map(folder / "pieces.vts", shifted)
     figures = []
     for target, found, truth in ((y, "map", "man_up"), (in_pieces, "kept", "pieces")):
-        where = folder / f"{found}.json"
+        path = folder / f"{found}.json"
         result = run(
             *("evaluate", x, target, folder / f"{found}.npz", "--every", 50),
             *("--gt-x", folder / "man_walk.vts", "--gt-y", folder / f"{truth}.vts"),
-            *("--json", where),
+            *("--json", path),
         )
         assert result.exit_code == 0, result.output
-        figures.append(json.loads(where.read_text())["figures"])
+        figures.append(json.loads(path.read_text())["figures"])
     assert figures[0] == pytest.approx(figures[1])
 
 
@@ -201,7 +201,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
         seen.update(options)
         return found
 
-    monkeypatch.setattr(sys.modules["jfsf.match"], "match", match)
+    monkeypatch.setattr("jfsf.matching.match", match)
     pairs = folder / "pairs.txt"
     pairs.write_text("# head, foot\n3 8\n\n4 9  # knee\n")
     args = ("match", x, y, "--out", folder / "m.npz", "--landmarks", pairs)
@@ -227,7 +227,7 @@ def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
     assert "written as .npz" in refused("match", x, y, "--out", folder / "m.txt")
     assert "no folder" in refused("match", x, y, "--out", folder / "no" / "m.npz")
     assert "written as .png" in refused("match", x, y, *out, "--png", folder / "a.jpg")
-    monkeypatch.setattr("jfsf.cli_files.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "matplotlib", None)  # as if not installed
     assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
     assert run("match", x, y).exit_code == 2
     assert run("match", x, y, *out, "--orientation", "left").exit_code == 2
@@ -310,8 +310,8 @@ def test_certificate_says_which_way_round(orientation, reading):
 
 
 def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
-    from jfsf.fmap import functional_map, truncate
-    from jfsf.search import Candidates
+    from jfsf.initial import Candidates
+    from jfsf.spectral import functional_map, truncate
 
     def search(spec_x, spec_y, *descriptors):
         # The true map at 40: small bodies, and quick.
@@ -325,14 +325,12 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
         return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1))
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
-    monkeypatch.setattr(sys.modules["jfsf.search"], "search", search)
-    monkeypatch.setattr("jfsf.demo.KS", (40, 50))
-    monkeypatch.setattr("jfsf.demo.EVERY", 30)
+    monkeypatch.setattr("jfsf.initial.search", search)
     result = run("demo", "--out", folder / "demo")
     assert result.exit_code == 0, result.output
     assert (folder / "demo" / "man_walk_man_up.png").exists()
     record = json.loads((folder / "demo" / "man_walk_man_up.json").read_text())
-    assert record["settings"]["zoomout"] == [40, 50]
+    assert record["settings"]["zoomout"] == list(range(40, 101, 10))
     assert {"device", "date", "versions", "units"} < set(record)
     assert record["versions"]["jfsf"] == __version__
     rows = record["rows"]
@@ -379,18 +377,23 @@ def blocks(language):
 def test_readme_python_runs(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("JFSF_CACHE", str(folder / "cache"))
-    first, converter, tiled, many = blocks("python")
+    first, changed, stages, converter, tiled, many = blocks("python")
     scope = {}
     with jax.enable_x64(False):
         exec(first, scope)
     assert float(capsys.readouterr().out.split()[0]) < 0.06
     with jax.enable_x64(False):
+        exec(changed, scope)
+        assert scope["found"].certificate.coverage_xy > 0.5
+        exec(stages, scope)
+        assert scope["evidence"].orientation > 0.8
+    with jax.enable_x64(False):
         exec(converter, scope)
-    spectra = common(basis(scope["mesh1"]), basis(scope["mesh2"]))
+    spectra = truncate_pair(basis(scope["mesh1"]), basis(scope["mesh2"]))
     back = spectra[1].evecs.T * spectra[1].mass
     FM_12 = back @ spectra[0].evecs[scope["p2p_21"]]
     assert np.abs(FM_12 - np.asarray(scope["FM_12"])).max() < 1e-3
-    # In one precision, like what the blocks are about.
+    # In one precision, as the arrays of the blocks are.
     spec_y, spec_x = (jax.tree.map(jnp.asarray, spec) for spec in spectra)
     scope |= {"spec_x": spec_x, "spec_y": spec_y, "C_yx": jnp.asarray(FM_12)}
     exec(tiled, scope)

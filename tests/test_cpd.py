@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.baselines.cpd import cpd, drift
+from jfsf.baselines import cpd
+from jfsf.baselines._cpd import drift
 from jfsf.convert import nearest
 from jfsf.refine import icp
 

@@ -7,13 +7,12 @@ import trimesh
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.descriptors import TIMES, curvature
-from jfsf.padding import pad
-from jfsf.spectrum import spectrum
+from jfsf.array import pad
+from jfsf.spectral import CURVATURE_TIMES, curvature, spectrum
 from jfsf.types import Mesh
 
 K, N = 40, 162
-STEPS = len(TIMES) - 1
+STEPS = len(CURVATURE_TIMES) - 1
 
 
 def spec_of(mesh):
@@ -24,7 +23,7 @@ def test_a_sphere_shrinks_at_the_known_rate():
     # Coordinates are eigenfunctions: of area 1 the radius decays as exp(-8 pi t).
     ball = trimesh.creation.icosphere(subdivisions=4)
     found = curvature(spec_of(Mesh(np.array(ball.vertices), np.array(ball.faces))))
-    radius = np.exp(-8 * np.pi * np.array(TIMES)) / np.sqrt(4 * np.pi)
+    radius = np.exp(-8 * np.pi * np.array(CURVATURE_TIMES)) / np.sqrt(4 * np.pi)
     exact = np.broadcast_to(radius[:-1] - radius[1:], (len(found), STEPS))
     np.testing.assert_allclose(found[:, :STEPS], exact, rtol=0.01)
     np.testing.assert_allclose(found[:, STEPS:], exact, rtol=0.01)
@@ -37,7 +36,7 @@ def test_dents_are_negative():
     found = curvature(spec_of(Mesh(v, np.array(ball.faces))))
     top, bottom = v[:, 2].argmax(), v[:, 2].argmin()
     pit = np.linalg.norm(v, axis=1).argmin()
-    # Seen from afar there is no pit.
+    # At coarse scales there is no pit.
     assert (found[pit, :4] < 0).all() and (found[bottom, :STEPS] > 0).all()
     assert (found[top, STEPS:] > 0).all()
 
@@ -84,5 +83,5 @@ def test_float32_vmap_and_gradients():
         np.testing.assert_allclose(low, exact, atol=1e-5)
     slope = jax.grad(lambda v: curvature(specs[0]._replace(vertices=v)).sum())
     assert jnp.isfinite(slope(specs[0].vertices)).all()
-    # Where nothing moves, a length has no slope, but it must not be nan.
+    # A length of 0 has no derivative, but must not give nan.
     assert jnp.isfinite(slope(jnp.zeros_like(specs[0].vertices))).all()

@@ -7,11 +7,10 @@ import pytest
 import trimesh
 
 from jfsf import testing
-from jfsf.baselines.deblur import deblur, deblur_precise
-from jfsf.convert import nearest
-from jfsf.convert.precise import pull_back_precise
-from jfsf.fmap import embeddings, functional_map
-from jfsf.spectrum import spectrum
+from jfsf.baselines import deblur
+from jfsf.baselines._deblur import deblur_precise
+from jfsf.convert import nearest, pull_back_precise
+from jfsf.spectral import embeddings, functional_map, spectrum
 from jfsf.types import Maps, Mesh
 
 K = 20

@@ -8,15 +8,14 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.descriptors import hks, wks
-from jfsf.padding import pad
-from jfsf.spectrum import spectrum
+from jfsf.array import pad
+from jfsf.spectral import hks, spectrum, wks
 from jfsf.testing import cast
 from jfsf.types import Mesh
 
 K = 40
 SPOTS = jnp.array([3, 100, 41])
-both = pytest.mark.parametrize("signature", [wks, hks])
+both_signatures = pytest.mark.parametrize("signature", [wks, hks])
 
 
 def blob(seed=0, unit=1.0):
@@ -32,7 +31,7 @@ def blob(seed=0, unit=1.0):
 SPEC = cast(spectrum(blob(), K, cache=False))
 
 
-@both
+@both_signatures
 @pytest.mark.parametrize("num", [1, 20, 400])
 @pytest.mark.parametrize("landmarks", [None, SPOTS])
 def test_pyfm_agrees(signature, num, landmarks):
@@ -51,7 +50,7 @@ def test_pyfm_agrees(signature, num, landmarks):
     assert np.allclose(ours, theirs, rtol=1e-8, atol=1e-8)
 
 
-@both
+@both_signatures
 @given(seed=st.integers(0, 10**6))
 def test_signs_change_nothing(signature, seed):
     signs = jnp.asarray(np.random.default_rng(seed).choice([-1.0, 1.0], K))
@@ -60,13 +59,13 @@ def test_signs_change_nothing(signature, seed):
         assert jnp.allclose(signature(other, spots), signature(SPEC, spots))
 
 
-@both
+@both_signatures
 def test_units_change_nothing(signature):
     other = cast(spectrum(blob(unit=1000.0), K, cache=False))
     assert jnp.allclose(signature(other, SPOTS), signature(SPEC, SPOTS), rtol=1e-6)
 
 
-@both
+@both_signatures
 def test_padding_is_invisible(signature):
     for spots in (None, SPOTS):
         plain, padded = (
@@ -76,7 +75,7 @@ def test_padding_is_invisible(signature):
         assert not padded[162:].any()
 
 
-@both
+@both_signatures
 @given(seed=st.integers(0, 10**6))
 def test_relabelling_relabels(signature, seed):
     order = np.random.default_rng(seed).permutation(162)
@@ -87,20 +86,20 @@ def test_relabelling_relabels(signature, seed):
     assert jnp.allclose(seen, signature(SPEC, SPOTS, num=20)[order])
 
 
-@both
+@both_signatures
 def test_columns_have_mean_one(signature):
     # The mean of phi_i^2 is 1, and so is the sum of the weights.
     assert jnp.allclose(SPEC.mass @ signature(SPEC), 1)
 
 
-@both
+@both_signatures
 def test_a_landmark_sees_itself_as_the_global_signature_does(signature):
     seen = signature(SPEC, SPOTS, num=20).reshape(162, 3, 20)
     own = signature(SPEC, num=20)
     assert jnp.allclose(seen[SPOTS, jnp.arange(3)], own[SPOTS])
 
 
-@both
+@both_signatures
 def test_vmap_equals_the_loop(signature):
     specs = [cast(spectrum(blob(seed), K, cache=False)) for seed in (1, 2)]
     spots = jnp.stack([SPOTS, SPOTS + 1])
@@ -110,7 +109,7 @@ def test_vmap_equals_the_loop(signature):
         assert jnp.allclose(batch[i], signature(specs[i], spots[i], num=20))
 
 
-@both
+@both_signatures
 @pytest.mark.parametrize("spots", [None, SPOTS])
 def test_gradients_are_right(signature, spots):
     def value(evals, evecs):
@@ -128,7 +127,7 @@ def test_gradients_are_right(signature, spots):
     assert np.isclose((ahead - behind) / (2 * h), exact, rtol=1e-5)
 
 
-@both
+@both_signatures
 @pytest.mark.parametrize("num", [100, 2000])
 @pytest.mark.parametrize("spots", [None, SPOTS])
 def test_float32(signature, num, spots):
@@ -140,13 +139,13 @@ def test_float32(signature, num, spots):
     assert np.abs(np.asarray(out) - exact).max() < 2e-3 * np.abs(exact).max()
 
 
-@both
+@both_signatures
 def test_equal_eigenvalues_stay_finite(signature):
     flat = SPEC._replace(evals=jnp.full(K, 25.0).at[0].set(0))
     assert jnp.isfinite(signature(flat)).all()
 
 
-@both
+@both_signatures
 def test_errors(signature):
     name = signature.__name__
     with pytest.raises(ValueError, match=f"{name}: num is 0"):

@@ -13,15 +13,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import jfsf.data
-from jfsf.descriptors import wks
-from jfsf.fit import DEFAULT, Weights, solve, terms
-from jfsf.fmap import functional_map
-from jfsf.orientation import brackets, score
-from jfsf.spectrum import spectrum
+from jfsf import initial
+from jfsf.initial import Weights, combine, shape_terms, solve, terms
+from jfsf.spectral import (
+    brackets,
+    functional_map,
+    orientation_score,
+    spectrum,
+    wks,
+)
 from jfsf.testing import cast
 from jfsf.types import Mesh
 
-module = sys.modules["jfsf.fit"]  # its name may be the function's
+DEFAULT = Weights()
 seeds = st.integers(0, 10**6)
 SOLVERS = ("jaxopt", "lineax")
 solvers = pytest.mark.parametrize("solver", SOLVERS)
@@ -30,7 +34,7 @@ solvers = pytest.mark.parametrize("solver", SOLVERS)
 def fit(x, y, desc_x, desc_y, weights=DEFAULT, *, k, solver="jaxopt"):
     # Weights of one type, defaults included, compile once.
     weights = Weights(*(jnp.asarray(w, x.mass.dtype) for w in weights))
-    return module.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver)
+    return initial.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver)
 
 
 def blob(seed=0, subdivisions=2):
@@ -83,6 +87,50 @@ def test_dense_least_squares_agrees(solver, weights, seed):
     found = fit(X, Y, desc_x, desc_y, weights, k=K, solver=solver)
     assert np.allclose(found.C_yx, dense, atol=1e-7)
     assert found.residual < 1e-9
+
+
+@pytest.mark.parametrize("weights", [DEFAULT, Weights(0.5, 2.0, 0.7, -1.5)])
+def test_terms_match_their_definition(weights):
+    # The descriptors standardised, then every operator as a dense product.
+    desc_x, desc_y = random(0, N_X, 5) + 3, 10 * random(1, N_Y, 5)
+    sides = []
+    for spec, desc in ((X, desc_x), (Y, desc_y)):
+        mass, desc = np.asarray(spec.mass), np.asarray(desc)
+        desc = desc - mass @ desc
+        sides.append((np.asarray(spec.evecs)[:, :K], mass, desc))
+    norm = np.sqrt(sum(mass @ desc**2 for _, mass, desc in sides) / 2)
+    sign = -1 if weights.orientation < 0 else 1
+    coef, times, turn = [], [], []
+    for spec, (phi, mass, desc) in zip((X, Y), sides, strict=True):
+        desc = desc / norm
+        coef.append(phi.T @ (mass[:, None] * desc))
+        product = [phi.T @ np.diag(mass * d) @ phi for d in desc.T]
+        times.append(np.stack(product, 1))
+        tensor = np.asarray(brackets(spec, k=K))
+        # Row c of operator d: the bracket of descriptor d with each eigenfunction.
+        bracket = [np.einsum("cab,a->cb", tensor, c) for c in coef[-1].T]
+        turn.append(np.stack(bracket, 1))
+    size = lambda parts: sum(np.sum(part**2) for part in parts) / 2
+    top = max(X.evals[K - 1], Y.evals[K - 1])
+    root_x, root_y = (np.sqrt(np.asarray(s.evals)[:K] / top) for s in (X, Y))
+    gap = 1 / (root_x[:, None] - 1j) - 1 / (root_y[None] - 1j)
+    mask = np.abs(gap) ** 2
+    found = terms(X, Y, desc_x, desc_y, weights, k=K)
+    close = lambda ours, truth: np.testing.assert_allclose(ours, truth, atol=1e-10)
+    close(found.coef_x, coef[0])
+    close(found.coef_y, coef[1])
+    close(found.weight_desc, abs(weights.descriptors) * K / size(coef))
+    close(found.mask, weights.laplacian * mask / mask.mean())
+    close(found.commute_x, np.concatenate([times[0], sign * turn[0]], 1))
+    close(found.commute_y, np.concatenate([times[1], turn[1]], 1))
+    strength = (
+        weights.multiplication / size(times),
+        abs(weights.orientation) / size(turn),
+    )
+    close(found.weight_e, K * np.repeat(strength, 5))
+    # One shape at a time, for all of its pairs.
+    halves = shape_terms(X, desc_x, k=K), shape_terms(Y, desc_y, k=K)
+    jax.tree.map(close, combine(*halves, weights), found)
 
 
 def test_both_solvers_agree():
@@ -165,7 +213,9 @@ def test_the_orientation_weight_chooses_the_side():
     for weight in (1.0, -1.0):
         weights = Weights(orientation=weight)
         values.append(
-            score(fit(spec, spec, desc, desc, weights, k=12).C_yx, tensor, tensor)
+            orientation_score(
+                fit(spec, spec, desc, desc, weights, k=12).C_yx, tensor, tensor
+            )
         )
     assert values[0] > 0.99 and values[1] < -0.99
 
@@ -191,7 +241,7 @@ def test_strength_and_offset_of_a_descriptor_do_not_matter(seed):
 
 
 @pytest.mark.parametrize("value, dtype", [(0.0, "float32"), (3.7, "float32")])
-def test_a_constant_descriptor_says_nothing(value, dtype):
+def test_a_constant_descriptor_has_no_effect(value, dtype):
     x, y = cast(X, dtype), cast(Y, dtype)
     desc_x, desc_y = DESC_X.astype(dtype), DESC_Y.astype(dtype)
     plain = terms(x, y, desc_x, desc_y, k=K)
@@ -231,7 +281,7 @@ def test_a_cloud_has_no_orientation_term():
 
 
 @solvers
-def test_what_nothing_speaks_of_is_zero(solver):
+def test_entries_that_the_energy_does_not_see_are_zero(solver):
     nothing = Weights(0.0, 0.0, 0.0, 0.0)
     found = fit(X, Y, DESC_X, DESC_Y, nothing, k=K, solver=solver)
     assert jnp.array_equal(found.C_yx, jnp.zeros((K, K)).at[0, 0].set(1))
@@ -307,18 +357,18 @@ def test_float32(solver):
 
 
 def test_a_sweep_of_python_floats_compiles_once():
-    compiled = module.fit._cache_size  # type: ignore
-    module.fit(X, Y, DESC_X, DESC_Y, Weights(), k=K)
+    compiled = initial.fit._cache_size  # type: ignore
+    initial.fit(X, Y, DESC_X, DESC_Y, Weights(), k=K)
     before = compiled()
     for weight in (0.5, 0.25, -2.0):
-        module.fit(X, Y, DESC_X, DESC_Y, Weights(orientation=weight), k=K)
+        initial.fit(X, Y, DESC_X, DESC_Y, Weights(orientation=weight), k=K)
     assert compiled() == before
 
 
 @pytest.mark.parametrize("cast", [jnp.float32, int])
 def test_weights_of_any_type(cast):
     weights = Weights(*(cast(w) for w in (1, 2, 1, 1)))
-    found = module.fit(X, Y, DESC_X, DESC_Y, weights, k=K)
+    found = initial.fit(X, Y, DESC_X, DESC_Y, weights, k=K)
     exact = fit(X, Y, DESC_X, DESC_Y, Weights(1.0, 2.0, 1.0, 1.0), k=K)
     assert jnp.allclose(found.C_yx, exact.C_yx)
 
@@ -348,11 +398,11 @@ def test_solve_refuses_an_unknown_solver():
 
 def test_importing_and_solving_warn_of_nothing_and_leave_jax_as_it_is():
     program = (
-        "import jax; before = dict(jax.config.values); import jfsf.fit;"
+        "import jax; before = dict(jax.config.values); import jfsf.initial as room;"
         "some = jax.numpy.ones((2, 2)); one = jax.numpy.ones((2, 1, 2));"
         "few = one[0, 0, :1]; "
-        "problem = jfsf.fit.Terms(some, some, some[0, 0], some, one, one, few);"
-        "[jfsf.fit.solve(problem, solver=s) for s in ('jaxopt', 'lineax')];"
+        "problem = room.Terms(some, some, some[0, 0], some, one, one, few);"
+        "[room.solve(problem, solver=s) for s in ('jaxopt', 'lineax')];"
         "assert dict(jax.config.values) == before; assert not jax.config.jax_enable_x64"
     )
     subprocess.run([sys.executable, "-W", "error", "-c", program], check=True)

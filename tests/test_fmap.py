@@ -8,9 +8,16 @@ import pytest
 from hypothesis import given
 
 from jfsf import testing
+from jfsf.array import pad
 from jfsf.convert import nearest
-from jfsf.fmap import embeddings, functional_map, polar, truncate, uniform
-from jfsf.padding import pad
+from jfsf.spectral import (
+    embeddings,
+    functional_map,
+    polar,
+    truncate,
+    truncate_pair,
+    uniform,
+)
 
 N_X, N_Y, K_X, K_Y = 162, 42, 20, 15
 spectra_x = testing.spectra(K_X)
@@ -141,6 +148,8 @@ def test_truncate_and_uniform():
     spec = full(1)
     few = truncate(spec, 5)
     assert few.evecs.shape == (N_Y, 5) and few.evals.shape == (5,)
+    for pair in ((spec, few), (few, spec)):
+        assert all(np.array_equal(s.evals, few.evals) for s in truncate_pair(*pair))
     assert np.array_equal(
         uniform(jnp.array([0.5, 0.0, 0.1, 0.4])), [1 / 3, 0, 1 / 3, 1 / 3]
     )

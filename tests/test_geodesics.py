@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.geodesics import geodesics, pair_distances, vertex_indices
+from jfsf.evaluate import geodesics, pair_distances, vertex_indices
 from jfsf.types import Mesh
 
 NO_FACES = np.zeros((0, 3), np.int32)
@@ -32,7 +32,7 @@ def square(n=8, seed=0):
     return Mesh(np.c_[flat, np.zeros(n * n)], faces.astype(np.int32))
 
 
-def both(*meshes, gap=5.0):
+def side_by_side(*meshes, gap=5.0):
     """Meshes side by side, as the pieces of one."""
     vertices, faces, count = [], [], 0
     for i, mesh in enumerate(meshes):
@@ -128,7 +128,7 @@ def test_nothing_asked_nothing_given():
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_pieces_are_infinitely_far_apart(exact):
-    mesh = both(square(5), sphere(1))
+    mesh = side_by_side(square(5), sphere(1))
     loose = Mesh(np.r_[mesh.vertices, [[9.0, 9, 9]]], mesh.faces)
     n, m = 25, 42
     found = geodesics(loose, [3, n + 1, n + m], exact=exact)

@@ -1,36 +1,45 @@
-"""What hypotheses become on samples of real bodies."""
+"""Refinement of hypotheses on samples of real bodies."""
 
 import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf import data
-from jfsf.descriptors import wks
-from jfsf.fmap import embeddings, functional_map, truncate
-from jfsf.hypotheses import Samples, Seen
-from jfsf.match import basis
-from jfsf.pipeline import EVERY
-from jfsf.sampling import farthest_points
-from jfsf.search import EXTRA_WEIGHT, SAMPLES, SECOND
+from jfsf.initial import SamplePair, SearchSettings, refine_hypotheses
+from jfsf.matching import basis
+from jfsf.spectral import (
+    embeddings,
+    farthest_points,
+    features,
+    functional_map,
+    truncate,
+)
+
+SETTINGS = SearchSettings()
 
 
 def test_zooming_out_from_the_truth_does_not_exchange_hands():
     # With descriptors at full weight it does.
     shapes = [data.load(name) for name in ("woman_up", "woman_walk")]
     specs = [basis(shape.mesh, cache=False) for shape in shapes]
-    ats = [np.asarray(farthest_points(spec, num=SAMPLES)) for spec in specs]
-    seen = [
-        Seen.of(spec, wks(spec)[:, ::EVERY], False).at(jnp.asarray(at))
-        for spec, at in zip(specs, ats, strict=True)
+    ats = [np.asarray(farthest_points(spec, num=SETTINGS.samples)) for spec in specs]
+    sides = [
+        features(spec).at(jnp.asarray(at)) for spec, at in zip(specs, ats, strict=True)
     ]
 
     points_x, points_y = (shape.mesh.vertices for shape in shapes)
     vertex_x, vertex_y = (shape.template_to_vertex for shape in shapes)
     truth = vertex_y[KDTree(points_x[vertex_x]).query(points_x)[1]]
-    few = (truncate(spec, SECOND[0]) for spec in specs)
+    few = (truncate(spec, SETTINGS.flip_ks[0]) for spec in specs)
     start = functional_map(jnp.asarray(truth), *few)
 
-    C_yx = Samples(*seen, False).zoom(start[None], SECOND, EXTRA_WEIGHT)[0]
+    C_yx = refine_hypotheses(
+        SamplePair(*sides, False),
+        start[None],
+        SETTINGS.descriptor_weight,
+        ks=SETTINGS.flip_ks,
+        settings=SETTINGS,
+    )[0]
     evecs = (spec.evecs[at] for spec, at in zip(specs, ats, strict=True))
     emb_x, emb_y = embeddings(C_yx, *evecs, space="direct")
     found = ats[1][KDTree(emb_y).query(emb_x)[1]]

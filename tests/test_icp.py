@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
+from jfsf.array import pad
 from jfsf.convert import nearest
-from jfsf.fmap import embeddings, functional_map, truncate
-from jfsf.padding import pad
 from jfsf.refine import icp
+from jfsf.spectral import embeddings, functional_map, truncate
 
 N_X, N_Y, K_X, K_Y = 162, 42, 20, 15
 spectra_x = testing.spectra(K_X)

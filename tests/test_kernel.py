@@ -9,16 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logsumexp
 
-from jfsf import kernel as kernels
 from jfsf import testing
-from jfsf.kernel import transpose
-from jfsf.knn import neighbours
+from jfsf.convert import _kernel as kernels
+from jfsf.convert._kernel import transpose, transpose_plan
+from jfsf.neighbours import neighbours
 from jfsf.types import Kernel
 
 N_X, N_Y, K0, WIDTH = 23, 31, 5, 3
-build = jax.jit(kernels.build, static_argnames=("power", "one_sided"))
-log_matvec, matvec, plan, row_argmax = map(
-    jax.jit, (kernels.log_matvec, kernels.matvec, kernels.plan, kernels.row_argmax)
+build = jax.jit(kernels.build, static_argnames=("power", "unilateral_weight"))
+log_matvec, matvec, scaled, row_argmax = map(
+    jax.jit, (kernels.log_matvec, kernels.matvec, kernels.scaled, kernels.row_argmax)
 )
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)
 
@@ -48,12 +48,14 @@ def dense(kernel: Kernel):
 
 
 @pytest.mark.parametrize("power", [1.0, 2.0])
-@pytest.mark.parametrize("one_sided", [1.0, 0.5])
+@pytest.mark.parametrize("unilateral_weight", [1.0, 0.5])
 @given(pair=pairs, lams=st.tuples(st.floats(0, 50), st.floats(0, 50)))
-def test_union_of_both_sides(power, one_sided, pair, lams):
+def test_union_of_both_sides(power, unilateral_weight, pair, lams):
     lists = near(*pair)
-    ours = build(*lists, *map(sharp, lams), power=power, one_sided=one_sided)
-    truth = oracles.log_kernel(*map(tuple_of, lists), *lams, power, one_sided)
+    ours = build(
+        *lists, *map(sharp, lams), power=power, unilateral_weight=unilateral_weight
+    )
+    truth = oracles.log_kernel(*map(tuple_of, lists), *lams, power, unilateral_weight)
     np.testing.assert_allclose(dense(ours), truth, rtol=1e-12, atol=1e-12)
 
 
@@ -68,7 +70,7 @@ def test_padding_holds_no_entry(pair, seed):
     there, back = near(*pair, jnp.asarray(real_x), jnp.asarray(real_y))
     there = there._replace(dist=jnp.where(real_x[:, None], there.dist, jnp.inf))
     back = back._replace(dist=jnp.where(real_y[:, None], back.dist, jnp.inf))
-    # Sharpness 0 must not turn what is absent into nan.
+    # Sharpness 0 must not turn an absent entry into nan.
     for lam in (0.0, 3.0):
         ours = dense(build(there, back, sharp(lam), sharp(lam)))
         truth = oracles.log_kernel(tuple_of(there), tuple_of(back), lam, lam)
@@ -76,9 +78,9 @@ def test_padding_holds_no_entry(pair, seed):
         assert (ours[~real_x] == -np.inf).all() and (ours[:, ~real_y] == -np.inf).all()
 
 
-def test_no_weight_for_one_side_leaves_what_both_asked_for():
+def test_unilateral_weight_0_leaves_the_mutual_neighbours():
     lists = near(*draw(0))
-    both = dense(build(*lists, sharp(1), sharp(1), one_sided=0.0))
+    both = dense(build(*lists, sharp(1), sharp(1), unilateral_weight=0.0))
     every = dense(build(*lists, sharp(1), sharp(1)))
     asked = np.zeros((2, N_X, N_Y), bool)
     np.put_along_axis(asked[0], np.asarray(lists[0].idx), True, 1)
@@ -99,7 +101,7 @@ def close(ours, truth):
 
 @given(pair=pairs, seed=testing.seeds, lam=st.sampled_from([1.0, 30.0, 1e4]))
 def test_sums_and_maxima(pair, seed, lam):
-    kernel = build(*near(*pair), sharp(lam), sharp(lam / 2), one_sided=0.5)
+    kernel = build(*near(*pair), sharp(lam), sharp(lam / 2), unilateral_weight=0.5)
     rng, log_k = np.random.default_rng(seed), dense(kernel)
     f, g = rng.normal(size=N_X) * 10, rng.normal(size=N_Y) * 10
 
@@ -110,21 +112,23 @@ def test_sums_and_maxima(pair, seed, lam):
         column, found = row_argmax(K, jnp.asarray(h))
         assert np.array_equal(column, (L + h).argmax(1)) and found.all()
 
-    moved = plan(kernel, jnp.asarray(f), jnp.asarray(g))
+    plan = scaled(kernel, jnp.asarray(f), jnp.asarray(g))
     weights = np.exp(f[:, None] + log_k + g)
     for values in (rng.normal(size=N_Y), rng.normal(size=(N_Y, 2))):
         truth = weights @ values
         # XLA flushes what is below the normal numbers to 0.
-        close(matvec(moved, jnp.asarray(values)), truth)
-    close(matvec(transpose(moved), jnp.ones(N_X)), weights.T @ np.ones(N_X))
+        close(matvec(plan, jnp.asarray(values)), truth)
+    close(matvec(transpose_plan(plan), jnp.ones(N_X)), weights.T @ np.ones(N_X))
 
 
-def test_the_transpose_stands_for_the_transpose():
+def test_the_transpose_is_the_dense_transpose():
     kernel = build(*near(*draw(1)), sharp(2), sharp(3))
     assert np.array_equal(dense(transpose(kernel)), dense(kernel).T)
-    assert jax.tree.all(
-        jax.tree.map(jnp.array_equal, kernel, transpose(transpose(kernel)))
-    )
+    again = transpose(transpose(kernel))
+    assert jax.tree.all(jax.tree.map(jnp.array_equal, kernel, again))
+    f, g = jnp.arange(N_X) / 10, jnp.arange(N_Y) / 10
+    plan, flipped = scaled(kernel, f, g), scaled(transpose(kernel), g, f)
+    assert jax.tree.all(jax.tree.map(jnp.array_equal, transpose_plan(plan), flipped))
 
 
 def test_ties_go_to_the_lowest_column():
@@ -184,7 +188,8 @@ def test_vmap_equals_the_loop():
     kernels = [build(*near(*draw(seed)), sharp(4), sharp(5)) for seed in (0, 1)]
     g = jnp.asarray(np.random.default_rng(0).normal(size=(2, N_Y)))
     batch = testing.stack(kernels)
-    for run in (matvec, log_matvec, lambda K, h: row_argmax(K, h)[0]):
+    products = lambda K, h: matvec(scaled(K, jnp.zeros(N_X), h), h)
+    for run in (products, log_matvec, lambda K, h: row_argmax(K, h)[0]):
         for i in range(2):
             single = run(kernels[i], g[i])
             np.testing.assert_allclose(jax.vmap(run)(batch, g)[i], single, rtol=1e-12)

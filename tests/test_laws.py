@@ -1,4 +1,4 @@
-"""The laws, on spectra to maps the whole way: refine, convert, and pull back."""
+"""The laws, from spectra to maps: ZoomOut and conversion."""
 
 from functools import partial
 
@@ -9,13 +9,12 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
+from jfsf.array import pad
 from jfsf.convert import sinkhorn
-from jfsf.fmap import embeddings, functional_map, uniform
-from jfsf.knn import BINS
 from jfsf.mesh import largest_component
-from jfsf.padding import pad
+from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import zoomout
-from jfsf.spectrum import spectrum
+from jfsf.spectral import embeddings, functional_map, spectrum, uniform
 from jfsf.types import Maps, Mesh
 
 K = 20
@@ -105,13 +104,13 @@ def test_rigid_motion_and_scaling_change_nothing(motion, seed):
 def test_flipping_eigenvectors_changes_nothing(by_x, by_y):
     pair = [testing.flip_signs(s, b) for s, b in zip(PAIR, (by_x, by_y), strict=True)]
     equal(refined(*pair, testing.flip_map(start(*PAIR), by_x, by_y)), PLAIN)
-    # The start follows by itself.
+    # The start changes with the eigenvectors by itself.
     equal(refined(*pair, start(*pair)), PLAIN)
 
 
 def test_padding_is_invisible():
-    # As few points as before share no bin (`knn.BINS`), which padding would shift.
-    assert N_X + 20 < 2 * BINS * 8
+    # So few points share no bin (`NeighbourSettings.bins`), which padding would shift.
+    assert N_X + 20 < 2 * NeighbourSettings().bins * 8
     wide = pad(PAIR[0], N_X + 20, 400), pad(PAIR[1], N_Y + 7, 400)
     found = refined(*wide, start(*PAIR))
     equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), PLAIN)

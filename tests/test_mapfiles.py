@@ -11,7 +11,6 @@ import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf import mapfiles
 from jfsf.mapfiles import (
     MapFileError,
     read_ground_truth,
@@ -111,6 +110,8 @@ def test_match_round_trip(tmp_path):
     for name in ("T_xy", "T_yx", "C_yx"):
         np.testing.assert_array_equal(getattr(found, name), getattr(truth, name))
     assert found.T_xy.dtype == np.int32 and found.C_yx.dtype == np.float32
+    with np.load(path) as file:
+        assert not {"index_x", "index_y"} & {*file.files}
     for name in Certificate._fields:
         a, b = getattr(found.certificate, name), getattr(truth.certificate, name)
         assert a.dtype == b.dtype and a.shape == () and a == b
@@ -118,6 +119,17 @@ def test_match_round_trip(tmp_path):
     np.testing.assert_array_equal(read_map(path, n_from=6, n_to=4), truth.T_xy)
     found = read_map(path, key="T_yx", n_from=4, n_to=6)
     np.testing.assert_array_equal(found, truth.T_yx)
+
+
+def test_a_match_of_parts_keeps_their_vertex_numbers(tmp_path):
+    path = tmp_path / "match.npz"
+    index = np.array([0, 2, 3, 7], np.int32)
+    write_match(path, match(), index_y=index)
+    with np.load(path) as file:
+        assert "index_x" not in file.files
+        np.testing.assert_array_equal(file["index_y"], index)
+        assert file["index_y"].dtype == np.int32
+    np.testing.assert_array_equal(read_match(path).T_xy, match().T_xy)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +266,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
         file.write(b"1\n")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(mapfiles.np, "savetxt", fails)
+    monkeypatch.setattr(np, "savetxt", fails)
     with refused("No space left"):
         write_map(path, [5, 6, 7])
     assert os.listdir(tmp_path) == ["a.map"]

@@ -1,7 +1,6 @@
 """Two meshes to a map, and what must not change it. One size: one compilation."""
 
-import sys
-from functools import cache
+from functools import cache, partial
 
 import fast_simplification
 import jax
@@ -11,11 +10,14 @@ import pytest
 from scipy.spatial import KDTree
 
 import jfsf
-import jfsf.data
-from jfsf import compiling, pipeline, testing
-from jfsf.metrics import geodesic_error
-from jfsf.search import HYPOTHESES
-from jfsf.types import Mesh
+from jfsf import matching, pipeline, testing
+from jfsf.convert import maps_of, sinkhorn
+from jfsf.evaluate import certify, geodesic_error
+from jfsf.initial import SearchSettings, candidates, search_samples
+from jfsf.settings import Settings
+from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
+from jfsf.storage import _programs
+from jfsf.types import Maps, Mesh
 
 
 @cache
@@ -79,19 +81,17 @@ def test_the_truth_is_found():
     assert error(found) < 0.05
 
 
+@cache
+def specs():
+    """Both spectra, as `match` has them, not padded."""
+    pair = truncate_pair(*(jfsf.basis(mesh, cache=False) for mesh, _ in shapes()))
+    return jax.tree.map(jnp.asarray, pair)
+
+
 @pytest.mark.slow  # the whole of match, compiled once more
-def test_large_meshes_are_matched_through_tiles_and_samples(monkeypatch):
-    for name, value in (("TILED", 200), ("LARGE", 300), ("REFINED", 250)):
-        monkeypatch.setattr(pipeline, name, value)
-    module = sys.modules[jfsf.match.__module__]
-    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
-    specs = jax.tree.map(jnp.asarray, specs)
-    # Compiled afresh: the limits are constants of a program.
-    found = jax.jit(
-        lambda x, y: pipeline._match_spectra.__wrapped__(
-            x, y, None, 1, False, hypotheses=HYPOTHESES
-        )
-    )(*specs)
+def test_large_meshes_are_matched_through_tiles_and_samples():
+    small = Settings(tiles_above=200, samples_above=300, samples=250)
+    found = jfsf.match_spectra(*specs(), settings=small)
     assert found.T_xy.shape == (len(shapes()[0][0].vertices),)
     # Samples of a mesh of 500 vertices are few.
     assert error(found) < 1.3 * error(plain())
@@ -119,33 +119,32 @@ def test_units_motion_and_winding_change_nothing():
 
 def as_match_does(*specs):
     """Padded as `match` pads: the same program."""
-    module = sys.modules[jfsf.match.__module__]
-    sizes = module._sizes(*(mesh for mesh, _ in shapes()))
-    given = *map(module._padded, specs, sizes), None, 1, False
-    return module._program(*given)(*given)
+    settings = Settings()
+    sizes = matching._padded_sizes([mesh for mesh, _ in shapes()], settings)
+    pair = tuple(map(matching._padded, specs, sizes))
+    given = matching._Given(None, None, None, 1, False)
+    return matching._program(*pair, given, settings)(*pair, *given)
 
 
 @pytest.mark.parametrize("x64", [False, True])
 def test_the_program_is_compiled_for_what_it_gets(x64):
-    module = sys.modules[jfsf.match.__module__]
     (mesh_x, _), (mesh_y, _) = shapes()
     cloud = mesh_x._replace(faces=mesh_x.faces[:0])
     with jax.enable_x64(x64):
         for meshes in ((mesh_x, mesh_y), (cloud, mesh_y), (mesh_x,)):
-            for mesh, size in zip(meshes, module._sizes(*meshes), strict=True):
-                spec = module._padded(module.basis(mesh, cache=False), size)
-                like = jax.tree.map(jax.typeof, module._like(*size))
+            sizes = matching._padded_sizes(meshes, Settings())
+            for mesh, size in zip(meshes, sizes, strict=True):
+                spec = matching._padded(jfsf.basis(mesh, cache=False), size)
+                like = jax.tree.map(jax.typeof, matching._spectrum_like(size))
                 assert jax.tree.map(jax.typeof, spec) == like
 
 
 def test_signs_of_eigenvectors_change_nothing():
-    module = sys.modules[jfsf.match.__module__]
-    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
     rng = np.random.default_rng(0)
-    by = [rng.choice((-1.0, 1.0), len(spec.evals)) for spec in specs]
+    by = [rng.choice((-1.0, 1.0), len(spec.evals)) for spec in specs()]
     for one in by:
         one[0] = 1
-    flipped = map(testing.flip_signs, specs, by)
+    flipped = map(testing.flip_signs, specs(), by)
     found = as_match_does(*flipped)
     n_x, n_y = (len(mesh.vertices) for mesh, _ in shapes())
     same(found._replace(T_xy=found.T_xy[:n_x], T_yx=found.T_yx[:n_y]), 0.97)
@@ -154,8 +153,6 @@ def test_signs_of_eigenvectors_change_nothing():
 
 
 def test_turns_of_repeated_eigenvectors_change_nothing():
-    module = sys.modules[jfsf.match.__module__]
-    specs = module.common(*(module.basis(mesh, cache=False) for mesh, _ in shapes()))
 
     def repeated(spec, angle):
         """Eigenvalues 4 and 5 become one, and its eigenvectors turn."""
@@ -169,7 +166,7 @@ def test_turns_of_repeated_eigenvectors_change_nothing():
     n_x, some = len(mesh_x.vertices), slice(None, None, 20)
     maps, errors = [], []
     for angles in ((0, 0), (0.7, -2)):
-        turned = map(repeated, specs, angles)
+        turned = map(repeated, specs(), angles)
         found = as_match_does(*turned)
         maps.append(np.asarray(found.T_xy[:n_x]))
         error = geodesic_error(maps[-1], mesh_y, gt_x[some], gt_y[some])
@@ -201,7 +198,7 @@ def test_swapping_the_shapes_swaps_the_maps():
 
 
 def compiled():
-    return compiling._ready.cache_info().currsize
+    return _programs._compiled.cache_info().currsize
 
 
 def turned():
@@ -221,7 +218,7 @@ def test_reverse_asks_for_the_mirror_image():
 
 
 def test_left_goes_to_right():
-    _, (mesh, vertex) = shapes()
+    (mesh, vertex), _ = shapes()  # padded to the size of the pair: one program
     _, opposite = template()
     found = jfsf.symmetry(mesh, cache=False)
     at = slice(None, None, 20)
@@ -265,13 +262,27 @@ def test_one_landmark_decides_a_flip():
         assert geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean() < 0.05
 
 
-@pytest.mark.slow
-def test_point_clouds():
-    (mesh_x, _), (mesh_y, _) = shapes()
+def test_a_point_cloud_is_matched_up_to_its_mirror_image():
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    _, opposite = template()
     cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
     found = jfsf.match(cloud, mesh_y, cache=False)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
     assert np.isnan(found.certificate.orientation) and found.certificate.finite
+    at = slice(None, None, 20)
+    errors = [
+        geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean()
+        for truth in (gt_y, gt_y[opposite])
+    ]
+    assert min(errors) < 0.06
+
+
+def test_float32_finds_the_truth_with_the_default_settings():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    with jax.enable_x64(False):
+        found = jfsf.match(mesh_x, mesh_y, cache=False)
+        assert found.C_yx.dtype == jnp.float32 and found.certificate.finite
+    assert error(found) < 1.1 * error(plain())
 
 
 @pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])
@@ -285,7 +296,9 @@ def test_a_bad_mesh_is_named(side):
     with pytest.raises(jfsf.MeshError, match=f"{side}: has 2 connected components"):
         jfsf.match(**pair, cache=False)
     pair[side] = testing.blob(0, subdivisions=0)
-    with pytest.raises(jfsf.MeshError, match=f"{side}: has 12 vertices, fewer than"):
+    with pytest.raises(
+        jfsf.MeshError, match=f"{side}: has 12 vertices, matching needs 160"
+    ):
         jfsf.match(**pair, cache=False)
     # Found before the faces are wound, which would trip over it.
     pair[side] = good._replace(faces=good.faces + 9)
@@ -314,3 +327,166 @@ def test_an_unknown_orientation():
     good = testing.blob(0)
     with pytest.raises(ValueError, match="'preserve', 'reverse' or 'any', not 'left'"):
         jfsf.match(good, good, orientation="left", cache=False)  # type: ignore
+
+
+def ten_lines(emb_x, emb_y, marginal_x, marginal_y):
+    """A converter of a user's: nearest neighbour by a dense table, no tiles."""
+    square = jnp.sum((emb_x[:, None] - emb_y[None]) ** 2, 2)
+    far_x, far_y = (jnp.where(m > 0, 0, jnp.inf) for m in (marginal_x, marginal_y))
+    T_xy = jnp.argmin(square + far_y[None, :], 1)
+    return Maps(T_xy, jnp.argmin(square + far_x[:, None], 0))
+
+
+def test_settings_change_any_stage():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    mine = jfsf.Settings(
+        k=150,
+        ks=(30, 60, 100, 150),
+        refine_converter=ten_lines,
+        converter=partial(sinkhorn, k0=40),
+        bend_rounds=0,
+    )
+    found = jfsf.match(mesh_x, mesh_y, settings=mine, cache=False)
+    k = len(mesh_y.vertices) // 4  # a quarter of the vertices of the smaller
+    assert found.C_yx.shape == (k, k)
+    assert error(found) < 0.06 and 0 < found.certificate.nn_agreement <= 1
+
+
+def test_a_converter_without_a_plan_has_a_certificate():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    mine = jfsf.Settings(converter=ten_lines, bend_converter=ten_lines, bend_rounds=1)
+    start = plain().C_yx
+    found = jfsf.match(mesh_x, mesh_y, initial=start, settings=mine, cache=False)
+    evidence = found.certificate
+    assert error(found) < 0.05 and evidence.finite and evidence.coverage_xy > 0.6
+    assert np.isnan(evidence.marginal_error) and np.isnan(evidence.nn_agreement)
+
+
+def test_descriptors_replace_the_wave_kernel_signature():
+    # Given the default's own, the map is the default's.
+    (mesh_x, _), (mesh_y, _) = shapes()
+    step = Settings().features.wks_step
+    given = tuple(np.asarray(wks(spec))[:, ::step] for spec in specs())
+    found = jfsf.match(mesh_x, mesh_y, descriptors=given, cache=False)
+    nearly_same(found)
+
+
+def test_descriptors_may_stand_beside_it():
+    spec = specs()[0]
+    given = jnp.sin(jnp.arange(len(spec.mass), dtype=spec.mass.dtype))[:, None]
+    plain, alone, beside = (
+        features(spec, desc, settings=jfsf.FeatureSettings(keep_wks=keep))
+        for desc, keep in ((None, False), (given, False), (given, True))
+    )
+    assert np.array_equal(alone.descriptors, given)
+    assert np.array_equal(beside.descriptors[:, :1], given)
+    assert np.array_equal(beside.descriptors[:, 1:], plain.descriptors)
+    with pytest.raises(ValueError, match=r"features: descriptors are \(3, 1\)"):
+        features(spec, given[:3])
+
+
+@cache
+def searched():
+    """The stages up to the search's candidates, apart from `match`."""
+    x, y = (features(spec) for spec in specs())
+    found = candidates(search_samples(x), search_samples(y))
+    return x, y, found
+
+
+def test_the_searchs_own_map_as_initial_gives_the_default():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    best = np.asarray(searched()[2].C_yx[0])
+    found = jfsf.match(mesh_x, mesh_y, initial=best, cache=False)
+    nearly_same(found)
+    np.testing.assert_allclose(error(found), error(plain()), rtol=0.02)
+    assert np.isnan(found.certificate.gap)  # no search, no second candidate
+
+
+def test_maps_of_anyone_are_refined():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    # A record with T_xy, or T_xy alone.
+    for initial in (plain(), np.asarray(plain().T_xy)):
+        found = jfsf.match(mesh_x, mesh_y, initial=initial, cache=False)
+        assert error(found) < 1.1 * error(plain())
+
+
+def test_a_small_initial_map_grows():
+    x, y, _ = searched()
+    T_xy = jnp.asarray(plain().T_xy)
+    small = functional_map(T_xy, truncate(x.spec, 12), truncate(y.spec, 12))
+    settings = Settings(ks=(30, 40))
+    C_yx = pipeline.refine(x, y, small, settings=settings)
+    assert C_yx.shape == (40, 40)
+    truth = functional_map(T_xy, truncate(x.spec, 40), truncate(y.spec, 40))
+    gap = jnp.linalg.norm(C_yx - truth) / jnp.linalg.norm(truth)
+    assert gap < 0.5
+
+
+def test_stage_by_stage_is_match():
+    spec_x, spec_y = specs()
+    x, y, found = searched()
+    assert found.energy[0] <= found.energy[1]
+    start = pipeline.initial_map(x, y, found.C_yx[0])
+    assert start.sign == 1
+    np.testing.assert_allclose(start.orientation, found.orientation[0], atol=1e-6)
+    tiles = pipeline.pair_tiles(spec_x, spec_y)
+    few_x, few_y, tiles_of_few = pipeline.refinement_samples(x, y, tiles)
+    C_yx = pipeline.refine(few_x, few_y, start.C_yx, start.sign, tiles_of_few)
+    embs = pipeline.bend(spec_x, spec_y, C_yx, start.sign, tiles)
+    maps = pipeline.convert(*embs, spec_x, spec_y, tiles)
+    nearly_same(maps_of(maps))
+    C_yx = functional_map(maps.T_xy, spec_x, spec_y)
+    evidence = certify(maps, *embs, C_yx, spec_x, spec_y)
+    assert evidence.orientation > 0.8 and evidence.finite
+
+
+def test_stages_vmap_over_pairs():
+    x, y = specs()
+    two = jax.tree.map(lambda *a: jnp.stack(a), x, x)
+    found = jax.vmap(lambda spec: features(spec))(two)
+    for ours, theirs in zip(
+        jax.tree.leaves(found), jax.tree.leaves(features(x)), strict=True
+    ):
+        np.testing.assert_allclose(ours[1], theirs, atol=1e-8)
+
+
+@pytest.mark.parametrize(
+    "descriptors, message",
+    [
+        (np.zeros((162, 2)), r"descriptors are ndarray; give \(desc_x, desc_y\)"),
+        ((np.zeros((9, 2)), np.zeros((162, 2))), r"of mesh_x are \(9, 2\); give"),
+        ((np.zeros((162, 2)), np.zeros((162, 0))), r"of mesh_y are \(162, 0\)"),
+        ((np.zeros((162, 2)), np.zeros((162, 3))), "2 columns on mesh_x and 3 on"),
+        ((np.full((162, 2), np.nan),) * 2, "mesh_x are float64, or not finite"),
+    ],
+)
+def test_bad_descriptors(descriptors, message):
+    good = testing.blob(0)
+    with pytest.raises(ValueError, match="match: .*" + message):
+        jfsf.match(good, good, descriptors=descriptors, cache=False)
+
+
+@pytest.mark.parametrize(
+    "initial, message",
+    [
+        (np.zeros(162), r"initial is float64 \(162,\); give C_yx"),
+        (np.zeros(9, int), "a map of 9 vertices .* mesh_x has 162 vertices"),
+        (np.full(162, 162), "vertices 162 to 162"),
+        (np.full((5, 5), np.nan), "initial is not finite"),
+        (np.zeros((1, 5)), r"initial is float64 \(1, 5\)"),
+    ],
+)
+def test_bad_initial_maps(initial, message):
+    good = testing.blob(0)
+    with pytest.raises(ValueError, match="match: .*" + message):
+        jfsf.match(good, good, initial=initial, cache=False)
+
+
+def test_the_limit_of_vertices_follows_the_settings():
+    few = testing.blob(0, subdivisions=1)  # 42 vertices
+    with pytest.raises(jfsf.MeshError, match="42 vertices, matching needs 160"):
+        jfsf.basis(few, cache=False)
+    search = SearchSettings(
+        fit_size=20, flip_range=(6, 16), flip_ks=(16, 20), final_ks=(18, 20)
+    )
+    assert Settings(search=search, ks=(20, 30), k=30).min_vertices == 80

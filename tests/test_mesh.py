@@ -15,10 +15,16 @@ from hypothesis import strategies as st
 from jfsf.mesh import (
     MeshError,
     check,
+    components,
+    edges,
+    face_areas,
+    face_normals,
     largest_component,
     orient,
     read,
+    surface_area,
     validate,
+    vertex_components,
     weld,
 )
 from jfsf.types import Mesh
@@ -466,6 +472,20 @@ def test_sound_meshes_pass_at_any_scale(scale):
     validate(cloud(mesh.vertices), k=42)
 
 
+@given(st.data())
+def test_components_equal_the_slow_oracle(data):
+    n = data.draw(st.integers(1, 9))
+    node = st.integers(0, n - 1)
+    joined = data.draw(st.lists(st.tuples(node, node), max_size=9))
+    label = np.arange(n)
+    for _ in range(n):
+        for a, b in joined:
+            label[[a, b]] = min(label[a], label[b])
+    left, right = np.array(joined, int).reshape(-1, 2).T
+    found = components(n, left, right)
+    assert np.array_equal(found, np.unique(label, return_inverse=True)[1])
+
+
 def slow_report(mesh):
     """The combinatorial fields of check, in dictionaries and loops."""
     faces = mesh.faces.tolist()
@@ -529,6 +549,33 @@ def test_check_ignores_the_numbering(seed):
     report, plain = check(Mesh(vertices, faces)), check(mesh)
     assert report.area == pytest.approx(plain.area)
     assert report._replace(area=plain.area) == plain
+
+
+@given(soups())
+def test_edges_and_components_equal_the_slow_oracle(mesh):
+    count = defaultdict(int)
+    for face in mesh.faces.tolist():
+        for i in range(3):
+            if face[i] != face[i - 1]:
+                count[tuple(sorted((face[i], face[i - 1])))] += 1
+    ends, counts = edges(mesh.faces)
+    assert list(map(tuple, ends.tolist())) == sorted(count)
+    assert counts.tolist() == [count[edge] for edge in sorted(count)]
+    n = len(mesh.vertices)
+    assert np.array_equal(vertex_components(mesh.faces, n), components(n, *ends.T))
+
+
+def test_areas_and_normals_agree_with_trimesh():
+    mesh = together(sphere(1, radius=2.0), moebius())
+    other = trimesh.Trimesh(*mesh, process=False)
+    areas, normals = face_areas(*mesh), face_normals(*mesh)
+    assert np.allclose(areas, other.area_faces, rtol=1e-12)
+    assert np.allclose(normals, 2 * areas[:, None] * other.face_normals, atol=1e-12)
+    assert surface_area(mesh) == pytest.approx(other.area)
+    points = cloud(mesh.vertices)
+    assert surface_area(points) == 0
+    assert edges(points.faces).ends.shape == (0, 2)
+    assert np.array_equal(vertex_components(points.faces, 3), [0, 1, 2])
 
 
 def test_check_agrees_with_trimesh():

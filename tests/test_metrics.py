@@ -3,6 +3,8 @@
 import json
 import os
 from pathlib import Path
+from types import SimpleNamespace
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,11 +16,13 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.metrics import (
+from jfsf.evaluate import (
+    MEASURED,
     auc,
     bijectivity,
     coverage,
     error_curve,
+    evaluate,
     geodesic_error,
     laplacian_commutativity,
     orthogonality,
@@ -26,7 +30,8 @@ from jfsf.metrics import (
     spectral_chamfer,
     zoomout_energy,
 )
-from jfsf.types import Mesh
+from jfsf.spectral import operators
+from jfsf.types import Maps, Mesh
 
 seeds = st.integers(0, 10**6)
 
@@ -250,6 +255,76 @@ def test_nan_counts_as_wrong():
     assert auc(errors) == 0.5
 
 
+class WithFunctionalMap(NamedTuple):
+    T_xy: np.ndarray
+    T_yx: np.ndarray
+    C_yx: np.ndarray
+
+
+def random_maps():
+    rng = np.random.default_rng(5)
+    T_xy, T_yx = rng.integers(N_Y, size=N_X), rng.integers(N_X, size=N_Y)
+    return WithFunctionalMap(T_xy, T_yx, normal(6, 9, 8))
+
+
+def test_evaluate_is_the_metrics_one_by_one():
+    maps = random_maps()
+    T_xy, T_yx, C_yx = maps
+    truth = np.arange(N_Y), np.arange(N_Y)[::-1].copy()
+    steps = []
+    found = evaluate(
+        maps,
+        SPHERE,
+        SMALL,
+        truth=truth,
+        every=5,
+        progress=lambda *step: steps.append(step),
+    )
+    error = geodesic_error(T_xy, SMALL, truth[0][::5], truth[1][::5])
+    np.testing.assert_array_equal(found.error, error)
+    assert found.error_mean == error.mean() and found.error_max == error.max()
+    assert found.error_median == np.median(error)
+    on_x, on_y = np.arange(0, N_X, 5), np.arange(0, N_Y, 5)
+    assert found.bijectivity_x == bijectivity(T_xy, T_yx, SPHERE, at=on_x).mean()
+    assert found.bijectivity_y == bijectivity(T_yx, T_xy, SMALL, at=on_y).mean()
+    (stiffness_x, mass_x), (_, mass_y) = operators(SPHERE), operators(SMALL)
+    assert found.coverage_xy == coverage(T_xy, mass_y)
+    assert found.coverage_yx == coverage(T_yx, mass_x)
+    assert found.smoothness == smoothness(T_xy, SMALL.vertices, stiffness_x)
+    assert found.orthogonality == orthogonality(C_yx)
+    assert found.zoomout_energy == zoomout_energy(C_yx)
+    names = [name for name, _, _ in steps]
+    assert list(dict.fromkeys(names)) == ["error", "bijectivity_x", "bijectivity_y"]
+    assert steps[-1][1] == steps[-1][2]
+
+    shared = {"operators_x": operators(SPHERE), "operators_y": operators(SMALL)}
+    again = evaluate(maps, SPHERE, SMALL, only=("coverage_xy", "smoothness"), **shared)
+    assert again.coverage_xy == found.coverage_xy
+    assert again.smoothness == found.smoothness
+    assert np.isnan(again.bijectivity_x) and np.isnan(again.orthogonality)
+
+
+def test_evaluate_leaves_out_figures_without_input():
+    T_xy, T_yx, _ = random_maps()
+    both = evaluate(Maps(T_xy, T_yx), SPHERE, SMALL, every=20)
+    assert len(both.error) == 0 and np.isnan(both.error_mean)
+    assert np.isnan(both.orthogonality) and both.bijectivity_y > 0
+    alone = evaluate(SimpleNamespace(T_xy=T_xy), SPHERE, SMALL)
+    measured = {name for name in MEASURED[1:] if not np.isnan(getattr(alone, name))}
+    assert measured == {"coverage_xy", "smoothness"}
+    assert alone.coverage_xy == both.coverage_xy
+
+
+def test_evaluate_refuses():
+    maps = random_maps()
+    with raises("every is 0"):
+        evaluate(maps, SPHERE, SMALL, every=0)
+    with raises("only holds .'speed'., the figures are .'error', "):
+        evaluate(maps, SPHERE, SMALL, only=("error", "speed"))
+    with raises("smoothness: T_xy holds|bijectivity: T_xy has"):
+        evaluate(maps, SMALL, SPHERE)
+
+
 def raises(text):
     return pytest.raises(ValueError, match=text)
 
@@ -310,8 +385,6 @@ def test_the_authors_numbers():
     reference = data.parent.parent / "reference" / "authors_pair.json"
     if not (data.is_dir() and reference.is_file()):
         pytest.skip("needs the authors' pair: set JFSF_DATA")
-    from jfsf.spectrum import operators
-
     reference = json.loads(reference.read_text())
     shapes = []
     for name in ("Man0", "Man1"):

@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
-from jfsf.knn import BINS, ROWS, mutual_neighbours
+from jfsf.neighbours import NeighbourSettings, mutual_neighbours
 
+ROWS, BINS = NeighbourSettings().product_rows, NeighbourSettings().bins
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
-FEWEST = 13  # neighbours, for which M points are too few for bins
-MANY_X, MANY_Y, K0 = 2101, 1303, 20  # with K0, bins of several points, both ways
+FEWEST = 13  # with so many neighbours or more, M points have no bins
+MANY_X, MANY_Y, K0 = 2101, 1303, 20  # with K0, bins of 8 and of 4 points
 
 
 def random(seed, *shape):
@@ -45,7 +46,7 @@ def test_few_points_are_all_compared(x, y, seed, k0):
     rng = np.random.default_rng(seed)
     valid_x, valid_y = rng.random(N) < 0.8, rng.random(M) < 0.8
     valid_x[0] = valid_y[0] = True
-    # What takes no part may hold anything.
+    # Points that are not valid may hold any value.
     x[~valid_x], y[~valid_y] = rng.choice([0, 1e300, np.inf, np.nan], 2)
     xy, yx = mutual_neighbours(*arrays(x, y, valid_x, valid_y), k0=k0)
     x[~valid_x], y[~valid_y] = 0, 0
@@ -55,7 +56,7 @@ def test_few_points_are_all_compared(x, y, seed, k0):
     ):
         _, dist = oracles.neighbours(*sides, k0, valid[1])
         dist[~valid[0]] = np.inf
-        # The order, and which of equally far ones come first, is up to float32.
+        # The order of points at nearly equal distances is that of float32.
         np.testing.assert_allclose(np.sort(found.dist, 1), dist, rtol=1e-5, atol=1e-6)
         known = np.isfinite(found.dist)
         gap = sides[0][:, None] - sides[1][found.idx]
@@ -78,7 +79,7 @@ def test_with_bins_the_nearest_is_found_and_few_others_are_missed(dtype):
         assert all(len(set(row)) == K0 for row in np.asarray(near.idx))
 
 
-def test_the_order_of_a_mesh_costs_no_neighbours():
+def test_the_order_of_the_vertices_of_a_mesh_costs_no_neighbours():
     # Neighbours on a mesh are neighbours in its file, or a fixed stride apart.
     x = data.load("man_walk").mesh.vertices.astype(np.float32)
     y = data.load("man_up").mesh.vertices.astype(np.float32)
@@ -90,7 +91,7 @@ def test_the_order_of_a_mesh_costs_no_neighbours():
         assert recall(near.idx, idx) > 0.965
 
 
-def test_the_nearest_is_told_from_others_nearly_as_near():
+def test_the_nearest_is_found_among_others_nearly_as_near():
     # Points of one smooth surface are close together, and far from the centre.
     rng = np.random.default_rng(0)
     waves, phase = 2 * rng.normal(size=(2, 12)), rng.uniform(0, 6, 12)
@@ -105,7 +106,7 @@ def test_the_nearest_is_told_from_others_nearly_as_near():
 @pytest.mark.parametrize("noise", [0, 1e-4, 1e-2])
 @pytest.mark.parametrize("k0", [2, 10])
 def test_points_that_coincide_find_each_other(noise, k0):
-    # Their scores are 0, or what rounding makes of it.
+    # Their scores are 0 up to rounding.
     x = random(0, 2000, 8).astype(np.float32)
     order = np.random.default_rng(1).permutation(2000)
     y = (x + noise * random(2, 2000, 8)).astype(np.float32)[order]
@@ -142,7 +143,7 @@ def test_vmap_equals_the_loop():
             assert np.array_equal(one.idx, many.idx[i])
 
 
-def test_distances_have_slopes():
+def test_distances_are_differentiable():
     x, y = arrays(random(0, 40, 3), random(1, 30, 3))
     total = lambda x, y: sum(n.dist.sum() for n in mutual_neighbours(x, y, k0=3))
     jax.test_util.check_grads(total, (x, y), 1, modes=("rev",), rtol=1e-4)
@@ -157,6 +158,18 @@ def test_k0_out_of_range_is_an_error(k0):
 def test_widths_that_differ_are_an_error():
     with pytest.raises(ValueError, match="x has 2 columns, y has 3"):
         mutual_neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [NeighbourSettings(bins=100), NeighbourSettings(bins=100, product_rows=32)],
+)
+def test_more_bins_miss_fewer(settings):
+    x, y = random(0, MANY_X, WIDTH), random(1, MANY_Y, WIDTH)
+    plain, _ = mutual_neighbours(*arrays(x, y), k0=K0)
+    found, _ = mutual_neighbours(*arrays(x, y), k0=K0, settings=settings)
+    idx, _ = oracles.neighbours(x, y, K0)
+    assert recall(found.idx, idx) == 1 > recall(plain.idx, idx)
 
 
 def test_many_neighbours_miss_none():

@@ -9,7 +9,7 @@ from hypothesis import given
 
 from jfsf import testing
 from jfsf.convert import nearest
-from jfsf.metrics import spectral_chamfer
+from jfsf.evaluate import spectral_chamfer
 
 N_X, N_Y, WIDTH = 23, 31, 3
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)

@@ -1,4 +1,4 @@
-"""Brackets against n . (grad f x grad g), and a score that knows a mirror."""
+"""Brackets against n . (grad f x grad g), and a score that recognises a mirror."""
 
 import jax
 import jax.numpy as jnp
@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jfsf.data
-from jfsf.fmap import functional_map
-from jfsf.orientation import (
-    MATTERS,
-    PULLED,
-    SEEN,
+from jfsf.spectral import (
+    COLUMN_WEIGHT,
+    FUNCTIONS,
+    PULLED_BACK,
     bracket_fields,
     brackets,
     carried_fields,
-    score,
+    functional_map,
+    orientation_score,
+    spectrum,
 )
-from jfsf.spectrum import spectrum
 from jfsf.testing import cast
 from jfsf.types import Mesh
 
@@ -45,8 +45,10 @@ def spec_of(mesh, k=30):
 
 
 SPEC = spec_of(blob())
-# What a map scores on random input: far from 0 and 1, so that it can change.
-ANY = jnp.eye(SEEN) + 0.1 * jnp.asarray(np.random.default_rng(0).normal(size=(20, 20)))
+# A map whose score is far from 0 and 1, so that it can change.
+ANY = jnp.eye(FUNCTIONS) + 0.1 * jnp.asarray(
+    np.random.default_rng(0).normal(size=(20, 20))
+)
 
 
 def block_rotation(seed, *ends):
@@ -97,8 +99,8 @@ def test_relabelling_changes_nothing(seed):
 
 
 def test_the_identity_scores_one():
-    tensor = brackets(SPEC, k=SEEN)
-    assert np.isclose(score(jnp.eye(SEEN), tensor, tensor), 1)
+    tensor = brackets(SPEC, k=FUNCTIONS)
+    assert np.isclose(orientation_score(jnp.eye(FUNCTIONS), tensor, tensor), 1)
 
 
 @given(seed=seeds)
@@ -106,11 +108,11 @@ def test_a_mirrored_copy_scores_minus_one(seed):
     mesh = blob(seed)
     x, y = spec_of(mesh), spec_of(mirrored(mesh))
     C_yx = functional_map(jnp.arange(162), x, y)
-    tensors = brackets(x, k=SEEN), brackets(y, k=SEEN)
-    assert np.isclose(score(C_yx, *tensors), -1, atol=1e-6)
+    tensors = brackets(x, k=FUNCTIONS), brackets(y, k=FUNCTIONS)
+    assert np.isclose(orientation_score(C_yx, *tensors), -1, atol=1e-6)
     # Faces that were not wound outward again hide the mirror.
     wrong = y._replace(faces=y.faces[:, ::-1])
-    assert score(C_yx, tensors[0], brackets(wrong, k=SEEN)) > 0.99
+    assert orientation_score(C_yx, tensors[0], brackets(wrong, k=FUNCTIONS)) > 0.99
 
 
 def test_real_shapes_and_their_mirrors():
@@ -127,67 +129,82 @@ def test_real_shapes_and_their_mirrors():
     for mesh, sign in ((y.mesh, 1), (mirrored(y.mesh), -1)):
         spec_y = spec_of(mesh)
         C_yx = functional_map(jnp.asarray(T_xy), sample, spec_y)
-        value = score(C_yx, brackets(spec_x, k=SEEN), brackets(spec_y, k=SEEN))
+        value = orientation_score(
+            C_yx, brackets(spec_x, k=FUNCTIONS), brackets(spec_y, k=FUNCTIONS)
+        )
         assert sign * value > 0.8
 
 
 @given(seed=seeds)
 def test_signs_and_turns_of_eigenvectors_change_nothing(seed):
-    turn_x = block_rotation(seed, SEEN)
-    turn_y = block_rotation(seed + 1, 1, PULLED + 1, SEEN)
-    other = brackets(spec_of(blob(1)), k=SEEN)
+    turn_x = block_rotation(seed, FUNCTIONS)
+    turn_y = block_rotation(seed + 1, 1, PULLED_BACK + 1, FUNCTIONS)
+    other = brackets(spec_of(blob(1)), k=FUNCTIONS)
 
     def turned(tensor, turn):
         return jnp.einsum("cab,ci,aj,bk->ijk", tensor, turn, turn, turn)
 
-    tensor = brackets(SPEC, k=SEEN)
-    value = score(ANY, tensor, other)
+    tensor = brackets(SPEC, k=FUNCTIONS)
+    value = orientation_score(ANY, tensor, other)
     assert 0.05 < abs(value) < 0.95
     C_yx = turn_x.T @ ANY @ turn_y
-    assert np.isclose(score(C_yx, turned(tensor, turn_x), turned(other, turn_y)), value)
+    assert np.isclose(
+        orientation_score(C_yx, turned(tensor, turn_x), turned(other, turn_y)), value
+    )
 
 
 def test_a_cloud_has_no_score():
     cloud = SPEC._replace(faces=jnp.zeros((0, 3), jnp.int32))
-    tensor = brackets(cloud, k=SEEN)
-    assert tensor.shape == (SEEN,) * 3 and not tensor.any()
-    assert jnp.isnan(score(jnp.eye(SEEN), tensor, brackets(SPEC, k=SEEN)))
-    assert jnp.isnan(score(jnp.eye(SEEN), tensor, tensor))
+    tensor = brackets(cloud, k=FUNCTIONS)
+    assert tensor.shape == (FUNCTIONS,) * 3 and not tensor.any()
+    assert jnp.isnan(
+        orientation_score(jnp.eye(FUNCTIONS), tensor, brackets(SPEC, k=FUNCTIONS))
+    )
+    assert jnp.isnan(orientation_score(jnp.eye(FUNCTIONS), tensor, tensor))
 
 
 @pytest.mark.parametrize("shape", [(30, 20), (7, 12), (5, 5), (3, 30)])
 def test_any_size_of_map(shape):
-    tensor = brackets(SPEC, k=SEEN)
-    assert np.isclose(score(jnp.eye(*shape), tensor, tensor[:15, :15, :15]), 1)
+    tensor = brackets(SPEC, k=FUNCTIONS)
+    assert np.isclose(
+        orientation_score(jnp.eye(*shape), tensor, tensor[:15, :15, :15]), 1
+    )
 
 
 def test_vmap_equals_the_loop():
     specs = [spec_of(blob(seed)) for seed in (1, 2)]
     stacked = jax.tree.map(lambda *a: jnp.stack(a), *specs)
-    tensors = jax.vmap(lambda s: brackets(s, k=SEEN))(stacked)
-    own = brackets(SPEC, k=SEEN)
-    values = jax.vmap(score, (None, 0, None))(ANY, tensors, own)
+    tensors = jax.vmap(lambda s: brackets(s, k=FUNCTIONS))(stacked)
+    own = brackets(SPEC, k=FUNCTIONS)
+    values = jax.vmap(orientation_score, (None, 0, None))(ANY, tensors, own)
     for i, spec in enumerate(specs):
-        assert jnp.allclose(tensors[i], brackets(spec, k=SEEN))
-        assert np.isclose(values[i], score(ANY, brackets(spec, k=SEEN), own))
+        assert jnp.allclose(tensors[i], brackets(spec, k=FUNCTIONS))
+        assert np.isclose(
+            values[i], orientation_score(ANY, brackets(spec, k=FUNCTIONS), own)
+        )
 
 
 def test_the_gradient_is_right():
-    tensors = brackets(SPEC, k=SEEN), brackets(spec_of(blob(1)), k=SEEN)
+    tensors = brackets(SPEC, k=FUNCTIONS), brackets(spec_of(blob(1)), k=FUNCTIONS)
     step = jnp.asarray(np.random.default_rng(0).normal(size=ANY.shape))
-    slope = jnp.sum(jax.grad(score)(ANY, *tensors) * step)
+    slope = jnp.sum(jax.grad(orientation_score)(ANY, *tensors) * step)
     h = 1e-6
-    gap = score(ANY + h * step, *tensors) - score(ANY - h * step, *tensors)
+    gap = orientation_score(ANY + h * step, *tensors) - orientation_score(
+        ANY - h * step, *tensors
+    )
     assert np.isclose(gap / (2 * h), slope, rtol=1e-5)
 
 
 def test_float32():
-    tensor, exact = brackets(cast(SPEC, jnp.float32), k=SEEN), brackets(SPEC, k=SEEN)
+    tensor, exact = (
+        brackets(cast(SPEC, jnp.float32), k=FUNCTIONS),
+        brackets(SPEC, k=FUNCTIONS),
+    )
     assert tensor.dtype == jnp.float32
     assert np.allclose(tensor, exact, atol=1e-5 * float(jnp.abs(exact).max()))
-    value = score(ANY.astype(jnp.float32), tensor, tensor)
+    value = orientation_score(ANY.astype(jnp.float32), tensor, tensor)
     assert value.dtype == jnp.float32
-    assert np.isclose(value, score(ANY, exact, exact), atol=1e-5)
+    assert np.isclose(value, orientation_score(ANY, exact, exact), atol=1e-5)
 
 
 @pytest.mark.parametrize("k", [0, 31])
@@ -198,31 +215,31 @@ def test_too_few_eigenpairs_are_an_error(k):
 
 def test_fields_are_brackets_at_the_vertices():
     fields = bracket_fields(SPEC)
-    assert fields.shape == (162, SEEN, SEEN)
-    back = jnp.einsum("nc,n,nab->cab", SPEC.evecs[:, :SEEN], SPEC.mass, fields)
-    np.testing.assert_allclose(back, brackets(SPEC, k=SEEN), atol=1e-10)
+    assert fields.shape == (162, FUNCTIONS, FUNCTIONS)
+    back = jnp.einsum("nc,n,nab->cab", SPEC.evecs[:, :FUNCTIONS], SPEC.mass, fields)
+    np.testing.assert_allclose(back, brackets(SPEC, k=FUNCTIONS), atol=1e-10)
 
 
-def carried(C_yx, field_x, field_y, spec_y, size=SEEN):
+def carried(C_yx, field_x, field_y, spec_y, size=FUNCTIONS):
     return carried_fields(C_yx, field_x, field_y, spec_y.mass, size)
 
 
 def test_carried_fields_agree_under_the_true_map_and_tell_a_mirror():
     fields = bracket_fields(SPEC)
-    on_x, on_y = carried(jnp.eye(SEEN), fields, fields, SPEC)
+    on_x, on_y = carried(jnp.eye(FUNCTIONS), fields, fields, SPEC)
     np.testing.assert_allclose(on_x, on_y, atol=1e-12)
-    assert on_y.shape[1] == PULLED * (PULLED - 1) // 2
-    np.testing.assert_allclose(SPEC.mass @ on_y**2, MATTERS**2)
+    assert on_y.shape[1] == PULLED_BACK * (PULLED_BACK - 1) // 2
+    np.testing.assert_allclose(SPEC.mass @ on_y**2, COLUMN_WEIGHT**2)
     # The mirror image has other eigenfunctions' signs, and C_yx goes with them.
     other = spec_of(mirrored(blob()))
-    C_yx = functional_map(jnp.arange(162), SPEC, other)[:SEEN, :SEEN]
+    C_yx = functional_map(jnp.arange(162), SPEC, other)[:FUNCTIONS, :FUNCTIONS]
     on_x, on_y = carried(C_yx, fields, bracket_fields(other), other)
     np.testing.assert_allclose(on_x, -on_y, atol=1e-3)
 
 
 def test_functions_beyond_the_map_carry_nothing():
     fields = bracket_fields(SPEC)
-    C_yx = jnp.eye(SEEN).at[4:].set(0)
+    C_yx = jnp.eye(FUNCTIONS).at[4:].set(0)
     on_x, on_y = carried(C_yx, fields, fields, SPEC, size=4)
     first = carried(jnp.eye(4), fields, fields, SPEC, size=4)
     for found, few in ((on_x, first[0]), (on_y, first[1])):
@@ -233,7 +250,7 @@ def test_functions_beyond_the_map_carry_nothing():
 
 def test_a_cloud_carries_nothing():
     fields = bracket_fields(SPEC._replace(faces=SPEC.faces[:0]))
-    for columns in carried(jnp.eye(SEEN), fields, fields, SPEC):
+    for columns in carried(jnp.eye(FUNCTIONS), fields, fields, SPEC):
         assert not columns.any()
 
 

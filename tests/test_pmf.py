@@ -9,8 +9,9 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from jfsf import data, testing
-from jfsf.baselines.pmf import TIMES, pmf
-from jfsf.spectrum import spectrum
+from jfsf.baselines import pmf
+from jfsf.baselines._pmf import TIMES
+from jfsf.spectral import spectrum
 from jfsf.types import Mesh
 
 K = 60

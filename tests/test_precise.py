@@ -1,3 +1,5 @@
+"""Nearest points on triangles against all triangles one by one."""
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,14 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jfsf import data
-from jfsf.convert.precise import (
-    functional_map_precise,
-    precise,
-    pull_back_precise,
-    to_vertex,
-)
-from jfsf.fmap import functional_map, truncate
-from jfsf.spectrum import spectrum
+from jfsf.convert import functional_map_precise, precise, pull_back_precise, to_vertex
+from jfsf.spectral import functional_map, spectrum, truncate
 from jfsf.types import Mesh, PreciseMap
 
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -109,7 +105,7 @@ def test_on_the_surface():
 
 
 def test_embedded_shapes():
-    """Spectra of two meshes whose vertices differ, k0 does not settle all rows."""
+    """Spectra of two meshes whose vertices differ; k0 does not settle all rows."""
     x, y = data.load("man_walk"), data.load("man_up")
     spec_x, spec_y = (spectrum(s.mesh, 20) for s in (x, y))
     seen, first = np.unique(x.template_to_vertex, return_index=True)

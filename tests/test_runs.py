@@ -1,4 +1,4 @@
-"""Long runs: what is done stays done, what fails is told, the rest goes on."""
+"""Long runs: results are kept, failures are reported, the other jobs are done."""
 
 import json
 import os
@@ -15,11 +15,9 @@ import pytest
 from typer.testing import CliRunner
 
 from jfsf import testing
+from jfsf.batch import Job, connect, read_pairs, run_jobs
 from jfsf.cli import app
-from jfsf.cluster import connect
 from jfsf.mapfiles import read_match
-from jfsf.pairlist import read_pairs
-from jfsf.runs import Job, run
 from jfsf.types import Certificate, Match
 
 dask = pytest.importorskip("dask")
@@ -27,7 +25,7 @@ distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[1]
 
 
-# What the workers do in place of matching: slow enough to be killed in the middle.
+# The work in place of matching, slow enough to be killed in the middle.
 def prepare(path):
     with (path.parent / "prepared.log").open("a") as log:
         log.write(path.name + "\n")
@@ -70,7 +68,9 @@ def jobs_of(folder, pairs, **texts):
 
 
 def outcomes(jobs, client):
-    found = {o.job.out.stem: o for o in run(jobs, client, prepare=prepare, work=work)}
+    found = {
+        o.job.out.stem: o for o in run_jobs(jobs, client, prepare=prepare, work=work)
+    }
     assert len(found) == len(jobs)
     return found
 
@@ -79,7 +79,7 @@ def test_each_input_is_prepared_once(client, tmp_path):
     steps = []
     jobs = jobs_of(tmp_path, ["ab", "bc", "ca", "aa"])
     found = list(
-        run(
+        run_jobs(
             jobs,
             client,
             prepare=prepare,
@@ -95,7 +95,7 @@ def test_each_input_is_prepared_once(client, tmp_path):
     assert steps == [(1, 3), (2, 3), (3, 3)]
 
 
-def test_bad_ones_are_told_and_the_rest_goes_on(client, tmp_path):
+def test_failures_are_reported_and_the_other_jobs_done(client, tmp_path):
     jobs = jobs_of(tmp_path, ["ab", "bc", "cd", "de"], b="bad", d="crash", e="")
     (tmp_path / "c").unlink()
     found = outcomes([*jobs, *jobs_of(tmp_path, ["fg"])], client)
@@ -126,13 +126,17 @@ def test_only_what_is_not_done_is_done(client, tmp_path):
 def test_two_jobs_want_one_file(client, tmp_path):
     one, two = jobs_of(tmp_path, ["ab", "cd"])
     with pytest.raises(ValueError, match="ab.out is the file of .*a and .*b and of"):
-        list(run([one, two._replace(out=one.out)], client, prepare=prepare, work=work))
+        list(
+            run_jobs(
+                [one, two._replace(out=one.out)], client, prepare=prepare, work=work
+            )
+        )
 
 
 DRIVER = """
 import sys
 from pathlib import Path
-from jfsf.cluster import connect
+from jfsf.batch import connect
 from test_runs import outcomes, jobs_of
 if __name__ == "__main__":
     with connect(workers=2) as client:
@@ -177,9 +181,9 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*.out")}
     assert 3 <= len(before) < len(pairs)
     again = process(driver, folder, *pairs)
-    said, errors = again.communicate(timeout=400)
+    output, errors = again.communicate(timeout=400)
     assert again.returncode == 0, errors
-    assert made() == len(pairs) and int(said) == len(before)
+    assert made() == len(pairs) and int(output) == len(before)
     for pair in pairs:
         assert (folder / f"{pair}.out").read_text() == pair
     assert all(path.stat().st_mtime_ns == then for path, then in before.items())
@@ -209,10 +213,9 @@ def test_connect_refuses():
         pass
 
 
-def test_a_scheduler_that_is_not_there(monkeypatch):
-    monkeypatch.setattr("jfsf.cluster.TIMEOUT", 1)
+def test_a_scheduler_that_is_not_there():
     with pytest.raises(OSError, match="no dask scheduler answers at tcp://127"):
-        with connect("tcp://127.0.0.1:9"):
+        with connect("tcp://127.0.0.1:9", timeout=1):
             pass
 
 
@@ -283,7 +286,7 @@ def batch(pairs, out, *args):
     return CliRunner().invoke(app, [str(arg) for arg in args])
 
 
-def found_by_a_fake(mesh_x, mesh_y, **_):
+def fake_match(mesh_x, mesh_y, **_):
     values = {"orientation": 0.9, "finite": True, "gap": 0.5, "bijectivity_x": 0.5}
     certificate = Certificate(
         *(jnp.asarray(values.get(name, 0.0)) for name in Certificate._fields)
@@ -294,7 +297,7 @@ def found_by_a_fake(mesh_x, mesh_y, **_):
 
 def test_the_command(client, tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(sys.modules["jfsf.match"], "match", found_by_a_fake)
+    monkeypatch.setattr("jfsf.matching.match", fake_match)
     blobs(tmp_path, 2)
     (pairs := tmp_path / "pairs.csv").write_text("x,y\n0.off,1.off\n1.off,bad.off\n")
     out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
@@ -313,7 +316,7 @@ def test_the_command(client, tmp_path, monkeypatch):
     # One spectrum a good mesh.
     assert len(list((tmp_path / "cache").glob("*.npz"))) == 2
 
-    # The bad mesh leaves; what a killed run left, and a damaged file, go.
+    # Without the bad mesh. Unfinished and damaged files of a killed run are replaced.
     pairs.write_text("0.off,1.off\n1.off,0.off\n")
     assert batch(pairs, out, *at).exit_code == 0
     (out / ".left.npz.1.tmp").touch()
@@ -348,9 +351,9 @@ def test_forty_pairs_killed_in_the_middle(tmp_path):
     cache = str(tmp_path / "cache")
 
     whole = process(*command, tmp_path / "whole", JFSF_CACHE=cache)
-    said, errors = whole.communicate(timeout=1500)
-    assert whole.returncode == 1 and "40 matched" in _words(said), said + errors
-    assert "bad.off" in said
+    output, errors = whole.communicate(timeout=1500)
+    assert whole.returncode == 1 and "40 matched" in _words(output), output + errors
+    assert "bad.off" in output
 
     made = lambda: len(list((tmp_path / "cut").glob("*__*.npz")))
     cut = process(*command, tmp_path / "cut", JFSF_CACHE=cache)
@@ -359,8 +362,8 @@ def test_forty_pairs_killed_in_the_middle(tmp_path):
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "cut").glob("*_*")}
     again = process(*command, tmp_path / "cut", JFSF_CACHE=cache)
     kill_one_worker(again, lambda: made() >= 15)
-    said, errors = again.communicate(timeout=1500)
-    assert again.returncode == 1 and "40 matched" in _words(said), said + errors
+    output, errors = again.communicate(timeout=1500)
+    assert again.returncode == 1 and "40 matched" in _words(output), output + errors
     assert all(path.stat().st_mtime_ns == then for path, then in before.items())
     for i, j in pairs:
         name = f"{i}.off__{j}.off.npz"

@@ -1,4 +1,4 @@
-"""Farthest points one by one, and spectra seen from them."""
+"""Farthest points against the plain loop, and spectra restricted to them."""
 
 import jax
 import jax.numpy as jnp
@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.padding import pad
-from jfsf.sampling import biharmonic, farthest_points, restrict, tile_points
+from jfsf.array import pad
+from jfsf.spectral import biharmonic, farthest_points, restrict, tile_points
 
 N, K, NUM = 162, 20, 25
 spectra = testing.spectra(K)

@@ -1,14 +1,25 @@
-"""What search refuses; what it finds is in test_match."""
+"""The parts of the search for an initial map; what it finds is in test_match too."""
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.descriptors import wks
-from jfsf.search import SECOND, search
+from jfsf.initial import (
+    Candidates,
+    SearchSettings,
+    best_different,
+    orientation_sign,
+    search,
+    search_samples,
+)
+from jfsf.initial._search import _flips, _sign_patterns
+from jfsf.spectral import features, wks
 
-SPEC = testing.blob_spectrum(0, SECOND[-1])
+DEFAULT = SearchSettings()
+SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
 DESC = wks(SPEC, num=5)
 
 
@@ -16,8 +27,10 @@ DESC = wks(SPEC, num=5)
 def test_too_few_eigenpairs_are_an_error(side):
     few = testing.blob_spectrum(0, 20)
     pair = {"spec_x": SPEC, "spec_y": SPEC} | {f"spec_{side}": few}
-    with pytest.raises(ValueError, match=f"spec_{side} has 20 eigenpairs, it needs"):
+    with pytest.raises(ValueError, match=f"spec_{side} has 20 eigenpairs, it needs 40"):
         search(pair["spec_x"], pair["spec_y"], DESC, DESC)
+    with pytest.raises(ValueError, match="has 20 eigenpairs, the search needs 40"):
+        search_samples(features(few))
 
 
 def test_an_unknown_orientation_is_an_error():
@@ -25,12 +38,139 @@ def test_an_unknown_orientation_is_an_error():
         search(SPEC, SPEC, DESC, jnp.ones_like(DESC), orientation="up")  # type: ignore
 
 
-def test_too_few_hypotheses_are_an_error():
-    with pytest.raises(ValueError, match="hypotheses is 60, the least is 61"):
-        search(SPEC, SPEC, DESC, DESC, hypotheses=60)
+def test_orientations_have_signs():
+    words = ("preserve", "reverse", "any")
+    assert [orientation_sign(word) for word in words] == [1, -1, 0]
+    assert orientation_sign(jnp.asarray(-1)) == -1
 
 
 def test_the_smallest_budget_finds_the_identity():
-    found = search(SPEC, SPEC, DESC, DESC, hypotheses=61, num=3)
+    settings = SearchSettings(hypotheses=61)
+    assert settings.parents == 1
+    found = search(SPEC, SPEC, DESC, DESC, settings=settings, num=3)
+    assert isinstance(found, Candidates)
     assert np.array_equal(found.energy, np.sort(found.energy))
-    np.testing.assert_allclose(found.C_yx[0], np.eye(SECOND[-1]), atol=0.05)
+    identity = np.eye(DEFAULT.eigenpairs)
+    np.testing.assert_allclose(found.C_yx[0], identity, atol=0.05)
+
+
+def test_the_default_budget():
+    sizes = DEFAULT.starts, DEFAULT.flips, DEFAULT.parents, DEFAULT.eigenpairs
+    assert sizes == (50, 11, 10, 40)
+    assert DEFAULT.starts + DEFAULT.flips * DEFAULT.parents == DEFAULT.hypotheses
+    # More hypotheses than there are starts to keep change nothing.
+    assert SearchSettings(hypotheses=10_000).parents == DEFAULT.starts
+    assert hash(SearchSettings()) == hash(DEFAULT) and SearchSettings() == DEFAULT
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"hypotheses": 60}, "hypotheses is 60, the least is 61"),
+        (
+            {"sign_functions": 4},
+            "start_ks begin at 5, sign_functions is 4; make them equal",
+        ),
+        ({"fit_ks": (16, 18)}, "fit_ks end at 18, start_ks at 20; make them equal"),
+        (
+            {"fit_size": 15},
+            "fit_ks begin at 16, fit_size is 15; fit more functions",
+        ),
+        (
+            {"flip_range": (6, 15)},
+            "flip_range ends at 15, flip_ks begin at 16; make them equal",
+        ),
+        (
+            {"flip_range": (6, 21), "flip_ks": (21, 40)},
+            r"flip_range is \(6, 21\), starts have 20 functions",
+        ),
+        (
+            {"flip_range": (0, 16), "hypotheses": 200},
+            r"flip_range is \(0, 16\), starts have 20 functions",
+        ),
+        (
+            {"flip_ks": (16, 20)},
+            "final_ks begin at 30, flip_ks end at 20; begin with no more",
+        ),
+        (
+            {"samples": 2000},
+            "samples is 2000, final_samples 1000; it must not be more",
+        ),
+    ],
+)
+def test_settings_that_do_not_fit_each_other_are_an_error(options, message):
+    with pytest.raises(ValueError, match=f"SearchSettings: {message}"):
+        SearchSettings(**options)
+
+
+@pytest.mark.parametrize("functions", [1, 2, 5])
+def test_sign_patterns_are_all_and_each_once(functions):
+    found = _sign_patterns(functions)
+    assert found.shape == (2 ** (functions - 1), functions, functions)
+    # Pattern i has the binary digits of i, after the constant, which keeps its sign.
+    for i, pattern in enumerate(found):
+        signs = [1]
+        for place in reversed(range(functions - 1)):
+            signs.append(-1 if i >> place & 1 else 1)
+        assert np.array_equal(pattern, np.diag(signs))
+
+
+@pytest.mark.parametrize("first, end", [(6, 16), (1, 2), (3, 7)])
+def test_flips_change_none_or_one_sign(first, end):
+    truth = [[1] * end]
+    for flipped in range(first, end):
+        truth.append([-1 if i == flipped else 1 for i in range(end)])
+    assert np.array_equal(_flips(first, end), truth)
+
+
+def plain_choice(C_yx, energy, num, group, groups, settings):
+    """The definition: lowest energy first, all that are close to it left out."""
+    size = settings.compared
+    energy, chosen = np.array(energy), []
+    for i in range(num):
+        turn = i % groups
+        mine = [c for c in range(len(energy)) if group[c] == turn]
+        best = min(mine, key=lambda c: energy[c])
+        chosen.append(best)
+        for c in mine:
+            gap = C_yx[c][:size, :size] - C_yx[best][:size, :size]
+            if np.sum(gap**2) < 2 * size * settings.min_difference:
+                energy[c] = np.inf
+    return chosen
+
+
+@pytest.mark.parametrize("groups", [1, 2])
+@given(seed=testing.seeds, compared=st.sampled_from([3, 6]))
+def test_the_choice_of_different_candidates_matches_the_plain_loop(
+    groups, seed, compared
+):
+    settings = SearchSettings(compared=compared, min_difference=0.2)
+    rng = np.random.default_rng(seed)
+    # A few maps, each with near copies.
+    maps = rng.normal(size=(8, 6, 6))
+    C_yx = np.repeat(maps, 3, 0) + 0.03 * rng.normal(size=(24, 6, 6))
+    order = rng.permutation(24)
+    C_yx, energy = C_yx[order], rng.permutation(24).astype(float)
+    group = rng.integers(groups, size=24)
+    # As many as each group can give without exhausting it.
+    copies = [len(set(order[group == g] // 3)) for g in range(groups)]
+    num = groups * min(copies)
+    found = best_different(
+        jnp.asarray(C_yx),
+        jnp.asarray(energy),
+        num,
+        jnp.asarray(group),
+        groups,
+        settings=settings,
+    )
+    truth = plain_choice(C_yx, energy, num, group, groups, settings)
+    assert found.tolist() == truth
+    # Two of one group come from different maps; two of different groups need not.
+    for turn in range(groups):
+        assert len(set(order[truth[turn::groups]] // 3)) == len(truth[turn::groups])
+
+
+def test_nothing_is_chosen_twice_within_a_group():
+    C_yx = jnp.stack([jnp.eye(6)] * 2 + [-jnp.eye(6)])
+    found = best_different(C_yx, jnp.array([1.0, 0.5, 2.0]), 2, settings=DEFAULT)
+    assert found.tolist() == [1, 2]

@@ -1,11 +1,11 @@
-"""Both sides at once are what each is alone."""
+"""map_sides against a call for each side."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf.sides import both
+from jfsf.array import map_sides
 
 
 def side(n, dtype=float):
@@ -22,18 +22,18 @@ def scaled(nested, order):
 @pytest.mark.parametrize(
     "n_y, dtype, loops", [(5, float, 1), (4, float, 0), (5, "f", 0)]
 )
-def test_both_is_each_and_alike_are_one_loop(n_y, dtype, loops):
+def test_it_equals_two_calls_and_equal_shapes_share_a_loop(n_y, dtype, loops):
     x, y = side(5), side(n_y, dtype)
-    for found, alone in zip(both(scaled, x, y), (x, y), strict=True):
+    for found, alone in zip(map_sides(scaled, x, y), (x, y), strict=True):
         assert found[0].dtype == alone[0]["a"].dtype
         jax.tree.map(np.testing.assert_array_equal, found, scaled(*alone))
-    program = jax.make_jaxpr(lambda x, y: both(scaled, x, y))(x, y)
+    program = jax.make_jaxpr(lambda x, y: map_sides(scaled, x, y))(x, y)
     assert str(program).count("scan[") == loops
 
 
 def test_gradients_and_vmap_pass_through():
     def total(x, y):
-        one, other = both(lambda a: a**2, (x,), (y,))
+        one, other = map_sides(lambda a: a**2, (x,), (y,))
         return jnp.sum(one) + 3 * jnp.sum(other)
 
     x, y = jnp.arange(6.0).reshape(2, 3), jnp.ones((2, 3))

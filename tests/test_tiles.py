@@ -1,4 +1,4 @@
-"""Tiles: a partition into compact groups of equal size, whatever the points."""
+"""Tiles: a partition of any points into compact groups of equal size."""
 
 import jax
 import jax.numpy as jnp
@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.padding import pad
-from jfsf.tiles import spectral_tiles, tiles
+from jfsf.array import pad
+from jfsf.neighbours import NeighbourSettings, spectral_tiles, tiles, tiles_of_pair
 
 N = 203
 
 
-def own(found, n):
-    """The tile of each point; -1 for none. Fails where a point has two slots."""
-    member, real = np.asarray(found.member), np.asarray(found.real)
+def tile_of(found, n):
+    """The tile of each point; -1 for none. Fails if a point has two slots."""
+    member, valid = np.asarray(found.member), np.asarray(found.valid)
     where = np.full(n, -1)
-    where[member[real]] = np.nonzero(real)[0]
-    assert real.sum() == (where >= 0).sum()
+    where[member[valid]] = np.nonzero(valid)[0]
+    assert valid.sum() == (where >= 0).sum()
     return where
 
 
@@ -30,27 +30,27 @@ def test_every_point_has_one_slot(points, size):
     assert width <= size and count & (count - 1) == 0
     assert count == 1 or -(-N // (count // 2)) > size  # no more tiles than it takes
     assert found.member.min() >= 0 and found.member.max() < N
-    assert (own(found, N) >= 0).all()
+    assert (tile_of(found, N) >= 0).all()
 
 
 @given(testing.point_sets(N, 3), testing.seeds)
-def test_what_takes_no_part_has_no_slot(points, seed):
+def test_points_that_are_not_valid_have_no_slot(points, seed):
     valid = np.random.default_rng(seed).random(N) < 0.4
     points[~valid] = 1e9
     points[:2], valid[:2] = [[np.nan], [np.inf]], True
-    where = own(tiles(jnp.asarray(points), jnp.asarray(valid)), N)
+    where = tile_of(tiles(jnp.asarray(points), jnp.asarray(valid)), N)
     valid[:2] = False
     assert np.array_equal(where >= 0, valid)
 
 
 def test_no_valid_point_at_all():
     found = tiles(jnp.ones((9, 2)), jnp.zeros(9, bool), size=4)
-    assert not found.real.any() and found.member.max() < 9
+    assert not found.valid.any() and found.member.max() < 9
 
 
 def test_tiles_are_compact_and_so_are_their_groups():
     points = np.random.default_rng(0).uniform(size=(4096, 2))
-    where = own(tiles(jnp.asarray(points)), 4096)
+    where = tile_of(tiles(jnp.asarray(points)), 4096)
     for group in (1, 4, 16):
         side = np.sqrt(16 * group / 4096)
         for number in range(256 // group):
@@ -61,24 +61,44 @@ def test_tiles_are_compact_and_so_are_their_groups():
 
 @given(testing.permutations(224))
 def test_relabelling_relabels(order):
-    # 32 tiles of 7, so that no slot is filled up.
+    # 32 tiles of 7: no slot repeats a point.
     points = np.random.default_rng(0).normal(size=(224, 3))
-    plain = own(tiles(jnp.asarray(points), size=7), 224)[order]
-    moved = own(tiles(jnp.asarray(points[order]), size=7), 224)
-    # Which half comes first may change, which points stay together does not.
-    together = lambda tile: tile[:, None] == tile[None]
-    assert np.array_equal(together(plain), together(moved))
+    plain = tile_of(tiles(jnp.asarray(points), size=7), 224)[order]
+    moved = tile_of(tiles(jnp.asarray(points[order]), size=7), 224)
+    # The order of two halves may change, the points of a tile do not.
+    same_tile = lambda tile: tile[:, None] == tile[None]
+    assert np.array_equal(same_tile(plain), same_tile(moved))
 
 
 def test_signs_and_padding_of_a_spectrum():
     spec = testing.blob_spectrum(0, 30)
     n = len(spec.mass)
-    plain = own(spectral_tiles(spec), n)
+    plain = tile_of(spectral_tiles(spec), n)
     by = np.random.default_rng(0).choice((-1.0, 1.0), 30)
     by[0] = 1
-    assert np.array_equal(own(spectral_tiles(testing.flip_signs(spec, by)), n), plain)
-    padded = own(spectral_tiles(pad(spec, n + 40, len(spec.faces))), n + 40)
+    assert np.array_equal(
+        tile_of(spectral_tiles(testing.flip_signs(spec, by)), n), plain
+    )
+    padded = tile_of(spectral_tiles(pad(spec, n + 40, len(spec.faces))), n + 40)
     assert (padded[:n] >= 0).all() and (padded[n:] == -1).all()
+
+
+def test_the_size_is_a_setting_unless_it_is_given():
+    spec, settings = testing.blob_spectrum(0, 30), NeighbourSettings(tile_size=7)
+    by_setting = spectral_tiles(spec, settings=settings)
+    by_size = spectral_tiles(spec, size=7)
+    assert by_setting.member.shape[1] <= 7
+    assert np.array_equal(by_setting.member, by_size.member)
+    assert len(spectral_tiles(spec, size=30, settings=settings).member) < len(
+        by_size.member
+    )
+
+
+@pytest.mark.parametrize("other", [0, 1])
+def test_tiles_of_a_pair_are_those_of_each(other):
+    specs = testing.blob_spectrum(0, 30), testing.blob_spectrum(other, 30)
+    for found, spec in zip(tiles_of_pair(*specs), specs, strict=True):
+        assert np.array_equal(found.member, spectral_tiles(spec).member)
 
 
 def test_vmap_equals_the_loop():
@@ -87,10 +107,10 @@ def test_vmap_equals_the_loop():
     for i in range(3):
         single = tiles(points[i])
         assert np.array_equal(single.member, batch.member[i])
-        assert np.array_equal(single.real, batch.real[i])
+        assert np.array_equal(single.valid, batch.valid[i])
 
 
 @pytest.mark.parametrize("n, size", [(0, 4), (5, 0)])
-def test_nothing_to_tile_is_an_error(n, size):
+def test_no_points_or_no_size_is_an_error(n, size):
     with pytest.raises(ValueError, match=f"size is {size}, there are {n} points"):
         tiles(jnp.zeros((n, 2)), size=size)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from jfsf import data, testing
-from jfsf.mesh import check, read
-from jfsf.mesh_check import face_areas
+from jfsf.mesh import check, face_areas, read
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 

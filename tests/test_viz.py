@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.colours import coordinate_colours, pull_back
 from jfsf.data import load
+from jfsf.plot import coordinate_colours, draw_maps, draw_pair, pull_back
 from jfsf.types import Mesh
-from jfsf.viz import draw_maps, draw_pair
 
 TETRA = Mesh(
     np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]),
@@ -120,7 +119,7 @@ def test_draws_errors_clouds_and_several_maps(tmp_path):
 
 def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch):
     def half(file, *_, **__):
-        file.write_bytes(PNG)
+        file.write(PNG)
         raise OSError("disk full")
 
     path = tmp_path / "map.png"

@@ -10,13 +10,17 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
+from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings, functional_map
-from jfsf.orientation import bracket_fields
-from jfsf.padding import pad
-from jfsf.refine import zoomout
-from jfsf.refine.zoomout import MANY, _scans
-from jfsf.sampling import farthest_points, restrict
+from jfsf.refine import ZoomOutSettings, zoomout
+from jfsf.refine._zoomout import MIN_SCAN_STEPS, _scans
+from jfsf.spectral import (
+    bracket_fields,
+    embeddings,
+    farthest_points,
+    functional_map,
+    restrict,
+)
 
 N, K = 162, 40
 KS = (6, 10, 10, 20, 36, 40)  # a size twice
@@ -41,41 +45,43 @@ def pair(seed):
     return testing.blob_spectrum(seed, K), testing.blob_spectrum(seed + 1, K)
 
 
-@pytest.mark.parametrize("both", [False, True])
+@pytest.mark.parametrize("bidirectional", [False, True])
 @settings(max_examples=5)
 @given(spec_x=spectra, spec_y=spectra, seed=testing.seeds)
-def test_the_plain_loop_agrees(both, spec_x, spec_y, seed):
+def test_the_plain_loop_agrees(bidirectional, spec_x, spec_y, seed):
     C = start(spec_x, spec_y, seed)
-    ours = run(spec_x, spec_y, C, both=both)
+    ours = run(spec_x, spec_y, C, bidirectional=bidirectional)
     np.testing.assert_allclose(
-        ours, oracles.zoomout(spec_x, spec_y, C, KS, both), atol=1e-8
+        ours, oracles.zoomout(spec_x, spec_y, C, KS, bidirectional), atol=1e-8
     )
 
 
 def test_several_widths_agree_with_the_plain_loop():
     specs = [testing.blob_spectrum(seed, 80) for seed in (3, 4)]
-    ks = (10,) + (20,) * (MANY - 1) + (60, 70, 80)
+    ks = (10,) + (20,) * (MIN_SCAN_STEPS - 1) + (60, 70, 80)
     steps = zip(ks[:-1], ks[1:], strict=True)
-    assert [(width, len(s)) for width, s in _scans(steps, 80)] == [(64, MANY), (80, 2)]
+    sizes = [(width, len(s)) for width, s in _scans(steps, 80)]
+    assert sizes == [(64, MIN_SCAN_STEPS), (80, 2)]
     C = start(*specs)
     ours = zoomout(*specs, C, ks=ks, converter=nearest)
     np.testing.assert_allclose(ours, oracles.zoomout(*specs, C, ks), atol=1e-8)
 
 
-@pytest.mark.parametrize("both", [False, True])
-def test_the_plain_loop_agrees_on_samples(both):
-    # Where eigenvectors are skew: each size has a least squares problem of its own.
+@pytest.mark.parametrize("bidirectional", [False, True])
+def test_the_plain_loop_agrees_on_samples(bidirectional):
+    # Eigenvectors at samples are not orthonormal: each size has a least squares
+    # problem of its own.
     whole = pair(3)
     some_x, some_y = (
         restrict(spec, farthest_points(spec, num=num))
         for spec, num in zip(whole, (90, 110), strict=True)
     )
     C = start(*whole)
-    ours = run(some_x, some_y, C, both=both)
+    ours = run(some_x, some_y, C, bidirectional=bidirectional)
     gram = (some_x.evecs.T * some_x.mass[None]) @ some_x.evecs
     assert abs(gram - np.eye(K)).max() > 0.1
     np.testing.assert_allclose(
-        ours, oracles.zoomout(some_x, some_y, C, KS, both), atol=1e-8
+        ours, oracles.zoomout(some_x, some_y, C, KS, bidirectional), atol=1e-8
     )
 
 
@@ -85,9 +91,22 @@ def test_weighted_columns_match_the_plain_loop(spec_x, spec_y, seed):
     C = start(spec_x, spec_y, seed)
     extra = [np.random.default_rng(seed + i).normal(size=(N, 3)) for i in (0, 1)]
     options = {"weighted": True, "extra_weight": 0.5}
+    options["settings"] = ZoomOutSettings(slack=0.05)  # the oracle's
     ours = run(spec_x, spec_y, C, *map(jnp.asarray, extra), **options)
     truth = oracles.zoomout(spec_x, spec_y, C, KS, extra=extra, extra_weight=0.5)
     np.testing.assert_allclose(ours, truth, atol=1e-8)
+
+
+def test_slack_evens_the_weights_of_columns():
+    spec_x, spec_y = pair(0)
+    C = start(spec_x, spec_y)
+    plain = run(spec_x, spec_y, C)
+    sharp, even = (
+        run(spec_x, spec_y, C, weighted=True, settings=ZoomOutSettings(slack=slack))
+        for slack in (0.05, 1e9)
+    )
+    np.testing.assert_allclose(even, plain, atol=1e-8)
+    assert np.abs(sharp - plain).max() > 1e-3
 
 
 def test_one_size_converts_nothing():
@@ -138,9 +157,9 @@ def test_labels_and_signs_change_nothing_but_C(
 def test_padding_is_invisible(converter):
     spec_x, spec_y = pair(3)
     C = start(spec_x, spec_y)
-    plain = zoomout(spec_x, spec_y, C, ks=KS, converter=converter, both=True)
+    plain = zoomout(spec_x, spec_y, C, ks=KS, converter=converter, bidirectional=True)
     wide = pad(spec_x, N + 5, 330), pad(spec_y, N + 9, 340)
-    padded = zoomout(*wide, C, ks=KS, converter=converter, both=True)
+    padded = zoomout(*wide, C, ks=KS, converter=converter, bidirectional=True)
     np.testing.assert_allclose(padded, plain, atol=1e-8)
 
 

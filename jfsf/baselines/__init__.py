@@ -1,10 +1,23 @@
-"""The rivals of the paper's tables, to be measured against; on the host, not jitted."""
+"""The methods that the paper compares with, re-implemented from their publications.
 
-from jfsf.baselines.auction import auction
-from jfsf.baselines.bcicp import bcicp
-from jfsf.baselines.cpd import cpd
-from jfsf.baselines.deblur import deblur
-from jfsf.baselines.pmf import pmf
-from jfsf.baselines.rhm import rhm
+`auction` and `cpd` are converters: they work inside `icp`, `zoomout` and `match`. The
+others refine maps, on the host, and are not jitted as a whole.
+
+Read in this order:
+
+- `_auction`: one-to-one maps of least total distance, by the auction algorithm
+- `_cpd`: maps by coherent point drift
+- `_deblur`: maps to points on triangles, denoised by functional maps
+- `_pmf`: one-to-one maps of largest density, by the product manifold filter
+- `_rhm`: reversible harmonic maps
+- `_bcicp`: bijective and continuous ICP
+"""
+
+from jfsf.baselines._auction import auction
+from jfsf.baselines._bcicp import bcicp
+from jfsf.baselines._cpd import cpd
+from jfsf.baselines._deblur import deblur
+from jfsf.baselines._pmf import pmf
+from jfsf.baselines._rhm import rhm
 
 __all__ = ["auction", "bcicp", "cpd", "deblur", "pmf", "rhm"]

@@ -1,30 +1,42 @@
-"""Converters: (emb_x, emb_y) -> maps."""
+"""Converters: aligned embeddings -> point-to-point maps both ways.
 
-from jfsf.convert.nn import brief_nearest, nearest
-from jfsf.convert.precise import (
+Read in this order:
+
+- `_converter`: what a converter is
+- `_kernel`: the sparse kernel (eq. 12) and the plan
+- `_nearest`: nearest neighbour (eqs. 5 and 6)
+- `_scaling`: Sinkhorn updates on the kernel, and the plan
+- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2)
+- `_precise`: to points on triangles, in place of vertices
+"""
+
+from jfsf.convert._converter import Converter, HasMaps, maps_of, with_options
+from jfsf.convert._nearest import nearest, quick_nearest
+from jfsf.convert._precise import (
     functional_map_precise,
     precise,
     pull_back_precise,
     to_vertex,
 )
-from jfsf.convert.sinkhorn import (
-    brief,
-    plan_entries,
-    pull_back,
-    scale_kernel,
-    sinkhorn,
-)
+from jfsf.convert._scaling import plan, plan_entries, pull_back, scale_kernel
+from jfsf.convert._sinkhorn import authors_sinkhorn, quick_sinkhorn, sinkhorn
 
 __all__ = [
-    "brief",
-    "brief_nearest",
+    "Converter",
+    "HasMaps",
+    "authors_sinkhorn",
     "functional_map_precise",
+    "maps_of",
     "nearest",
+    "plan",
     "plan_entries",
     "precise",
     "pull_back",
     "pull_back_precise",
+    "quick_nearest",
+    "quick_sinkhorn",
     "scale_kernel",
     "sinkhorn",
     "to_vertex",
+    "with_options",
 ]

@@ -1,5 +1,10 @@
-"""Posed people under CC0, to try the library on."""
+"""Twelve posed people under CC0, to try the library on.
 
-from jfsf.data.shapes import Sample, load, names
+Read in this order:
+
+- `_shapes`: the names of the shapes, and a shape with its ground truth
+"""
+
+from jfsf.data._shapes import Sample, load, names
 
 __all__ = ["Sample", "load", "names"]

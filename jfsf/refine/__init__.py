@@ -1,7 +1,24 @@
-"""Refinement over any converter: of functional maps, and of maps by bending shapes."""
+"""Refinement with any converter: of functional maps, and of point maps by deformation.
 
-from jfsf.refine.arap import arap
-from jfsf.refine.icp import icp
-from jfsf.refine.zoomout import Converter, zoomout
+Read in this order:
 
-__all__ = ["Converter", "arap", "icp", "zoomout"]
+- `_zoomout`: the basis grows (the method of `match`)
+- `_icp`: the functional map is made orthonormal each time
+- `_arap`: both shapes are deformed onto each other, as rigid as possible
+"""
+
+from jfsf.refine._arap import ArapSettings, Surface, arap, deform, rotations, surface
+from jfsf.refine._icp import icp
+from jfsf.refine._zoomout import ZoomOutSettings, zoomout
+
+__all__ = [
+    "ArapSettings",
+    "Surface",
+    "ZoomOutSettings",
+    "arap",
+    "deform",
+    "icp",
+    "rotations",
+    "surface",
+    "zoomout",
+]

@@ -1,0 +1,94 @@
+"""The arrays that `jfsf.match` is given, checked on the host before any work.
+
+Each function returns None for None, and raises a ValueError that names the argument,
+what was found and what to do.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Int
+
+from jfsf.types import ArrayLike
+
+
+def checked_landmarks(
+    landmarks: ArrayLike, sizes: tuple[int, int]
+) -> Int[Array, "l 2"] | None:
+    """Rows (vertex of X, vertex of Y) as int32; `sizes` are n_x and n_y."""
+    if landmarks is None:
+        return None
+    pairs = np.asarray(landmarks)
+    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0:
+        raise ValueError(
+            f"match: landmarks have shape {pairs.shape}; give rows (vertex of X, "
+            "vertex of Y)"
+        )
+    if not np.issubdtype(pairs.dtype, np.integer):
+        raise ValueError(f"match: landmarks are {pairs.dtype}; give vertex numbers")
+    for column, (n, name) in enumerate(zip(sizes, ("mesh_x", "mesh_y"), strict=True)):
+        low, high = pairs[:, column].min(), pairs[:, column].max()
+        if low < 0 or high >= n:
+            raise ValueError(
+                f"match: landmarks name vertices {low} to {high} of {name}, which has "
+                f"vertices 0 to {n - 1}"
+            )
+    return jnp.asarray(pairs, jnp.int32)
+
+
+def checked_descriptors(
+    descriptors: Any, sizes: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """(desc_x, desc_y), finite, in jax's default precision."""
+    if descriptors is None:
+        return None
+    if not isinstance(descriptors, tuple | list) or len(descriptors) != 2:
+        raise ValueError(
+            f"match: descriptors are {type(descriptors).__name__}; give (desc_x, "
+            "desc_y), a matrix a shape"
+        )
+    dtype = jnp.zeros(0).dtype
+    found = [np.asarray(matrix) for matrix in descriptors]
+    for matrix, n, name in zip(found, sizes, ("mesh_x", "mesh_y"), strict=True):
+        if matrix.ndim != 2 or len(matrix) != n or matrix.shape[1] == 0:
+            raise ValueError(
+                f"match: descriptors of {name} are {matrix.shape}; give ({n}, d), a "
+                "row a vertex"
+            )
+        if matrix.dtype.kind not in "fiub" or not np.isfinite(matrix).all():
+            raise ValueError(
+                f"match: descriptors of {name} are {matrix.dtype}, or not finite; give "
+                "finite numbers"
+            )
+    if found[0].shape[1] != found[1].shape[1]:
+        raise ValueError(
+            f"match: descriptors have {found[0].shape[1]} columns on mesh_x and "
+            f"{found[1].shape[1]} on mesh_y; column i of one corresponds to column i "
+            "of the other"
+        )
+    return found[0].astype(dtype), found[1].astype(dtype)
+
+
+def checked_initial(initial: Any, sizes: tuple[int, int]) -> np.ndarray | None:
+    """C_yx (k_x, k_y) in jax's default precision, or T_xy (n_x,) as int32."""
+    if initial is None:
+        return None
+    values = np.asarray(initial if not hasattr(initial, "T_xy") else initial.T_xy)
+    if values.ndim == 1 and np.issubdtype(values.dtype, np.integer):
+        n_x, n_y = sizes
+        if len(values) != n_x or values.min() < 0 or values.max() >= n_y:
+            raise ValueError(
+                f"match: initial is a map of {len(values)} vertices to vertices "
+                f"{values.min()} to {values.max()}; mesh_x has {n_x} vertices, mesh_y "
+                f"vertices 0 to {n_y - 1}: is it the map from Y to X?"
+            )
+        return values.astype(np.int32)
+    if values.ndim != 2 or min(values.shape) < 2 or values.dtype.kind != "f":
+        raise ValueError(
+            f"match: initial is {values.dtype} {values.shape}; give C_yx (k_x, k_y), "
+            "T_xy (n_x,) as integers, or a record with T_xy"
+        )
+    if not np.isfinite(values).all():
+        raise ValueError("match: initial is not finite; give another functional map")
+    return values.astype(jnp.zeros(0).dtype)

@@ -1,0 +1,41 @@
+"""Many pairs: from few compiled programs in Python, or from files through dask.
+
+In Python `convert`, `refine`, `search` and `match_spectra` take lists of shapes of any
+sizes and use all devices of the process. With several processes each takes its shard of
+the pairs (`join`, `local_shard`). From files, `run_jobs` runs a resumable list of jobs
+on a dask cluster.
+
+Read in this order:
+
+- `_map_pairs`: one function over many inputs, vmapped and sharded over the devices
+- `_pairs`: conversion, refinement, search and matching of many pairs
+- `_hosts`: several processes or machines, each with its shard
+- `_cluster`: a dask cluster, local or already running
+- `_jobs`: jobs from files to files, resumable
+- `_pair_list`: lists of pairs in CSV files
+"""
+
+from jfsf.batch._cluster import connect
+from jfsf.batch._hosts import join, local_shard
+from jfsf.batch._jobs import Job, Outcome, is_done, run_jobs
+from jfsf.batch._map_pairs import map_pairs
+from jfsf.batch._pair_list import Pair, read_pairs
+from jfsf.batch._pairs import convert, match_spectra, padded_pair, refine, search
+
+__all__ = [
+    "Job",
+    "Outcome",
+    "Pair",
+    "connect",
+    "convert",
+    "is_done",
+    "join",
+    "local_shard",
+    "map_pairs",
+    "match_spectra",
+    "padded_pair",
+    "read_pairs",
+    "refine",
+    "run_jobs",
+    "search",
+]

@@ -1,0 +1,158 @@
+"""One function mapped over many inputs: stacked, vmapped, sharded over the devices.
+
+A call of the compiled program holds a fixed number of inputs, whose axis is sharded
+over the devices. Each device loops over its shard, one vmapped batch at a time, and
+stops at the last input.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from jfsf.storage import large_jit
+
+PAIRS = 32  # inputs a call, by default
+AXIS = "pairs"
+STATIC = (0, 1, 2, 3)  # arguments of `_sharded`
+
+
+def map_pairs(
+    function: Callable,
+    inputs: Iterable[tuple],
+    *,
+    devices: Sequence[Any] | None = None,
+    pairs: int = PAIRS,
+    batch_size: int | None = None,
+    fast_compile: bool = False,
+    **options: Any,
+) -> list[Any]:
+    """`function(*input, **options)` for each of `inputs`.
+
+    One program is compiled for each set of shapes and dtypes among the inputs.
+
+    Args:
+        function: pure; the same object in each call, or it compiles anew.
+        inputs: tuples of records of arrays.
+        devices: those that share the work; all of this process when absent.
+        pairs: inputs a call of the program, rounded up to fill the devices; memory
+            grows with them.
+        batch_size: inputs vmapped at a time on a device. When absent, the whole shard
+            on an accelerator, and one on a CPU, where several compete for the cache.
+        fast_compile: compile in less time a program that may run a little longer
+            (`jfsf.storage.large_jit`).
+        options: of `function`, hashable; they are static.
+
+    Returns:
+        The results in the order of the inputs, as numpy arrays.
+
+    Raises:
+        ValueError: `pairs` or `batch_size` is below 1, or what `function` raises, with
+            the number of the input before the message.
+    """
+    if pairs < 1 or (batch_size is not None and batch_size < 1):
+        raise ValueError(
+            "map_pairs: pairs and batch_size must be positive, got "
+            f"{pairs} and {batch_size}"
+        )
+    mesh = Mesh(np.array(devices or jax.local_devices()), (AXIS,))
+    shard = -(-pairs // mesh.size)
+    if batch_size is None:
+        batch_size = 1 if mesh.devices[0].platform == "cpu" else shard
+    batch_size = min(batch_size, shard)
+    shard = -(-shard // batch_size) * batch_size
+    sharded = _sharded
+    if fast_compile:
+        sharded = large_jit(_sharded, mesh.devices[0].platform, static_argnums=STATIC)
+    call = partial(sharded, function, tuple(sorted(options.items())), mesh, batch_size)
+
+    found: dict[int, Any] = {}
+
+    def finish(group):
+        try:
+            results = _call(call, mesh, shard, [values for _, values in group])
+        except ValueError as error:
+            raise ValueError(f"pair {group[0][0]}: {error}") from error
+        found.update((i, new) for (i, _), new in zip(group, results, strict=True))
+        group.clear()
+
+    # A group of equal shapes is run as soon as it fills a call, so that no more inputs
+    # of each shape are in memory at a time.
+    groups = defaultdict(list)
+    for i, values in enumerate(inputs):
+        values = jax.tree.map(_canonical, values)
+        leaves, tree = jax.tree.flatten(values)
+        group = groups[tree, *((leaf.shape, leaf.dtype) for leaf in leaves)]
+        group.append((i, values))
+        if len(group) == shard * mesh.size:
+            finish(group)
+    for group in filter(None, groups.values()):
+        finish(group)
+    return [found[i] for i in range(len(found))]
+
+
+def _call(call, mesh, shard, inputs):
+    """Deal the inputs out to the devices in turn, run, and collect."""
+    dealt = [inputs[i :: mesh.size] for i in range(mesh.size)]
+    counts = np.array([len(some) for some in dealt], np.int32)
+    # Copies of the first input fill the shards; they are never computed.
+    full = [x for some in dealt for x in (some + inputs[:1] * shard)[:shard]]
+    batch = jax.tree.map(lambda *leaves: np.stack(leaves), *full)
+    sharding = NamedSharding(mesh, PartitionSpec(AXIS))
+    found = jax.device_get(call(*jax.device_put((counts, batch), sharding)))
+    rows = [(i % mesh.size) * shard + i // mesh.size for i in range(len(inputs))]
+    return [jax.tree.map(lambda x, row=row: x[row], found) for row in rows]
+
+
+@partial(jax.jit, static_argnums=STATIC)
+def _sharded(function, options, mesh, batch_size, counts, batch):
+    vectorise = _vmap_of_one if batch_size == 1 else jax.vmap
+    function = vectorise(partial(function, **dict(options)))
+
+    def on_device(count, batch):
+        take = lambda x, i: jax.lax.dynamic_slice_in_dim(x, i * batch_size, batch_size)
+        run = lambda i: function(*jax.tree.map(lambda x: take(x, i), batch))
+        shard = len(jax.tree.leaves(batch)[0])
+        blank = jax.tree.map(
+            lambda x: jnp.zeros((shard, *x.shape[1:]), x.dtype), jax.eval_shape(run, 0)
+        )
+
+        def step(i, found):
+            put = lambda all, new: jax.lax.dynamic_update_slice_in_dim(
+                all, new, i * batch_size, 0
+            )
+            return jax.tree.map(put, found, run(i))
+
+        return jax.lax.fori_loop(0, -(-count[0] // batch_size), step, blank)
+
+    spec = PartitionSpec(AXIS)
+    # The devices exchange nothing. With the check on, each scan inside `function` would
+    # have to declare that its carry varies over the mesh axis.
+    spread = jax.shard_map(
+        on_device, mesh=mesh, in_specs=(spec, spec), out_specs=spec, check_vma=False
+    )
+    return spread(counts, batch)
+
+
+def _vmap_of_one(function):
+    """vmap over one input, without the batch axis.
+
+    Products with a batch axis are slower, and they round differently, which decides
+    ties in another way.
+    """
+
+    def mapped(*batch):
+        found = function(*jax.tree.map(lambda x: x[0], batch))
+        return jax.tree.map(lambda x: x[None], found)
+
+    return mapped
+
+
+def _canonical(array):
+    array = np.asarray(array)
+    return array.astype(jax.dtypes.canonicalize_dtype(array.dtype))

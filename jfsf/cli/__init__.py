@@ -1,0 +1,27 @@
+"""The command line, `jfsf`: demo, match, batch, evaluate and info.
+
+Heavy imports are made inside the commands, so that help and wrong usage answer sooner.
+
+Read in this order:
+
+- `_files`: the files that the commands read, check and write
+- `_report`: the certificate as a table, its warnings, and the figures of a map
+- `_summary`: the results of many pairs, as a table and as files
+- `_demo`: the comparison that `jfsf demo` runs
+- `_batch`: `jfsf batch`
+- `_evaluate`: `jfsf evaluate`
+- `_app`: the other commands, options, and exit codes
+"""
+
+from jfsf.cli._app import app, main
+from jfsf.cli._demo import measure
+from jfsf.cli._report import MIN_GAP, certificate_table, warnings_of
+
+__all__ = [
+    "MIN_GAP",
+    "app",
+    "certificate_table",
+    "main",
+    "measure",
+    "warnings_of",
+]

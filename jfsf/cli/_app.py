@@ -1,0 +1,257 @@
+"""jfsf demo | match | batch | evaluate | info: commands, options and exit codes.
+
+Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
+"""
+
+import os
+import warnings
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+from typer.core import TyperGroup
+
+from jfsf.cli._batch import batch
+from jfsf.cli._evaluate import evaluate
+from jfsf.cli._files import (
+    FORMATS,
+    MeshX,
+    MeshY,
+    Orientation,
+    OrientationOption,
+    can_write,
+    check_mesh,
+    matchable,
+    need_matplotlib,
+    one_sided,
+    read_landmarks,
+)
+from jfsf.cli._report import certificate_table, warnings_of
+
+
+class _OneLine(TyperGroup):
+    """Turns an error about the input into one line on stderr and exit code 1."""
+
+    def invoke(self, ctx):
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except (ValueError, ImportError, OSError) as error:
+            typer.echo(f"jfsf: {' '.join(str(error).split())}", err=True)
+            raise typer.Exit(1) from None
+
+
+app = typer.Typer(
+    name="jfsf",
+    cls=_OneLine,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="rich",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+class Up(StrEnum):
+    """The axis that points up, as choices of an option."""
+
+    x = "x"
+    y = "y"
+    z = "z"
+
+
+UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture.")]
+
+
+def main() -> None:
+    """The entry point: `app`, which keeps compiled programs between processes."""
+    app(obj="keep compiled programs")
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from jfsf import __version__
+
+        typer.echo(f"jfsf {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Print it and stop."
+        ),
+    ] = False,
+) -> None:
+    """Dense maps between non-rigid 3D shapes: Fast Sinkhorn Filters in JAX."""
+
+
+@app.command()
+def demo(
+    ctx: typer.Context,
+    pair: Annotated[
+        tuple[str, str], typer.Option(help="Two embedded shapes, X and Y.")
+    ] = ("man_walk", "man_up"),
+    out: Annotated[Path, typer.Option(help="Folder for the JSON and the PNG.")] = Path(
+        "jfsf-demo"
+    ),
+) -> None:
+    """Match two embedded shapes; compare nearest neighbour and Sinkhorn.
+
+    Example: jfsf demo --pair man_walk woman_up --out results
+    """
+    from jfsf.cli._demo import measure, table, write
+
+    _keep_compiled(ctx, True)
+    out.mkdir(parents=True, exist_ok=True)
+    with _status("starting ...") as status:
+        result = measure(*pair, lambda step: status.update(f"{step} ..."))
+        status.update("drawing ...")
+        written = write(result, out)
+    console = Console()
+    console.print(table(result.record))
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+@app.command()
+def match(
+    ctx: typer.Context,
+    x: MeshX,
+    y: MeshY,
+    out: Annotated[Path, typer.Option(help="The .npz to write.")],
+    png: Annotated[
+        Path | None, typer.Option(help="A picture of the map (needs matplotlib).")
+    ] = None,
+    orientation: OrientationOption = Orientation.preserve,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            help="Text file of known pairs: a line holds a vertex of X and one of Y, "
+            "counted from 0."
+        ),
+    ] = None,
+    largest_component: Annotated[
+        bool,
+        typer.Option(
+            "--largest-component",
+            help="Match the largest pieces only. Maps then count kept vertices; "
+            "index_x and index_y in the file hold their numbers in X and Y.",
+        ),
+    ] = False,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
+    ] = False,
+    up: UpAxis = Up.y,
+) -> None:
+    """Map two meshes to each other, both ways.
+
+    Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
+    counted from 0), C_yx (the functional map) and certificate_* (evidence of quality).
+
+    Example: jfsf match cat.off lion.off --out map.npz --png map.png
+    """
+    from jfsf.mapfiles import write_match
+    from jfsf.matching import match as match_meshes
+    from jfsf.plot import draw_pair
+
+    can_write(out, ".npz")
+    if png is not None:
+        can_write(png, ".png")
+        need_matplotlib()
+    mesh_x, index_x = matchable(x, largest_component)
+    mesh_y, index_y = matchable(y, largest_component)
+    pairs = None
+    if landmarks is not None:
+        pairs = read_landmarks(landmarks, (index_x, index_y))
+    _keep_compiled(ctx, not no_cache)
+    with _status("matching (the first time, this compiles) ...") as status:
+        found = match_meshes(
+            mesh_x,
+            mesh_y,
+            orientation=orientation.value,
+            landmarks=pairs,  # type: ignore
+            cache=not no_cache,
+        )
+        status.update("writing ...")
+        write_match(out, found, index_x=index_x, index_y=index_y)
+        if png is not None:
+            T_xy = np.asarray(found.T_xy)
+            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=up.value)
+    console = Console()
+    console.print(certificate_table(found.certificate))
+    notes = warnings_of(found.certificate, orientation.value)
+    for path, mesh in ((x, mesh_x), (y, mesh_y)):
+        if one_sided(mesh):
+            notes.append(f"{path}: cannot be wound consistently; check left and right")
+    for line in notes:
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+    for path in filter(None, (out, png)):
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+app.command()(batch)
+app.command()(evaluate)
+
+
+@app.command()
+def info(
+    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
+) -> None:
+    """Examine a mesh file, and say whether it can be matched.
+
+    Exit code 0 if it can, 1 if not.
+
+    Example: jfsf info cat.off
+    """
+    from jfsf.mesh import MeshError, check, read
+
+    mesh = read(path)
+    report = check(mesh)
+    shown = Table(title=path.name, show_header=False)
+    for name, value in report._asdict().items():
+        if value is not None:
+            words = {True: "yes", False: "no"}
+            text = words[value] if isinstance(value, bool) else f"{value:.6g}"
+            shown.add_row(name.replace("_", " "), text)
+    console = Console()
+    console.print(shown)
+    try:
+        check_mesh(mesh, path)
+    except MeshError as error:
+        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    notes = ""
+    if report.faces == 0:
+        notes = "; a point cloud tells no left from right"
+    elif one_sided(mesh):
+        notes = "; it cannot be wound consistently, so left and right may be swapped"
+    console.print(f"can be matched{notes}", soft_wrap=True)
+
+
+def _keep_compiled(ctx: typer.Context, cache: bool) -> None:
+    # Only `main` sets obj. Anyone else who runs `app` keeps their settings of jax.
+    if not cache or ctx.find_root().obj is None:
+        return
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return
+    import jax
+
+    from jfsf.storage import folder
+
+    jax.config.update("jax_compilation_cache_dir", str(folder() / "xla"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    # XLA logs an error about its own tuning flags for each program it loads.
+    jax.config.update("jax_logging_level", "CRITICAL")
+    # If the cache cannot be read or written, the command runs without it.
+    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation")
+
+
+def _status(text: str):
+    return Console(stderr=True).status(text)

@@ -1,0 +1,182 @@
+"""jfsf batch: many pairs, through dask.distributed."""
+
+import json
+import os
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import TimeRemainingColumn as Remaining
+
+from jfsf.cli._files import Orientation, OrientationOption, matchable
+from jfsf.cli._summary import summary_row, summary_table, write_summary
+
+SETTINGS = "settings.json"
+
+
+def batch(
+    pairs: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PAIRS.csv",
+            help="Two mesh paths a line, with a comma between, relative to this file.",
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="A dask scheduler, host:port; its workers must see the same files. "
+            "Without it, processes on this machine.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Local processes, one a core by default. Give 1 for one GPU."
+        ),
+    ] = None,
+    orientation: OrientationOption = Orientation.preserve,
+    largest_component: Annotated[
+        bool,
+        typer.Option(
+            "--largest-component", help="Match the largest pieces only; see match."
+        ),
+    ] = False,
+) -> None:
+    """Match many pairs of meshes, as match does each; needs dask.distributed.
+
+    Writes X__Y.npz a pair, and summary.csv and summary.json of all. Run it again to
+    continue a stopped run, or to add pairs: results that are not older than their
+    meshes are kept. Exit code 1 if a pair failed; the others are matched all the same.
+
+    Example: jfsf batch pairs.csv --out maps
+    """
+    from jfsf.batch import Job, connect, read_pairs, run_jobs
+
+    listed = read_pairs(pairs)
+    jobs = {
+        # Absolute, because each worker has its own working folder.
+        pair.name: Job(
+            (pair.x.absolute(), pair.y.absolute()),
+            out.absolute() / f"{pair.name}.npz",
+        )
+        for pair in listed
+    }
+    options = {
+        "orientation": orientation.value,
+        "largest_component": largest_component,
+    }
+    rows = {}
+    with connect(scheduler, workers=workers, env=_environment()) as client:
+        _begin(out, options)
+        with _bars() as bars:
+            shapes = bars.add_task("spectra", total=None)
+            done = bars.add_task("pairs", total=len(jobs))
+            outcomes = run_jobs(
+                list(jobs.values()),
+                client,
+                prepare=partial(prepare, largest=largest_component),
+                work=partial(work, **options),
+                done=_is_done,
+                progress=lambda n, total: bars.update(shapes, completed=n, total=total),
+            )
+            for outcome in outcomes:
+                rows[outcome.job.out.name] = summary_row(outcome, orientation.value)
+                bars.advance(done)
+    ordered = [
+        {"x": str(pair.x), "y": str(pair.y), **rows[f"{pair.name}.npz"]}
+        for pair in listed
+    ]
+    written = write_summary(out, ordered, options)
+    console = Console()
+    console.print(summary_table(ordered))
+    failed = [row for row in ordered if row["reason"]]
+    for row in failed:
+        text = f"failed: {row['x']}, {row['y']}: {row['reason']}"
+        console.print(text, soft_wrap=True, markup=False)
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    if failed:
+        raise typer.Exit(1)
+
+
+def prepare(path: Path, largest: bool) -> None:
+    """Check a mesh and put its spectrum into the cache, for all of its pairs."""
+    from jfsf.matching import basis
+
+    basis(matchable(path, largest)[0], name=str(path))
+
+
+def work(job, orientation: str, largest_component: bool) -> None:
+    """Match a pair and write it, as `jfsf match` does."""
+    from jfsf.mapfiles import write_match
+    from jfsf.matching import match
+
+    (mesh_x, index_x), (mesh_y, index_y) = (
+        matchable(path, largest_component) for path in job.inputs
+    )
+    found = match(mesh_x, mesh_y, orientation=orientation)  # type: ignore
+    write_match(job.out, found, index_x=index_x, index_y=index_y)
+
+
+def _is_done(job) -> bool:
+    from jfsf.batch import is_done
+    from jfsf.mapfiles import MapFileError, read_match
+
+    try:
+        return is_done(job) and bool(np.size(read_match(job.out).T_xy))
+    except MapFileError:  # damaged, say by a crash of the machine: made again
+        return False
+
+
+def _begin(out: Path, options: dict) -> None:
+    """Make the folder; refuse to mix results of different settings."""
+    from jfsf import __version__
+    from jfsf.storage import write_text
+
+    options = {**options, "jfsf": __version__}
+    path = out / SETTINGS
+    if path.exists():
+        try:
+            before = json.loads(path.read_text())
+        except ValueError:
+            before = None
+        if before != options:
+            raise ValueError(
+                f"{path}: the results there were made with {before}, not {options}; "
+                "name another folder, or remove it"
+            )
+    out.mkdir(parents=True, exist_ok=True)
+    # Unfinished files of a killed run.
+    for part in out.glob("*.tmp"):
+        part.unlink(missing_ok=True)
+    write_text(path, json.dumps(options, indent=2) + "\n")
+
+
+def _environment() -> dict[str, str]:
+    """Of the workers, so that they keep compiled programs as `jfsf match` does."""
+    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        return {}
+    from jfsf.storage import folder
+
+    return {
+        "JAX_COMPILATION_CACHE_DIR": str(folder() / "xla"),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
+        "JAX_LOGGING_LEVEL": "CRITICAL",
+    }
+
+
+def _bars() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        Remaining(),
+        console=Console(stderr=True),
+    )

@@ -1,0 +1,173 @@
+"""The files of the command line: read, checked and written."""
+
+from enum import StrEnum
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+
+from jfsf.types import Mesh
+
+
+class Orientation(StrEnum):
+    """`jfsf.match`'s orientation, as choices of an option."""
+
+    preserve = "preserve"
+    reverse = "reverse"
+    any = "any"
+
+
+OrientationOption = Annotated[
+    Orientation,
+    typer.Option(help="Keep left and right, swap them, or take the better map."),
+]
+
+
+FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
+MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
+MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
+
+
+class MapArrays(NamedTuple):
+    """The arrays of a map file; T_yx and C_yx are None if the file lacks them."""
+
+    T_xy: np.ndarray
+    T_yx: np.ndarray | None = None
+    C_yx: np.ndarray | None = None
+
+
+def can_write(path: Path, suffix: str) -> None:
+    """ValueError if `path` has another suffix or its folder does not exist.
+
+    For checks before the work, so that the work is not lost.
+    """
+    if path.suffix.lower() != suffix:
+        raise ValueError(f"{path}: is written as {suffix}; give it that suffix")
+    if not path.parent.is_dir():
+        raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+
+
+def need_matplotlib() -> None:
+    """ImportError if matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        raise ImportError("drawing needs matplotlib: pip install 'jfsf[viz]'")
+
+
+def check_mesh(mesh: Mesh, path: Path) -> None:
+    """`jfsf.matching.check_matchable`, with advice for the command line."""
+    from jfsf.matching import check_matchable
+    from jfsf.mesh import MeshError
+
+    try:
+        check_matchable(mesh, name=str(path))
+    except MeshError as error:
+        hint = str(error).replace("largest_component", "match --largest-component")
+        raise MeshError(hint) from None
+
+
+def one_sided(mesh: Mesh) -> bool:
+    """Whether a mesh with faces cannot be wound consistently."""
+    from jfsf.mesh import check, orient
+
+    return len(mesh.faces) > 0 and not check(orient(mesh)).consistent
+
+
+def matchable(path: Path, largest: bool):
+    """The mesh of a file that can be matched, and None.
+
+    With `largest`, its largest component and the original numbers of the vertices.
+    """
+    from jfsf.mesh import largest_component, read
+
+    mesh, index = read(path), None
+    if largest:
+        mesh, index = largest_component(mesh)
+    check_mesh(mesh, path)
+    return mesh, index
+
+
+def read_landmarks(path: Path, kept) -> np.ndarray:
+    """Rows (vertex of X, vertex of Y) of a text file.
+
+    Args:
+        path: a pair of vertices a line, counted from 0; # begins a comment.
+        kept: for X and Y, None or the original numbers of the vertices that were kept.
+            The rows that are returned count the kept vertices.
+
+    Raises:
+        ValueError: another format, or a vertex that was not kept.
+    """
+    try:
+        lines = [line.split("#")[0].split() for line in path.read_text().splitlines()]
+        pairs = np.array([[int(word) for word in line] for line in lines if line])
+        if pairs.ndim != 2 or pairs.shape[1] != 2:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f"{path}: a line holds a vertex of X and one of Y, counted from 0"
+        ) from None
+    for column, index in enumerate(kept):
+        if index is None:
+            continue
+        at = np.searchsorted(index, pairs[:, column]).clip(max=len(index) - 1)
+        lost = index[at] != pairs[:, column]
+        if lost.any():
+            raise ValueError(
+                f"{path}: vertex {pairs[lost, column][0]} of {'XY'[column]} is not in "
+                "the largest piece; leave that line out"
+            )
+        pairs[:, column] = at
+    return pairs
+
+
+def read_pair(x, y, map_file, gt_x, gt_y, base):
+    """Both meshes, the arrays of the map file, and the ground truth or None.
+
+    A map of `match --largest-component` counts the vertices that were kept. Then the
+    meshes are cut to these, and points of the ground truth that were not kept are left
+    out.
+    """
+    from jfsf.mapfiles import MapFileError, read_ground_truth, read_map
+    from jfsf.mesh import read
+
+    if (gt_x is None) != (gt_y is None):
+        raise ValueError("ground truth takes both --gt-x and --gt-y")
+    mesh_x, mesh_y = read(x), read(y)
+    truth = None
+    if gt_x is not None:
+        sizes = {"n_x": len(mesh_x.vertices), "n_y": len(mesh_y.vertices)}
+        truth = read_ground_truth(gt_x, gt_y, **sizes, base=base)
+    arrays: dict[str, Any] = {}
+    if map_file.suffix.lower() == ".npz":
+        read_map(map_file)  # raises for a damaged file
+        with np.load(map_file) as file:
+            arrays = {name: file[name] for name in file.files}
+    for side, name in enumerate(("index_x", "index_y")):
+        if (index := arrays.get(name)) is None:
+            continue
+        mesh = (mesh_x, mesh_y)[side]
+        new = np.full(len(mesh.vertices), -1, np.int32)
+        if not 0 <= index.min() <= index.max() < len(new):
+            raise MapFileError(
+                f"{map_file}: {name} does not fit {(x, y)[side]}; give the mesh that "
+                "was matched"
+            )
+        new[index] = np.arange(len(index))
+        faces = new[mesh.faces]
+        part = Mesh(mesh.vertices[index], faces[(faces >= 0).all(1)])
+        mesh_x, mesh_y = (part, mesh_y) if side == 0 else (mesh_x, part)
+        if truth is not None:
+            points = new[truth[side]]
+            known = points >= 0
+            truth = type(truth)(
+                *(points[known] if i == side else t[known] for i, t in enumerate(truth))
+            )
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    text = base if map_file.suffix.lower() in (".vts", ".map") else None
+    T_xy = read_map(map_file, n_from=n_x, n_to=n_y, base=text)
+    T_yx = None
+    if "T_yx" in arrays:
+        T_yx = read_map(map_file, n_from=n_y, n_to=n_x, key="T_yx")
+    return mesh_x, mesh_y, MapArrays(T_xy, T_yx, arrays.get("C_yx")), truth

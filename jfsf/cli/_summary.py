@@ -1,0 +1,85 @@
+"""The results of many pairs: a row each, a table of all, and files."""
+
+import csv
+import io
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from jfsf.cli._report import warnings_of
+from jfsf.types import Certificate
+
+
+def summary_row(outcome, orientation: str) -> dict[str, Any]:
+    """The row of a pair: the reason if it failed, else the certificate of its file.
+
+    Args:
+        outcome: a `jfsf.batch.Outcome` whose job wrote a match.
+        orientation: as in `warnings_of`.
+    """
+    from jfsf.mapfiles import read_match
+
+    row: dict[str, Any] = {
+        "file": "",
+        "reason": outcome.reason or "",
+        "earlier": outcome.earlier,
+        "seconds": None if math.isnan(outcome.seconds) else outcome.seconds,
+        "n_x": None,
+        "n_y": None,
+        "warnings": [],
+        **dict.fromkeys(Certificate._fields),
+    }
+    if outcome.reason is not None:
+        return row
+    found = read_match(outcome.job.out)
+    certificate = found.certificate
+    figures = {name: value.item() for name, value in certificate._asdict().items()}
+    return row | {
+        "file": outcome.job.out.name,
+        "n_x": len(found.T_xy),
+        "n_y": len(found.T_yx),
+        "warnings": warnings_of(certificate, orientation),
+        # JSON has no nan: a point cloud's orientation is null.
+        **{name: None if value != value else value for name, value in figures.items()},
+    }
+
+
+def summary_table(rows: list[dict[str, Any]]) -> Table:
+    """Counts, and the spread of each figure over the pairs."""
+    done = [row for row in rows if not row["reason"]]
+    earlier = sum(row["earlier"] for row in rows)
+    doubtful = sum(bool(row["warnings"]) for row in done)
+    shown = Table(
+        title=f"{len(rows)} pairs: {len(done)} matched ({earlier} of them earlier), "
+        f"{len(rows) - len(done)} failed, {doubtful} with warnings"
+    )
+    for name in ("figure", "min", "median", "max"):
+        shown.add_column(name, justify="left" if name == "figure" else "right")
+    for name in ("seconds", *Certificate._fields):
+        values = [float(row[name]) for row in done if row[name] is not None]
+        if values and name != "finite":
+            spread = np.quantile(values, (0, 0.5, 1))
+            shown.add_row(name.replace("_", " "), *(f"{x:.4g}" for x in spread))
+    return shown
+
+
+def write_summary(
+    folder: Path, rows: list[dict[str, Any]], settings: dict[str, Any]
+) -> tuple[Path, Path]:
+    """Write summary.csv, a line a pair, and summary.json, with the settings too."""
+    from jfsf import __version__
+    from jfsf.storage import write_text
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    table.writeheader()
+    table.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)
+    record = {"jfsf": __version__, "settings": settings, "pairs": rows}
+    written = folder / "summary.csv", folder / "summary.json"
+    write_text(written[0], text.getvalue())
+    write_text(written[1], json.dumps(record, indent=1) + "\n")
+    return written

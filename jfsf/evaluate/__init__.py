@@ -1,0 +1,54 @@
+"""How good a map is: against ground truth, by its own properties, or by its evidence.
+
+Read in this order:
+
+- `_geodesics`: distances on a mesh, by the heat method or exact
+- `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
+- `_functional_metrics`: orthogonality, commutativity and energy of a functional map
+- `_certificate`: the evidence that `match` returns, without ground truth
+- `_evaluate`: all figures of one map in one call
+"""
+
+from jfsf.evaluate._certificate import certify
+from jfsf.evaluate._evaluate import MEASURED, Figures, evaluate
+from jfsf.evaluate._functional_metrics import (
+    laplacian_commutativity,
+    orthogonality,
+    spectral_chamfer,
+    zoomout_energy,
+)
+from jfsf.evaluate._geodesics import (
+    Progress,
+    geodesics,
+    pair_distances,
+    vertex_indices,
+)
+from jfsf.evaluate._map_metrics import (
+    auc,
+    bijectivity,
+    coverage,
+    error_curve,
+    geodesic_error,
+    smoothness,
+)
+
+__all__ = [
+    "MEASURED",
+    "Figures",
+    "Progress",
+    "auc",
+    "bijectivity",
+    "certify",
+    "coverage",
+    "error_curve",
+    "evaluate",
+    "geodesic_error",
+    "geodesics",
+    "laplacian_commutativity",
+    "orthogonality",
+    "pair_distances",
+    "smoothness",
+    "spectral_chamfer",
+    "vertex_indices",
+    "zoomout_energy",
+]

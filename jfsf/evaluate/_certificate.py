@@ -1,0 +1,83 @@
+"""Evidence of how good a map is, from the map and the spectra alone."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from jfsf.evaluate._functional_metrics import orthogonality
+from jfsf.evaluate._map_metrics import coverage
+from jfsf.spectral import (
+    DISTANCE_PAIRS,
+    FUNCTIONS,
+    biharmonic,
+    brackets,
+    orientation_score,
+)
+from jfsf.types import Certificate, Filtered, Maps, Spectrum
+
+
+@partial(jax.jit, static_argnames=("oriented_functions", "distance_pairs"))
+def certify(
+    maps: Filtered | Maps,
+    emb_x: Float[Array, "n_x d"],
+    emb_y: Float[Array, "n_y d"],
+    C_yx: Float[Array, "k_x k_y"],
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    gap: Float[Array, ""] | float = jnp.nan,
+    *,
+    oriented_functions: int = FUNCTIONS,
+    distance_pairs: int = DISTANCE_PAIRS,
+) -> Certificate:
+    """The evidence for `maps`, which came from (emb_x, emb_y).
+
+    Args:
+        maps: both maps, with their plan if there is one.
+        emb_x, emb_y: the aligned embeddings that were converted.
+        C_yx: the functional map of maps.T_xy.
+        spec_x, spec_y: spectra; faces wound outward, or none.
+        gap: of the search, if there was one.
+        oriented_functions: eigenfunctions that the orientation score reads.
+        distance_pairs: eigenpairs of the biharmonic distance.
+    """
+    T_xy, T_yx = maps.T_xy, maps.T_yx
+    dtype = C_yx.dtype
+    numbers = [C_yx, emb_x, emb_y]
+    error = agree = jnp.full((), jnp.nan, dtype)
+    empty = jnp.zeros((), jnp.int32)
+    if isinstance(maps, Filtered):
+        real_x = spec_x.mass > 0
+        # The first neighbour of a row is the nearest.
+        nearest = maps.kernel.idx_xy[:, 0]
+        agree = jnp.sum(real_x & (nearest == T_xy)) / jnp.sum(real_x)
+        error, empty = maps.marginal_error, maps.empty_x + maps.empty_y
+        numbers += [maps.f, maps.g]
+    finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
+    k = min(oriented_functions, *C_yx.shape)
+    return Certificate(
+        marginal_error=error,
+        empty=empty,
+        coverage_xy=coverage(T_xy, spec_y.mass, mass_x=spec_x.mass),
+        coverage_yx=coverage(T_yx, spec_x.mass, mass_x=spec_y.mass),
+        bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, distance_pairs),
+        bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, distance_pairs),
+        orthogonality=orthogonality(C_yx),
+        orientation=orientation_score(
+            C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k)
+        ),
+        gap=jnp.asarray(gap, dtype),
+        nn_agreement=agree.astype(dtype),
+        finite=finite,
+    )
+
+
+def _there_and_back(returned, spec: Spectrum, pairs: int):
+    """Mean distance of a vertex from its image there and back; 1 for random images."""
+    points = biharmonic(spec, pairs)
+    moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
+    # The mean squared distance of two random vertices is twice the variance.
+    centre = spec.mass @ points
+    spread = jnp.sqrt(2 * spec.mass @ jnp.sum((points - centre[None]) ** 2, 1))
+    return spec.mass @ moved / spread

@@ -1,0 +1,145 @@
+"""All figures of one map between two meshes, by the metrics of this package."""
+
+from collections.abc import Callable, Collection
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jfsf.evaluate._functional_metrics import orthogonality, zoomout_energy
+from jfsf.evaluate._geodesics import Progress
+from jfsf.evaluate._map_metrics import (
+    bijectivity,
+    coverage,
+    geodesic_error,
+    smoothness,
+)
+from jfsf.spectral import operators
+from jfsf.types import ArrayLike, Mesh
+
+
+class Figures(NamedTuple):
+    """The figures of a map: Python floats, nan if a figure was not measured.
+
+    Distances are geodesic and relative to sqrt(area of the shape they are measured on).
+
+    error: (p,) float64, one a point of the ground truth; see `geodesic_error`. Measured
+        on Y. (0,) without ground truth.
+    error_mean, error_median, error_max: over those points.
+    bijectivity_x: mean distance on X from x to T_yx[T_xy[x]]; see `bijectivity`.
+    bijectivity_y: mean distance on Y from y to T_xy[T_yx[y]].
+    coverage_xy: share of Y's area that T_xy hits, in [0, 1].
+    coverage_yx: share of X's area that T_yx hits, in [0, 1].
+    smoothness: mean Dirichlet energy on X of Y's coordinates pulled back by T_xy.
+    orthogonality: |C^T C - I|_2 of C_yx.
+    zoomout_energy: sum over k of |C_k^T C_k - I|_F / k of C_yx.
+    """
+
+    error: np.ndarray = np.zeros(0)
+    error_mean: float = np.nan
+    error_median: float = np.nan
+    error_max: float = np.nan
+    bijectivity_x: float = np.nan
+    bijectivity_y: float = np.nan
+    coverage_xy: float = np.nan
+    coverage_yx: float = np.nan
+    smoothness: float = np.nan
+    orthogonality: float = np.nan
+    zoomout_energy: float = np.nan
+
+
+# The figures that can be asked for; the others are summaries of "error".
+MEASURED = tuple(name for name in Figures._fields if not name.startswith("error_"))
+
+
+def evaluate(
+    maps: Any,
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    truth: tuple[ArrayLike, ArrayLike] | None = None,
+    every: int = 1,
+    exact: bool = False,
+    only: Collection[str] = MEASURED,
+    operators_x: tuple[Any, ArrayLike] | None = None,
+    operators_y: tuple[Any, ArrayLike] | None = None,
+    progress: Callable[[str, int, int], object] | None = None,
+) -> Figures:
+    """Measure a map from X to Y: error, bijectivity, coverage, smoothness.
+
+    Args:
+        maps: a record with T_xy, the vertex of Y for each vertex of X, such as `Maps`
+            or `Match`. If it has T_yx, the other way, or C_yx, the functional map, the
+            figures of these are measured too.
+        mesh_x, mesh_y: the shapes, in any units; point clouds have no faces.
+        truth: (gt_x, gt_y), (p,) each, 0-based: vertices that correspond.
+        every: measure the error at every Nth point of `truth` and the bijectivity at
+            every Nth vertex, from 0 on.
+        exact: exact geodesics, as for `geodesics`.
+        only: the figures to measure, of `MEASURED`; geodesics take nearly all the time.
+        operators_x, operators_y: (stiffness, mass) as `operators` of the meshes gives
+            them, for callers that measure several maps; the mass in any unit.
+        progress: called with the name of the figure, and the sources of geodesics done
+            and in all.
+
+    Returns:
+        The figures; nan for those that are not in `only` or that lack their input.
+
+    Raises:
+        ValueError: `every` is below 1, `only` holds an unknown name, or as the metrics.
+    """
+    if every < 1:
+        raise ValueError(f"evaluate: every is {every}, it must be 1 or more")
+    if unknown := set(only) - set(MEASURED):
+        raise ValueError(
+            f"evaluate: only holds {sorted(unknown)}, the figures are {list(MEASURED)}"
+        )
+    T_xy = np.asarray(maps.T_xy)
+    T_yx, C_yx = (getattr(maps, name, None) for name in ("T_yx", "C_yx"))
+    wanted = set(only)
+    if T_yx is None:
+        wanted -= {"bijectivity_x", "bijectivity_y", "coverage_yx"}
+    else:
+        T_yx = np.asarray(T_yx)
+    if C_yx is None:
+        wanted -= {"orthogonality", "zoomout_energy"}
+
+    def report(name: str) -> Progress | None:
+        return None if progress is None else partial(progress, name)
+
+    found: dict[str, Any] = {}
+    if truth is not None and "error" in wanted:
+        points = (np.asarray(side)[::every] for side in truth)
+        error = geodesic_error(
+            T_xy, mesh_y, *points, exact=exact, progress=report("error")
+        )
+        found["error"] = error
+        if len(error):
+            found["error_mean"] = error.mean()
+            found["error_median"] = np.median(error)
+            found["error_max"] = error.max()
+    for name, forward, back, mesh in (
+        ("bijectivity_x", T_xy, T_yx, mesh_x),
+        ("bijectivity_y", T_yx, T_xy, mesh_y),
+    ):
+        if name in wanted:
+            at = np.arange(0, len(mesh.vertices), every)
+            away = bijectivity(
+                forward, back, mesh, at=at, exact=exact, progress=report(name)
+            )
+            found[name] = away.mean()
+    if "coverage_xy" in wanted:
+        _, mass_y = operators_y or operators(mesh_y)
+        found["coverage_xy"] = coverage(T_xy, mass_y)
+    if wanted & {"coverage_yx", "smoothness"}:
+        stiffness_x, mass_x = operators_x or operators(mesh_x)
+        if "coverage_yx" in wanted:
+            found["coverage_yx"] = coverage(T_yx, mass_x)
+        if "smoothness" in wanted:
+            found["smoothness"] = smoothness(T_xy, mesh_y.vertices, stiffness_x)
+    if "orthogonality" in wanted:
+        found["orthogonality"] = orthogonality(C_yx)
+    if "zoomout_energy" in wanted:
+        found["zoomout_energy"] = zoomout_energy(C_yx)
+    error = found.pop("error", np.zeros(0))
+    return Figures(error, **{name: float(value) for name, value in found.items()})

@@ -1,0 +1,217 @@
+"""Geodesic distances from the vertices that are asked for, never an n by n matrix.
+
+Heat method (Crane, Weischedel and Wardetzky 2013) by potpourri3d: about 1 % off in the
+mean, but distances of an edge or two, such as the errors of good maps, may come out
+10 % low; one factorisation, then milliseconds a source. Exact polyhedral distances
+(Mitchell, Mount and Papadimitriou 1987) by pygeodesic: use them for reported numbers,
+on a sample where time matters: 0.03 s a source at 2500 vertices, 0.4 s at 10 000 (heat:
+0.003 s).
+"""
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import potpourri3d as pp3d
+
+from jfsf.mesh import edges, vertex_components
+from jfsf.types import ArrayLike, Mesh
+
+Progress = Callable[[int, int], object]  # sources done, sources in all
+
+CLOUD_POINTS = 32  # the point cloud solver joins each point to its 30 nearest
+
+
+def geodesics(
+    mesh: Mesh,
+    sources: ArrayLike,
+    *,
+    exact: bool = False,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Distances from each source vertex to every vertex.
+
+    Args:
+        mesh: triangle mesh, or point cloud (no faces; heat method only).
+        sources: 0-based vertices, (s,).
+        exact: exact distances, with the extra `jfsf[exact]`; needs a manifold.
+        progress: called with (done, total) after each source.
+
+    Returns:
+        (s, n) float64, in mesh units; inf between pieces that are not connected, 0 from
+        a source to itself. Heat distances are not exactly symmetric.
+
+    Raises:
+        ValueError: sources out of range, faces out of range, vertices that are not
+            finite, or no exact distance to be had.
+    """
+    sources = vertex_indices("geodesics", "sources", sources, len(mesh.vertices))
+    row = _rows("geodesics", mesh, exact)
+    out = np.empty((len(sources), len(mesh.vertices)))
+    for i, source in enumerate(sources):
+        out[i] = row(source)
+        if progress is not None:
+            progress(i + 1, len(sources))
+    return out
+
+
+def pair_distances(
+    mesh: Mesh,
+    a: ArrayLike,
+    b: ArrayLike,
+    *,
+    exact: bool = False,
+    progress: Progress | None = None,
+) -> np.ndarray:
+    """Distance between vertex a[i] and vertex b[i], for each i.
+
+    Computed from the distinct vertices of a or of b, whichever are fewer; pairs with
+    a[i] == b[i] cost nothing and are exactly 0.
+
+    Args:
+        mesh: triangle mesh, or point cloud (no faces; heat method only).
+        a, b: 0-based vertices of `mesh`, (p,) each.
+        exact, progress: as for `geodesics`.
+
+    Returns:
+        (p,) float64, in mesh units; inf between pieces that are not connected.
+
+    Raises:
+        ValueError: as `geodesics`, or a and b differ in length.
+    """
+    name = "pair_distances"
+    a = vertex_indices(name, "a", a, len(mesh.vertices))
+    b = vertex_indices(name, "b", b, len(mesh.vertices))
+    if len(a) != len(b):
+        raise ValueError(f"{name}: a has {len(a)} vertices, b has {len(b)}")
+    row = _rows(name, mesh, exact)
+
+    out = np.zeros(len(a))
+    apart = np.flatnonzero(a != b)
+    a, b = a[apart], b[apart]
+    if len(np.unique(b)) < len(np.unique(a)):
+        a, b = b, a
+    order = np.argsort(a, kind="stable")
+    sources, first = np.unique(a[order], return_index=True)
+    groups = np.split(order, first[1:]) if len(a) else []
+    for i, pairs in enumerate(groups):
+        out[apart[pairs]] = row(sources[i])[b[pairs]]
+        if progress is not None:
+            progress(i + 1, len(sources))
+    return out
+
+
+def vertex_indices(name: str, argument: str, values: ArrayLike, n: int) -> np.ndarray:
+    """`values` as an int64 vector of 0-based vertices; ValueError outside 0..n-1."""
+    values = np.asarray(values)
+    if values.ndim != 1:
+        raise ValueError(f"{name}: {argument} has shape {values.shape}, expected (p,)")
+    if values.size == 0:
+        return np.zeros(0, np.int64)
+    if not np.issubdtype(values.dtype, np.integer):
+        raise ValueError(f"{name}: {argument} is {values.dtype}, expected integers")
+    values = values.astype(np.int64)
+    for worst in (values.min(), values.max()):
+        if not 0 <= worst < n:
+            raise ValueError(
+                f"{name}: {argument} holds {worst}, the mesh has {n} vertices (0-based)"
+            )
+    return values
+
+
+def _rows(name: str, mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
+    """source -> (n,) distances. Solvers are built on first use, one a piece."""
+    vertices = np.ascontiguousarray(mesh.vertices, np.float64)
+    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    n = len(vertices)
+    if not np.isfinite(vertices).all():
+        at = np.flatnonzero(~np.isfinite(vertices).all(1))[0]
+        raise ValueError(f"{name}: vertex {at} is {vertices[at]}, not finite")
+    if len(faces) == 0:
+        return _clean_row(_cloud_solver(name, vertices, exact))
+    if faces.min() < 0 or faces.max() >= n:
+        raise ValueError(
+            f"{name}: faces span {faces.min()}..{faces.max()}, the mesh has {n} "
+            "vertices (0-based)"
+        )
+
+    # Both solvers crash on a face that names a vertex twice, pygeodesic on a repeated
+    # face too.
+    ring = np.sort(faces, 1)
+    good = (ring[:, 0] != ring[:, 1]) & (ring[:, 1] != ring[:, 2])
+    faces, ring = faces[good], ring[good]
+    faces = faces[np.unique(ring, axis=0, return_index=True)[1]]
+    piece = vertex_components(faces, n)
+
+    # The heat method gives a finite, meaningless distance to other pieces: solve each
+    # piece on its own. A vertex in no face is a piece of one.
+    @cache
+    def solver(label: int):
+        ids = np.flatnonzero(piece == label)
+        local = np.full(n, -1)
+        local[ids] = np.arange(len(ids))
+        own = local[faces[piece[faces[:, 0]] == label]]
+        solve = _exact_solver if exact else _heat_solver
+        return ids, local, solve(name, vertices[ids], own) if len(own) else None
+
+    def row(source):
+        ids, local, solve = solver(int(piece[source]))
+        out = np.full(n, np.inf)
+        if solve is not None:
+            out[ids] = solve(local[source])
+        return out
+
+    return _clean_row(row)
+
+
+def _clean_row(row):
+    def clean(source):
+        out = np.maximum(row(source), 0)
+        out[source] = 0
+        return out
+
+    return clean
+
+
+def _heat_solver(name, vertices, faces):
+    return pp3d.MeshHeatMethodDistanceSolver(vertices, faces).compute_distance
+
+
+def _cloud_solver(name, vertices, exact):
+    if exact:
+        raise ValueError(f"{name}: exact=True needs faces, the mesh has 0")
+    if len(vertices) < CLOUD_POINTS:
+        raise ValueError(
+            f"{name}: a point cloud needs at least {CLOUD_POINTS} points, this one has "
+            f"{len(vertices)}"
+        )
+    return pp3d.PointCloudHeatSolver(vertices).compute_distance
+
+
+def _exact_solver(name, vertices, faces):
+    try:
+        from pygeodesic.geodesic import PyGeodesicAlgorithmExact
+    except ImportError:
+        raise ValueError(
+            f"{name}: exact=True needs pygeodesic: pip install 'jfsf[exact]'"
+        ) from None
+    count = edges(faces).counts
+    # pygeodesic does not refuse these: it crashes.
+    if count.max() > 2:
+        raise ValueError(
+            f"{name}: exact=True needs a manifold; {(count > 2).sum()} edges have more "
+            f"than 2 faces (up to {count.max()}); use exact=False"
+        )
+    solver = PyGeodesicAlgorithmExact(vertices, faces.astype(np.int32))
+
+    def row(source):
+        out = solver.geodesicDistances(np.array([source]), None)[0]
+        # Paths do not cross a vertex whose faces only touch at that vertex.
+        if not np.isfinite(out).all():
+            raise ValueError(
+                f"{name}: exact=True needs a manifold; {(~np.isfinite(out)).sum()} of "
+                f"{len(out)} vertices hang on by a single vertex; use exact=False"
+            )
+        return out
+
+    return row

@@ -1,0 +1,57 @@
+"""The initial functional map: fits to descriptors, and a search among many maps.
+
+Read in this order:
+
+- `_fit`: descriptors to a functional map by linear least squares
+- `_settings`: the numbers of the search
+- `_samples`: a shape at samples, which is all that the search reads
+- `_hypotheses`: refine maps on samples, and rank them
+- `_search`: the search among sign patterns, fits and flips
+"""
+
+from jfsf.initial._fit import (
+    Fit,
+    ShapeTerms,
+    Terms,
+    Weights,
+    combine,
+    fit,
+    shape_terms,
+    solve,
+    terms,
+)
+from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._samples import SearchSamples, search_samples
+from jfsf.initial._search import (
+    Candidates,
+    Orientation,
+    best_different,
+    candidates,
+    orientation_sign,
+    search,
+)
+from jfsf.initial._settings import SearchSettings
+
+__all__ = [
+    "Candidates",
+    "Fit",
+    "Orientation",
+    "SamplePair",
+    "SearchSamples",
+    "SearchSettings",
+    "ShapeTerms",
+    "Terms",
+    "Weights",
+    "best_different",
+    "candidates",
+    "combine",
+    "energies",
+    "fit",
+    "orientation_sign",
+    "refine_hypotheses",
+    "search",
+    "search_samples",
+    "shape_terms",
+    "solve",
+    "terms",
+]

@@ -1,0 +1,123 @@
+"""Hypotheses on samples of two shapes: refine functional maps, and rank them.
+
+The rank is the energy of a map, low for an isometry: how far the map is from commuting
+with the Laplacians and from keeping areas, descriptors and curvature.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jfsf.array import argmax, map_sides, matmul
+from jfsf.initial._settings import SearchSettings
+from jfsf.refine import zoomout
+from jfsf.spectral import Features, embeddings
+from jfsf.types import Maps
+
+# Entries of all products of two samples that are in work at a time: they stay in the
+# cache.
+CACHED_ENTRIES = 1 << 20
+
+
+class SamplePair(NamedTuple):
+    """Two shapes at samples, and whether they are one shape (traced)."""
+
+    x: Features
+    y: Features
+    self_map: Bool[Array, ""] | bool
+
+
+def refine_hypotheses(
+    pair: SamplePair,
+    C_yx: Float[Array, "c k k"],
+    extra_weight: Float[Array, " c"] | float,
+    *,
+    ks: tuple[int, ...],
+    settings: SearchSettings,
+) -> Float[Array, "c l l"]:
+    """ZoomOut of each functional map from ks[0] to ks[-1].
+
+    Args:
+        pair: the samples.
+        C_yx: functions on Y pulled back to X, of ks[0] functions or more.
+        extra_weight: of the columns beside the eigenfunctions; one each, or one.
+        ks: sizes of the basis.
+        settings: of the search.
+    """
+    x, y, _ = pair
+
+    def refine(C, weight):
+        return zoomout(
+            x.spec,
+            y.spec,
+            C,
+            x.columns,
+            y.columns,
+            x.bracket_fields,
+            y.bracket_fields,
+            ks=ks,
+            converter=_dense_nearest,
+            weighted=True,
+            bidirectional=True,
+            extra_weight=weight,
+            settings=settings.zoomout,
+        )
+
+    count = len(C_yx)
+    most = max(CACHED_ENTRIES // (len(x.spec.mass) * len(y.spec.mass)), 1)
+    batch_size = max(n for n in range(1, most + 1) if count % n == 0)
+    weights = jnp.broadcast_to(extra_weight, count)
+    return jax.lax.map(lambda a: refine(*a), (C_yx, weights), batch_size=batch_size)
+
+
+def energies(
+    pair: SamplePair, C_yx: Float[Array, "c k k"], *, settings: SearchSettings
+) -> Float[Array, " c"]:
+    """Departure of each map from an isometry that keeps descriptors and curvature.
+
+    A self map costs energy as it resembles the identity.
+    """
+    x, y, self_map = pair
+    size = min(settings.compared, C_yx.shape[-1])
+    identity = jnp.trace(C_yx[:, 1:size, 1:size], axis1=1, axis2=2) / (size - 1)
+    energy = jax.lax.map(lambda C: _energy(C, x, y, settings.curvature_energy), C_yx)
+    return energy + jnp.where(self_map, identity, 0)
+
+
+def _energy(C_yx, x: Features, y: Features, curvature_energy: float):
+    k, spec_x, spec_y = len(C_yx), x.spec, y.spec
+    gap = spec_x.evals[:k, None] - spec_y.evals[None, :k]
+    top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
+    commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
+    maps = _dense_nearest(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
+    gram = matmul(C_yx.T, C_yx)
+    stretch = jnp.linalg.norm(gram - jnp.eye(k, dtype=C_yx.dtype))
+    mismatch_x, mismatch_y = map_sides(
+        partial(_mismatch, curvature_energy=curvature_energy),
+        (x, y, maps.T_xy),
+        (y, x, maps.T_yx),
+    )
+    return commute + stretch / (2 * jnp.sqrt(k)) + mismatch_x + mismatch_y
+
+
+def _mismatch(x: Features, y: Features, T_xy, curvature_energy: float):
+    """By how much descriptors and curvature differ under a map, over the area of X."""
+    other = y.descriptors[T_xy]
+    size = jnp.abs(x.descriptors) + jnp.abs(other)
+    size = jnp.maximum(size, jnp.finfo(other.dtype).tiny)
+    mismatch = jnp.mean(jnp.abs(x.descriptors - other) / size, 1)
+    curvature = jnp.mean((x.curvature - y.curvature[T_xy]) ** 2, 1)
+    return x.spec.mass @ (mismatch + curvature_energy * curvature)
+
+
+def _dense_nearest(emb_x, emb_y, *_) -> Maps:
+    """Nearest neighbour both ways from one product: for a few hundred samples only."""
+    # Samples are far apart, so float32 is enough.
+    emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)
+    product = matmul(emb_x, emb_y.T)
+    half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
+    T_xy = argmax(product - half_y[None, :], 1)
+    return Maps(T_xy, argmax(product - half_x[:, None], 0))

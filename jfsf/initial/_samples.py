@@ -1,0 +1,50 @@
+"""Features -> SearchSamples: a shape at samples, all that the search reads of it."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+
+from jfsf.initial._fit import ShapeTerms, shape_terms
+from jfsf.initial._settings import SearchSettings
+from jfsf.spectral import Features, farthest_points
+
+
+class SearchSamples(NamedTuple):
+    """A shape at samples.
+
+    few: features at `SearchSettings.samples` vertices, or all if there are fewer.
+    many: features at `SearchSettings.final_samples` vertices, likewise.
+    fit: for the fits to descriptors.
+    """
+
+    few: Features
+    many: Features
+    fit: ShapeTerms
+
+
+@partial(jax.jit, static_argnames="settings")
+def search_samples(
+    features: Features, *, settings: SearchSettings = SearchSettings()
+) -> SearchSamples:
+    """The shape at farthest points; the only stage of the search that depends on n.
+
+    Raises:
+        ValueError: fewer eigenpairs than the settings need.
+    """
+    spec = features.spec
+    if len(spec.evals) < settings.eigenpairs:
+        raise ValueError(
+            f"search_samples: the spectrum has {len(spec.evals)} eigenpairs, the "
+            f"search needs {settings.eigenpairs}"
+        )
+    pairs = settings.distance_pairs
+    num = min(settings.final_samples, len(spec.mass))
+    chosen = farthest_points(spec, num=num, distance_pairs=pairs)
+    # Each point is the farthest from those before it, so the first are samples too.
+    few, many = (
+        features.at(chosen[:count], distance_pairs=pairs)
+        for count in (settings.samples, settings.final_samples)
+    )
+    fit = shape_terms(spec, features.descriptors, k=settings.fit_size)
+    return SearchSamples(few, many, fit)

@@ -1,0 +1,287 @@
+"""Find the initial functional map among many candidates: symmetric shapes have many.
+
+A map can be flipped left to right, front to back, or both, and every flip is nearly as
+isometric as the right map. The search goes in three stages.
+
+1. Start from all sign patterns of the first eigenfunctions and from fits to
+   descriptors. Refine each by ZoomOut on samples.
+2. Flip the sign of one further eigenfunction in the best. Functions that are odd from
+   front to back are among these. Refine again.
+3. Keep the best that really differ. Refine them on more samples and rank them.
+
+The energy (`_hypotheses`) cannot tell left from right, so the orientation score is
+added. The idea of enumerating maps is that of MapTree (Ren et al., SIGGRAPH Asia 2020).
+Here they are refined in batches, each one vmap.
+"""
+
+from functools import partial
+from itertools import product
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from jfsf.array import map_sides, matmul
+from jfsf.initial._fit import combine, solve
+from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._samples import SearchSamples, search_samples
+from jfsf.initial._settings import SearchSettings
+from jfsf.spectral import FeatureSettings, features, orientation_score
+from jfsf.types import Spectrum
+
+Orientation = Literal["preserve", "reverse", "any"]
+
+
+class Candidates(NamedTuple):
+    """Functional maps that really differ, the best first.
+
+    C_yx: functions on Y pulled back to X.
+    energy: departure from an isometry that keeps the descriptors; lower is better.
+        A map of the wrong orientation has `wrong_orientation_energy` added; a near copy
+        of a better one has inf.
+    orientation: score in [-1, 1]; nan for point clouds.
+    """
+
+    C_yx: Float[Array, "c k k"]
+    energy: Float[Array, " c"]
+    orientation: Float[Array, " c"]
+
+
+def search(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    desc_x: Float[Array, "n_x d"] | None = None,
+    desc_y: Float[Array, "n_y d"] | None = None,
+    *,
+    orientation: Orientation | Int[Array, ""] = "preserve",
+    self_map: Bool[Array, ""] | bool = False,
+    num: int = 6,
+    settings: SearchSettings = SearchSettings(),
+    feature_settings: FeatureSettings = FeatureSettings(),
+) -> Candidates:
+    """The candidates of two shapes from their spectra: features, samples, `candidates`.
+
+    Args:
+        spec_x, spec_y: spectra with 40 eigenpairs or more, faces wound outward.
+        desc_x, desc_y: descriptors; column i of one corresponds to column i of the
+            other. The wave kernel signature when absent.
+        orientation, self_map, num, settings: as `candidates`.
+        feature_settings: see `jfsf.spectral.features`.
+
+    Raises:
+        ValueError: too few eigenpairs, or an unknown orientation.
+    """
+    return _search(
+        spec_x,
+        spec_y,
+        desc_x,
+        desc_y,
+        orientation_sign(orientation),
+        self_map,
+        num=num,
+        settings=settings,
+        feature_settings=feature_settings,
+    )
+
+
+@partial(jax.jit, static_argnames=("num", "settings", "feature_settings"))
+def _search(
+    spec_x, spec_y, desc_x, desc_y, sign, self_map, *, num, settings, feature_settings
+):
+    for name, spec in (("x", spec_x), ("y", spec_y)):
+        if len(spec.evals) < settings.eigenpairs:
+            raise ValueError(
+                f"search: spec_{name} has {len(spec.evals)} eigenpairs, it needs "
+                f"{settings.eigenpairs}"
+            )
+
+    def samples(spec, desc):
+        found = features(spec, desc, self_map=self_map, settings=feature_settings)
+        return search_samples(found, settings=settings)
+
+    sides = map_sides(samples, (spec_x, desc_x), (spec_y, desc_y))
+    return _candidates(*sides, sign, self_map, num=num, settings=settings)
+
+
+def orientation_sign(
+    orientation: Orientation | Int[Array, ""],
+) -> Int[Array, ""] | int:
+    """The sign that a map's orientation score should have; 0 for "any".
+
+    Unlike a word it can be traced, so all orientations share one program.
+
+    Args:
+        orientation: a word, or a sign, which is returned.
+
+    Raises:
+        ValueError: an unknown orientation.
+    """
+    if not isinstance(orientation, str):
+        return orientation
+    signs = {"preserve": 1, "reverse": -1, "any": 0}
+    if orientation not in signs:
+        raise ValueError(
+            f"orientation is 'preserve', 'reverse' or 'any', not {orientation!r}"
+        )
+    return signs[orientation]
+
+
+def candidates(
+    x: SearchSamples,
+    y: SearchSamples,
+    *,
+    orientation: Orientation | Int[Array, ""] = "preserve",
+    self_map: Bool[Array, ""] | bool = False,
+    num: int = 6,
+    settings: SearchSettings = SearchSettings(),
+) -> Candidates:
+    """The `num` best and different functional maps between two shapes.
+
+    Args:
+        x, y: both shapes at samples, made with the same settings.
+        orientation: which maps to put first; the others rank behind all of them. Or
+            a sign (`orientation_sign`), which may be traced.
+        self_map: X and Y are one shape. With orientation "reverse" its symmetries are
+            found: a map costs energy as it resembles the identity. Descriptors and
+            curvature, which are most alike under the identity, take part in the energy
+            only.
+        num: candidates to return.
+        settings: of the search.
+
+    Raises:
+        ValueError: an unknown orientation.
+    """
+    sign = orientation_sign(orientation)
+    return _candidates(x, y, sign, self_map, num=num, settings=settings)
+
+
+@partial(jax.jit, static_argnames=("num", "settings"))
+def _candidates(
+    x: SearchSamples,
+    y: SearchSamples,
+    sign: Array | int,
+    self_map: Array | bool,
+    *,
+    num: int,
+    settings: SearchSettings,
+) -> Candidates:
+    def pair(side_x, side_y):
+        # With "any" the sign is 0, and the oriented columns are constant.
+        fields = sign * side_x.bracket_fields
+        return SamplePair(side_x._replace(bracket_fields=fields), side_y, self_map)
+
+    few, many = pair(x.few, y.few), pair(x.many, y.many)
+    refine = partial(refine_hypotheses, settings=settings)
+    energy_of = partial(energies, settings=settings)
+    dtype, half = x.few.spec.evecs.dtype, settings.descriptor_weight
+    flip_from, flip_to = settings.flip_range
+
+    signs = jnp.asarray(_sign_patterns(settings.sign_functions), dtype)
+    weights = jnp.asarray(settings.descriptor_weights, dtype)
+    start_weights = jnp.repeat(weights, len(signs))
+    starts = jnp.tile(signs, (len(weights), 1, 1))
+    fitted = _fits(x, y, sign, settings).astype(dtype)
+    parents = jnp.concatenate(
+        [
+            refine(few, starts, start_weights, ks=settings.start_ks),
+            refine(few, fitted, 1.0, ks=settings.fit_ks),
+        ]
+    )
+    # Every other parent has columns of full weight. By energy alone few would have: it
+    # does not see what they are good for.
+    start_weights = jnp.pad(start_weights, (0, len(settings.fits)), constant_values=1)
+    group = jnp.where(start_weights < 1, 1, 0)
+    chosen = best_different(
+        parents, energy_of(few, parents), settings.parents, group, 2, settings=settings
+    )
+
+    flips = jnp.asarray(_flips(flip_from, flip_to), dtype)
+    children = parents[chosen][:, None, :flip_to, :flip_to] * flips[None, :, None, :]
+    children = children.reshape(-1, flip_to, flip_to)
+    children = refine(few, children, half, ks=settings.flip_ks)
+    brackets = x.few.brackets, y.few.brackets
+    gate = partial(_gated, brackets=brackets, sign=sign, settings=settings)
+    energy, _ = gate(energy_of(few, children), children)
+    best = children[best_different(children, energy, num, settings=settings)]
+
+    last = refine(many, best, half, ks=settings.final_ks)
+    energy, orientation = gate(energy_of(many, last), last)
+    # Two candidates may have become one map. Copies rank last, or they would count as
+    # rivals.
+    kept = best_different(last, energy, num, settings=settings)
+    is_kept = jnp.zeros(num, bool).at[kept].set(True)
+    energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
+    order = jnp.argsort(energy)
+    return Candidates(last[order], energy[order], orientation[order])
+
+
+def best_different(
+    C_yx: Float[Array, "c k k"],
+    energy: Float[Array, " c"],
+    num: int,
+    group: Int[Array, " c"] | int = 0,
+    groups: int = 1,
+    *,
+    settings: SearchSettings,
+) -> Int[Array, " num"]:
+    """Indices of `num` lowest energies, each different from those before in its group.
+
+    Args:
+        C_yx, energy: of each candidate.
+        num: how many.
+        group: in 0..groups - 1, of each candidate. Indices are taken from the groups
+            in turn.
+        groups: how many groups there are.
+        settings: `compared` and `min_difference`.
+    """
+    size = settings.compared
+    lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
+    square = jnp.sum(lead**2, 1)
+    gap = square[:, None] + square[None, :] - 2 * matmul(lead, lead.T)
+    close = gap < 2 * size * settings.min_difference
+
+    def step(energy, turn):
+        best = jnp.argmin(jnp.asarray(jnp.where(group == turn, energy, jnp.inf)))
+        return jnp.where(close[best] & (group == turn), jnp.inf, energy), best
+
+    return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
+
+
+def _gated(energy: Array, C_yx: Array, *, brackets, sign, settings: SearchSettings):
+    """Energies with that of the orientation added, and orientation scores."""
+    pulled_back = settings.zoomout.pulled_back
+    score = partial(orientation_score, pulled_back=pulled_back)
+    orientation = jnp.asarray(jax.vmap(lambda C: score(C, *brackets))(C_yx))
+    # Point clouds have no score.
+    asked = (sign != 0) & ~jnp.isnan(orientation)
+    agrees = jnp.asarray(sign * orientation)
+    half = settings.half_mirrored_energy * (1 - agrees)
+    wrong = jnp.where(agrees < 0, settings.wrong_orientation_energy, half)
+    return energy + jnp.where(asked, wrong, 0), orientation
+
+
+def _fits(x: SearchSamples, y: SearchSamples, sign, settings: SearchSettings):
+    """Functional maps by fits to descriptors, cut to the size that refinement needs."""
+    dtype = x.fit.coef.dtype
+    sign = jnp.asarray(jnp.where(jnp.asarray(sign) < 0, -1, 1))
+    weights = [w._replace(orientation=sign * w.orientation) for w in settings.fits]
+    fitted = jax.lax.map(
+        lambda w: solve(combine(x.fit, y.fit, w)).C_yx,
+        jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights),
+    )
+    size = settings.fit_ks[0]
+    return fitted[:, :size, :size]
+
+
+def _sign_patterns(functions: int) -> np.ndarray:
+    patterns = product((1, -1), repeat=functions - 1)
+    return np.stack([np.diag((1, *pattern)) for pattern in patterns])
+
+
+def _flips(first: int, end: int) -> np.ndarray:
+    """Rows of signs: none flipped, then each of `first` to `end` - 1."""
+    flips = np.ones((1 + end - first, end))
+    flips[np.arange(1, len(flips)), np.arange(first, end)] = -1
+    return flips

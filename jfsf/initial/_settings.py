@@ -1,0 +1,122 @@
+"""How the search for an initial map works, in numbers."""
+
+from dataclasses import dataclass, field
+
+from jfsf.initial._fit import Weights
+from jfsf.refine import ZoomOutSettings
+from jfsf.spectral import DISTANCE_PAIRS
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How `candidates` searches. Hashable, for static arguments.
+
+    hypotheses: functional maps that are tried, at most; time grows with them. The
+        default is all starts, the best ten of them, and these with each flip.
+    sign_functions: first eigenfunctions, the constant included, whose sign patterns are
+        all tried as starts.
+    descriptor_weights: of the columns beside the eigenfunctions, for the starts: each
+        sign pattern is tried with each. The best weight depends on the shapes. With 0.5
+        the legs of TOSCA's dogs are exchanged, with 1 the hands of the embedded child.
+    descriptor_weight: the same afterwards. With 1, six of 48 pairs of embedded shapes
+        exchange their hands even from the right start; with 0.5 a right start stays
+        right.
+    start_ks: sizes of the basis for the starts, see `zoomout`.
+    fits: weights of the fits to descriptors, which are starts too.
+    fit_size: size of these functional maps.
+    fit_ks: sizes of the basis for these starts; they end where `start_ks` ends.
+    flip_range: the eigenfunctions whose signs are flipped one at a time in the best
+        starts: functions that are odd from front to back are among them.
+    flip_ks: sizes of the basis after a flip; the first is the end of `flip_range`.
+    samples: farthest points on which hypotheses are refined.
+    final_samples: farthest points on which the last candidates are refined and ranked.
+    final_ks: sizes of the basis for these.
+    compared: leading rows and columns of a functional map in which two are compared.
+    min_difference: share of that block's energy in which two candidates must differ.
+    curvature_energy: energy of curvatures that differ by one standard deviation.
+    half_mirrored_energy: energy of a map that keeps orientation on half of the shape
+        and mirrors the other half.
+    wrong_orientation_energy: added for a map of the wrong orientation: more than any
+        other energy.
+    distance_pairs: eigenpairs of the biharmonic distance, for farthest points.
+    zoomout: weights of the columns in all refinements of the search.
+    """
+
+    hypotheses: int = 160
+    sign_functions: int = 5
+    descriptor_weights: tuple[float, ...] = (0.0, 0.5, 1.0)
+    descriptor_weight: float = 0.5
+    start_ks: tuple[int, ...] = (5, 7, 9, 12, 16, 20)
+    fits: tuple[Weights, ...] = (
+        Weights(1.0, 0.1, 0.1, 0.1),
+        Weights(1.0, 1.0, 1.0, 1.0),
+    )
+    fit_size: int = 30
+    fit_ks: tuple[int, ...] = (16, 20)
+    flip_range: tuple[int, int] = (6, 16)
+    flip_ks: tuple[int, ...] = (16, 18, 21, 24, 28, 33, 40)
+    samples: int = 300
+    final_samples: int = 1000
+    final_ks: tuple[int, ...] = (30, 30, 30, 40)
+    compared: int = 20
+    min_difference: float = 0.04
+    curvature_energy: float = 0.125
+    half_mirrored_energy: float = 0.2
+    wrong_orientation_energy: float = 100.0
+    distance_pairs: int = DISTANCE_PAIRS
+    zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
+
+    def __post_init__(self) -> None:
+        """ValueError for numbers that do not fit each other."""
+        least = self.starts + self.flips
+        if self.hypotheses < least:
+            raise ValueError(
+                f"SearchSettings: hypotheses is {self.hypotheses}, the least is {least}"
+            )
+        size, end = self.start_ks[-1], self.flip_range[1]
+        facts = {
+            f"start_ks begin at {self.start_ks[0]}, sign_functions is "
+            f"{self.sign_functions}; make them equal": (
+                self.start_ks[0] == self.sign_functions
+            ),
+            f"fit_ks end at {self.fit_ks[-1]}, start_ks at {size}; make them equal": (
+                self.fit_ks[-1] == size
+            ),
+            f"fit_ks begin at {self.fit_ks[0]}, fit_size is {self.fit_size}; fit more "
+            "functions": self.fit_ks[0] <= self.fit_size,
+            f"flip_range ends at {end}, flip_ks begin at {self.flip_ks[0]}; make them "
+            "equal": self.flip_ks[0] == end,
+            f"flip_range is {self.flip_range}, starts have {size} functions": (
+                0 < self.flip_range[0] < end <= size
+            ),
+            f"final_ks begin at {self.final_ks[0]}, flip_ks end at {self.flip_ks[-1]}; "
+            "begin with no more": self.final_ks[0] <= self.flip_ks[-1],
+            f"samples is {self.samples}, final_samples {self.final_samples}; it must "
+            "not be more": self.samples <= self.final_samples,
+        }
+        for message, holds in facts.items():
+            if not holds:
+                raise ValueError(f"SearchSettings: {message}")
+
+    @property
+    def starts(self) -> int:
+        """Maps that the search begins with."""
+        patterns = 2 ** (self.sign_functions - 1)
+        return len(self.descriptor_weights) * patterns + len(self.fits)
+
+    @property
+    def flips(self) -> int:
+        """Maps that are made of each of the best starts, itself included."""
+        first, end = self.flip_range
+        return 1 + end - first
+
+    @property
+    def parents(self) -> int:
+        """Starts that are kept and flipped."""
+        return min((self.hypotheses - self.starts) // self.flips, self.starts)
+
+    @property
+    def eigenpairs(self) -> int:
+        """Eigenpairs that both spectra need."""
+        sizes = *self.start_ks, *self.fit_ks, *self.flip_ks, *self.final_ks
+        return max(self.fit_size, *sizes)

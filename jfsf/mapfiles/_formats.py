@@ -1,0 +1,32 @@
+"""The formats of map files: suffixes, first indices, and the keys of a match."""
+
+from pathlib import Path
+
+from jfsf.types import Certificate, Match
+
+# The first index of each format, by convention.
+BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
+# Keys of a match file: the fields of the records.
+MATCH_KEYS = [name for name in Match._fields if name != "certificate"]
+CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
+
+
+class MapFileError(ValueError):
+    """A map file that cannot be used. The message says which, why and what to do."""
+
+
+def first_index(name: str, path: Path, base: int | None) -> int:
+    """`base`, or the convention of the format if it is None.
+
+    Raises:
+        MapFileError: unknown format.
+        ValueError: base is neither None, 0 nor 1; `name` opens the message.
+    """
+    if base not in (None, 0, 1):
+        raise ValueError(f"{name}: base is {base!r}, expected 0, 1 or None")
+    suffix = path.suffix.lower()
+    if suffix not in BASE:
+        raise MapFileError(
+            f"{path}: unknown format {suffix!r}; maps are {', '.join(BASE)}"
+        )
+    return BASE[suffix] if base is None else base

@@ -1,0 +1,135 @@
+"""Map files -> maps, ground truth and matches."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jfsf.mapfiles._arrays import read_mat, read_npz, read_text
+from jfsf.mapfiles._formats import (
+    CERTIFICATE_KEYS,
+    MATCH_KEYS,
+    MapFileError,
+    first_index,
+)
+from jfsf.mapfiles._indices import to_indices
+from jfsf.types import Certificate, Match
+
+
+class GroundTruth(NamedTuple):
+    """Template point i is vertex gt_x[i] of X and gt_y[i] of Y; (p,) each, 0-based."""
+
+    gt_x: np.ndarray
+    gt_y: np.ndarray
+
+
+def read_map(
+    path: str | Path,
+    *,
+    n_from: int | None = None,
+    n_to: int | None = None,
+    base: int | None = None,
+    key: str | None = None,
+) -> np.ndarray:
+    """Read a point map: entry i is the image of vertex or template point i.
+
+    Args:
+        path: `.vts`, `.map`, `.npz` or `.mat`.
+        n_from: entries to expect: vertices of the shape that the map starts from; None
+            skips the check, as for ground truth.
+        n_to: vertices of the shape that the map goes to; None skips the check.
+        base: 0 or 1, the file's first index; None takes the format's convention.
+        key: the array in a `.npz` or `.mat`; None takes `T_xy`, or the only array.
+
+    Returns:
+        (n,) int32, 0-based.
+
+    Raises:
+        MapFileError: the file is missing, damaged, empty, of unknown format or lacks
+            `key`; entries are not whole numbers, contradict the base or exceed n_to; or
+            the length is not n_from, which hints at a swapped direction if it is n_to.
+        ValueError: base is neither None, 0 nor 1.
+    """
+    path = Path(path)
+    base, suffix = first_index("read_map", path, base), path.suffix.lower()
+    if suffix in (".vts", ".map"):
+        if key is not None:
+            raise MapFileError(f"{path}: text holds no key {key!r}: leave out `key`")
+        values = read_text(path)
+    else:
+        arrays = read_npz(path) if suffix == ".npz" else read_mat(path)
+        key = _choose(path, arrays, key)
+        values, path = arrays[key], f"{path}[{key}]"
+    return to_indices(str(path), values, n_from, n_to, base)
+
+
+def read_ground_truth(
+    path_x: str | Path,
+    path_y: str | Path,
+    *,
+    n_x: int | None = None,
+    n_y: int | None = None,
+    base: int | None = None,
+) -> GroundTruth:
+    """Read the ground truth of a pair: one file a shape, one line a template point.
+
+    Args:
+        path_x, path_y: as for `read_map`, usually `.vts`.
+        n_x, n_y: vertices of the shapes; None skips the check.
+        base: of both files; None takes the format's convention.
+
+    Raises:
+        MapFileError: as `read_map`, or the two do not have the same number of points.
+    """
+    gt_x = read_map(path_x, n_to=n_x, base=base)
+    gt_y = read_map(path_y, n_to=n_y, base=base)
+    if len(gt_x) != len(gt_y):
+        raise MapFileError(
+            f"{path_y}: has {len(gt_y)} template points, {path_x} has {len(gt_x)}; "
+            "take both files from one dataset"
+        )
+    return GroundTruth(gt_x, gt_y)
+
+
+def read_match(path: str | Path) -> Match:
+    """Read a file of `write_match`: a Match of numpy arrays; other keys are ignored.
+
+    Raises:
+        MapFileError: missing or damaged file, missing keys, or maps that do not fit
+            each other.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise MapFileError(f"{path}: a match is a .npz, not {path.suffix!r}")
+    arrays = read_npz(path)
+    missing = [name for name in (*MATCH_KEYS, *CERTIFICATE_KEYS) if name not in arrays]
+    if missing:
+        raise MapFileError(
+            f"{path}: lacks {', '.join(missing)}; it holds {_names(arrays)}; write it "
+            "with write_match"
+        )
+    fields: dict[str, Any] = {name: arrays[name] for name in MATCH_KEYS}
+    sizes = {name: fields[name].size for name in ("T_xy", "T_yx")}
+    for name, other in (("T_xy", "T_yx"), ("T_yx", "T_xy")):
+        fields[name] = to_indices(
+            f"{path}[{name}]", fields[name], None, sizes[other], 0
+        )
+    certificate: list[Any] = [arrays[name] for name in CERTIFICATE_KEYS]
+    return Match(**fields, certificate=Certificate(*certificate))
+
+
+def _choose(path, arrays, key) -> str:
+    if key is None:
+        if "T_xy" in arrays or len(arrays) == 1:
+            return "T_xy" if "T_xy" in arrays else next(iter(arrays))
+        raise MapFileError(
+            f"{path}: no T_xy among several arrays; pass one of these as `key`: "
+            f"{_names(arrays)}"
+        )
+    if key not in arrays:
+        raise MapFileError(f"{path}: no key {key!r}; it holds {_names(arrays)}")
+    return key
+
+
+def _names(names) -> str:
+    return ", ".join(sorted(names)) or "no array"

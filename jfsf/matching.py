@@ -1,0 +1,277 @@
+"""Two meshes -> Match: checks, spectra, and one compiled program. Host side."""
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from threadpoolctl import threadpool_limits
+
+from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
+from jfsf.array import pad, padded_size
+from jfsf.convert import HasMaps
+from jfsf.initial import Orientation, orientation_sign
+from jfsf.mesh import MeshError, orient, validate
+from jfsf.pipeline import match_spectra
+from jfsf.settings import Settings
+from jfsf.spectral import spectrum_of_valid, truncate
+from jfsf.storage import compile_ahead
+from jfsf.types import ArrayLike, Certificate, Match, Mesh, Spectrum
+
+
+def match(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    orientation: Orientation = "preserve",
+    landmarks: Int[ArrayLike, "l 2"] | None = None,
+    descriptors: tuple[Float[ArrayLike, "n_x d"], Float[ArrayLike, "n_y d"]]
+    | None = None,
+    initial: Float[ArrayLike, "k_x k_y"] | Int[ArrayLike, " n_x"] | HasMaps | None = (
+        None
+    ),
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> Match:
+    """Point-to-point maps between two shapes, both ways, from the meshes alone.
+
+    Args:
+        mesh_x, mesh_y: one connected component each, any units and sizes, 160 vertices
+            or more (`Settings.min_vertices`); a mesh without faces is a point cloud.
+        orientation: "preserve" asks for the map that keeps left and right (faces are
+            wound outward first), "reverse" for its mirror image, "any" for the best of
+            both. Point clouds have no orientation: for them it is always "any".
+        landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
+            a flip.
+        descriptors: one matrix a shape, column i of X's corresponding to column i of
+            Y's, any unit and sign. They replace the wave kernel signature, or stand
+            beside it with `FeatureSettings(keep_wks=True)`.
+        initial: a functional map C_yx in the eigenbases of `basis`, a point-to-point
+            map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
+            search. Its own orientation is kept, whatever `orientation` says.
+        settings: how each stage works, converters included.
+        cache: keep spectra on disk between calls, and the program where jax keeps its
+            own (`JAX_COMPILATION_CACHE_DIR`).
+
+    Returns:
+        T_xy, T_yx, C_yx and the certificate, in jax's default precision.
+
+    Raises:
+        MeshError: a mesh that cannot be matched, with the reason.
+        ValueError: landmarks, descriptors or an initial map that do not fit the meshes,
+            or an unknown orientation.
+    """
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
+    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
+        orientation = "any"
+    given = _Given(
+        checked_landmarks(landmarks, sizes),
+        checked_descriptors(descriptors, sizes),
+        checked_initial(initial, sizes),
+        orientation_sign(orientation),
+        False,
+    )
+    found = _match(meshes, given, settings, cache)
+    return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
+
+
+def symmetry(
+    mesh: Mesh, *, settings: Settings = Settings(), cache: bool = True
+) -> Match:
+    """The map of a shape to itself that swaps left and right.
+
+    It is the best map that reverses orientation and moves the shape's points. For a
+    shape without such a symmetry it is still the best there is.
+
+    Args:
+        mesh, settings, cache: as `match`; with faces.
+
+    Returns:
+        As `match`, X and Y being the mesh: T_xy and T_yx both are the symmetry, found
+        in either direction, and agree up to near vertices.
+
+    Raises:
+        MeshError: as `match`, and for a point cloud, which has no left and right.
+    """
+    check_matchable(mesh, settings=settings)
+    n = len(mesh.vertices)
+    if len(mesh.faces) == 0:
+        raise MeshError(
+            f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
+            "and right; triangulate it"
+        )
+    given = _Given(None, None, None, orientation_sign("reverse"), True)
+    found = _match({"mesh": mesh}, given, settings, cache)
+    return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
+
+
+def basis(
+    mesh: Mesh,
+    *,
+    name: str = "mesh",
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> Spectrum:
+    """The spectrum that `match` gives a shape, whatever it is matched with.
+
+    Args:
+        mesh: as `match` takes it; its faces are wound outward first.
+        name, cache: as `jfsf.spectral.spectrum`.
+        settings: `k` counts, and what the search needs.
+
+    Returns:
+        As `jfsf.spectral.spectrum`, with `Settings.k` eigenpairs, fewer for fewer than
+        4 k vertices.
+
+    Raises:
+        MeshError: as `match`.
+    """
+    check_matchable(mesh, name=name, settings=settings)
+    return _basis(mesh, name, settings, cache)
+
+
+def check_matchable(
+    mesh: Mesh, *, name: str = "mesh", settings: Settings = Settings()
+) -> None:
+    """Raise MeshError for a mesh that `match` refuses.
+
+    Args:
+        mesh: any mesh or point cloud.
+        name: opens the message: the file, or the argument.
+        settings: say how many vertices are needed.
+
+    Raises:
+        MeshError: as `jfsf.mesh.validate`, or too few vertices.
+    """
+    validate(mesh, name=name)
+    if (n := len(mesh.vertices)) < settings.min_vertices:
+        raise MeshError(
+            f"{name}: has {n} vertices, matching needs {settings.min_vertices}; "
+            "subdivide the mesh"
+        )
+
+
+class _Given(NamedTuple):
+    """The arguments of the program beside the spectra; None is left out of it."""
+
+    landmarks: Any
+    descriptors: Any
+    initial: Any
+    sign: Any
+    self_map: bool
+
+
+class _Size(NamedTuple):
+    """All that the program is compiled for, of one shape."""
+
+    eigenpairs: int
+    vertices: int
+    faces: int
+
+
+def _match(
+    meshes: Mapping[str, Mesh], given: _Given, settings: Settings, cache: bool
+) -> Match:
+    """Of the first mesh and the last, which may be one."""
+    sizes = _padded_sizes(meshes.values(), settings)
+    given = _padded_arguments(given, sizes)
+    shapes = [_spectrum_like(size) for size in sizes]
+    # The limit is set around both threads: a limit set and lifted by each of them
+    # would be left behind.
+    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
+        specs = pool.map(
+            lambda item: _basis(item[1], item[0], settings, cache), meshes.items()
+        )
+        # Compiling or loading the program takes as long as the spectra, or longer.
+        run = _program(shapes[0], shapes[-1], given, settings, keep=cache)
+        padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
+    return run(padded[0], padded[-1], *given)
+
+
+def _program(spec_x, spec_y, given: _Given, settings: Settings, *, keep: bool = False):
+    """The compiled `match_spectra` for arguments of these shapes."""
+    records = Spectrum, Match, Certificate
+    options = {"records": records, "keep": keep, "settings": settings}
+    return compile_ahead(_match_spectra, spec_x, spec_y, *given, **options)
+
+
+def _match_spectra(
+    spec_x, spec_y, landmarks, descriptors, initial, sign, self_map, *, settings
+):
+    return match_spectra(
+        spec_x,
+        spec_y,
+        landmarks,
+        descriptors,
+        initial,
+        orientation=sign,
+        self_map=self_map,
+        settings=settings,
+    )
+
+
+def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
+    """The spectrum of a mesh that `check_matchable` has accepted."""
+    wound = orient(mesh) if len(mesh.faces) else mesh
+    k = settings.eigenpairs(len(mesh.vertices))
+    return spectrum_of_valid(wound, k, name=name, cache=cache)
+
+
+def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
+    meshes = list(meshes)
+    k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes)
+    # A closed surface has twice as many faces as vertices, so one number serves both.
+    wanted = [max(len(m.vertices), -(-len(m.faces) // 2)) for m in meshes]
+    sizes = [padded_size(n) for n in wanted]
+    # One size for both is half the program. For very different shapes it would be
+    # twice the work.
+    if max(sizes) <= 2 * min(sizes):
+        sizes = [max(sizes)] * len(sizes)
+    # Beside a mesh, a point cloud is padded with faces as meshes are: one program.
+    faces = any(len(mesh.faces) for mesh in meshes)
+    return [_Size(k, n, 2 * n if faces else 0) for n in sizes]
+
+
+def _spectrum_like(size: _Size) -> Spectrum:
+    """A spectrum's shapes and types, before its values are there."""
+    k, n, m = size
+    return jax.eval_shape(
+        lambda: Spectrum(
+            jnp.zeros(k),
+            jnp.zeros((n, k)),
+            jnp.zeros(n),
+            jnp.zeros((m, 3), jnp.int32),
+            jnp.zeros((n, 3)),
+        )
+    )
+
+
+def _padded(spec: Spectrum, size: _Size) -> Spectrum:
+    # By numpy: operations on jax arrays of each size would compile for each size.
+    cut = truncate(spec, size.eigenpairs)
+    return jax.tree.map(jnp.asarray, pad(cut, size.vertices, size.faces))
+
+
+def _padded_arguments(given: _Given, sizes: list[_Size]) -> _Given:
+    n = [size.vertices for size in sizes]
+    if given.descriptors is not None:
+        pair = zip(given.descriptors, (n[0], n[-1]), strict=True)
+        given = given._replace(descriptors=tuple(_rows(*side) for side in pair))
+    if given.initial is not None and given.initial.ndim == 1:
+        given = given._replace(initial=_rows(given.initial, n[0]))
+    elif given.initial is not None and max(given.initial.shape) > sizes[0].eigenpairs:
+        k = sizes[0].eigenpairs  # the shapes are small, and have no more
+        given = given._replace(initial=given.initial[:k, :k])
+    return given
+
+
+def _rows(array: np.ndarray, n: int) -> Array:
+    """The array as jax's own, filled up with zeros to n rows."""
+    width = [(0, n - len(array))] + [(0, 0)] * (array.ndim - 1)
+    return jnp.asarray(np.pad(array, width))

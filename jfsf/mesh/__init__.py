@@ -1,0 +1,46 @@
+"""Triangle meshes and point clouds: read, check, edit and measure them, in numpy.
+
+Read in this order:
+
+- `_values`: check the arrays of a mesh, and split polygons into triangles
+- `_geometry`: areas, normals, edges, components
+- `_check`: report what is wrong with a mesh, or refuse it
+- `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_formats`: OFF, OBJ, STL and glTF
+- `_ply`: PLY
+- `_read`: read a mesh file of any of these formats
+"""
+
+from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._edit import Submesh, largest_component, orient, weld
+from jfsf.mesh._geometry import (
+    Edges,
+    components,
+    edges,
+    face_areas,
+    face_normals,
+    surface_area,
+    vertex_components,
+)
+from jfsf.mesh._read import read
+from jfsf.mesh._values import MeshError, check_values
+
+__all__ = [
+    "Edges",
+    "MeshError",
+    "Report",
+    "Submesh",
+    "check",
+    "check_values",
+    "components",
+    "edges",
+    "face_areas",
+    "face_normals",
+    "largest_component",
+    "orient",
+    "read",
+    "surface_area",
+    "validate",
+    "vertex_components",
+    "weld",
+]

@@ -1,0 +1,170 @@
+"""The contents of a mesh file -> Mesh: OFF, OBJ and STL; glTF through trimesh.
+
+Vertex i of the file must be vertex i of the map. trimesh 5.2 keeps to that only for
+glTF, even with `process=False, maintain_order=True`. So the other formats are parsed
+here and in `_ply`. Its faults:
+- OFF and ASCII PLY: a file cut short loads without an error; with fewer vertices than
+  announced, OFF takes the first face for a vertex; 4OFF loads as OFF; polygons are
+  sorted by size, and faces of two vertices vanish.
+- OBJ: vertices are split at texture and normal seams, copied for every material and
+  dropped where textured faces do not use them; negative indices count back from the
+  end of the file.
+- PLY: split at texture seams; binary files that mix triangles and quads are refused.
+- STL: an ASCII file cut short loads as empty, a binary one needs charset_normalizer.
+"""
+
+import os
+import re
+
+import numpy as np
+
+from jfsf.mesh._edit import weld
+from jfsf.mesh._values import MeshError, triangulate
+from jfsf.types import ArrayLike, Mesh
+
+
+def parse_off(data: bytes) -> Mesh:
+    """Read OFF, with or without colours (C), normals (N) or texture (ST).
+
+    Raises:
+        MeshError: not OFF, binary or 4D OFF, or other counts than announced.
+    """
+    lines = [line.split("#", 1)[0].split() for line in _text(data).splitlines()]
+    lines = [line for line in lines if line] or [[""]]
+    # ModelNet writes the counts without a space after the keyword: OFF490 518 0.
+    keyword = re.fullmatch(r"(?:ST)?C?N?(4?n?)OFF(\d*)", lines[0][0])
+    if keyword is None:
+        raise MeshError(
+            f"it starts with {lines[0][0][:20]!r}, not OFF; export it again"
+        )
+    if keyword[1] or lines[0][1:2] == ["BINARY"]:
+        raise MeshError(f"it is {' '.join(lines[0][:2])}; export it as ASCII OFF in 3D")
+    head, body = [keyword[2]] * bool(keyword[2]) + lines[0][1:], lines[1:]
+    if not head:
+        head, body = body[0] if body else [], body[1:]
+    n, m = (int(count) if count.isdecimal() else -1 for count in (*head, "", "")[:2])
+    if min(n, m) < 0:
+        raise MeshError(f"its counts are {' '.join(head)[:40]!r}; export it again")
+    if len(body) != n + m:
+        raise MeshError(
+            f"its header announces {n} vertices and {m} faces, but {len(body)} lines "
+            f"follow instead of {n + m}; export it again"
+        )
+    sizes, corners = [], []
+    for face, row in enumerate(body[n:]):
+        size = int(row[0])
+        if len(row) <= size:
+            raise MeshError(
+                f"face {face} is cut short to {' '.join(row)!r}; export it again"
+            )
+        sizes.append(size)
+        corners += map(int, row[1 : 1 + size])
+    return Mesh(_coordinates(body[:n]), triangulate(sizes, corners))
+
+
+def parse_obj(data: bytes) -> Mesh:
+    """Read the v and f lines of OBJ; texture and normal seams do not split vertices.
+
+    Raises:
+        MeshError: a vertex with fewer than three coordinates, a face with fewer than
+            three corners, index 0, or a negative index before the first vertex.
+    """
+    rows, sizes, corners = [], [], []
+    text = _text(data).replace("\r\n", "\n").replace("\\\n", " ")
+    for line in text.splitlines():
+        word, *rest = line.split("#", 1)[0].split() or [""]
+        if word == "v":
+            rows.append(rest)
+        elif word == "f":
+            sizes.append(len(rest))
+            # 1-based; -1 is the last vertex so far.
+            here = [int(corner.split("/", 1)[0]) for corner in rest]
+            corners += [i - 1 if i > 0 else len(rows) + i for i in here]
+            if 0 in here or min(here, default=0) < -len(rows):
+                raise MeshError(
+                    f"face {len(sizes) - 1} is {line.strip()!r} after {len(rows)} "
+                    "vertices, and OBJ counts from 1 or back from -1; export it again"
+                )
+    return Mesh(_coordinates(rows), triangulate(sizes, corners))
+
+
+def parse_stl(data: bytes) -> Mesh:
+    """Read ASCII and binary STL, which repeats every corner: equal points are merged.
+
+    Vertices come in the order in which the triangles first name them.
+
+    Raises:
+        MeshError: a file cut short.
+    """
+    count = int.from_bytes(data[80:84], "little")
+    # Binary files may start with "solid" too, so the size decides: the count of a text
+    # file, read as a number, is larger than any file.
+    if len(data) >= 84 + 50 * count:
+        record = np.dtype([("normal", "<f4", 3), ("xyz", "<f4", (3, 3)), ("", "<u2")])
+        points = np.frombuffer(data, record, count, 84)["xyz"].reshape(-1, 3)
+    elif data.lstrip()[:5].lower() == b"solid":
+        lines = re.findall(rb"(?im)^\s*(?:vertex|endfacet|endsolid)\b[^\r\n]*", data)
+        words = [line.split() for line in lines]
+        if not words or words[-1][0].lower() != b"endsolid":
+            raise MeshError("its last endsolid is missing; export it again")
+        points = _coordinates(
+            [word[1:] for word in words if word[0].lower() == b"vertex"]
+        )
+    else:
+        raise MeshError(
+            f"its header announces {count} triangles in {84 + 50 * count} bytes, but "
+            f"it has {len(data)}; export it again"
+        )
+    if len(points) % 3:
+        raise MeshError(f"its {len(points)} corners are not triples; export it again")
+    faces = np.arange(len(points)).reshape(-1, 3)
+    return weld(Mesh(points.astype(np.float64), faces)).mesh
+
+
+def parse_gltf(path: str | os.PathLike[str]) -> Mesh:
+    """Read the triangles and points of a glTF or GLB scene, in world coordinates.
+
+    Parts come in the order of the file's meshes. Lines are left out; skins and morphs
+    stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
+
+    Raises:
+        MeshError: a compression that trimesh cannot read. Errors of trimesh pass
+            through.
+    """
+    import trimesh  # Slow to import, and no other format needs it.
+
+    scene = trimesh.load_scene(os.fspath(path), process=False, skip_materials=True)
+    rank = {name: i for i, name in enumerate(scene.geometry)}
+    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
+        part = scene.geometry[name]
+        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
+            continue
+        xyz = np.asarray(part.vertices, np.float64)
+        if not xyz.any():
+            # trimesh gives zeros for draco and sparse data, which it cannot decode.
+            raise MeshError(
+                f"the vertices of its part {name!r} are all 0; export it uncompressed"
+            )
+        faces = np.asarray(getattr(part, "faces", triangles[0]), np.int64)
+        # A mirrored part must still face outward.
+        step = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
+        points.append(xyz @ matrix[:3, :3].T + matrix[:3, 3])
+        triangles.append(faces[:, ::step] + total)
+        total += len(xyz)
+    return Mesh(np.concatenate(points), np.concatenate(triangles))
+
+
+def _text(data):
+    # Only names and comments hold characters beyond ASCII.
+    return data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "replace")
+
+
+def _coordinates(rows: list) -> ArrayLike:
+    short = next((i for i, row in enumerate(rows) if len(row) < 3), None)
+    if short is not None:
+        raise MeshError(
+            f"vertex {short} has {len(rows[short])} coordinates; export it again"
+        )
+    return np.array([row[:3] for row in rows], np.float64).reshape(-1, 3)

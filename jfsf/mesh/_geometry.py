@@ -1,0 +1,149 @@
+"""Areas, normals, edges and connected components of triangle meshes (numpy).
+
+Half-edge 3 f + i runs from corner i of face f to the next corner.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from jfsf.types import ArrayLike, Mesh
+
+
+class Edges(NamedTuple):
+    """The undirected edges of a mesh, each once.
+
+    ends: (e, 2) vertices, the lower first; rows in lexicographic order.
+    counts: (e,) faces of each edge. A face that repeats a vertex counts twice for the
+        only edge it has.
+    """
+
+    ends: ArrayLike
+    counts: ArrayLike
+
+
+class HalfEdgePairs(NamedTuple):
+    """Pairs of half-edges that lie on one edge.
+
+    counts: (e,) faces of each undirected edge.
+    left, right: (p,) the half-edges of each pair; an edge with c faces gives a chain of
+        c - 1 pairs.
+    manifold: (p,) whether the pair's edge has two faces only.
+    clash: (p,) whether both run in the same direction.
+    """
+
+    counts: ArrayLike
+    left: ArrayLike
+    right: ArrayLike
+    manifold: ArrayLike
+    clash: ArrayLike
+
+
+def face_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    """Normals (m, 3) of the faces, each as long as twice the area of its face."""
+    a, b, c = (vertices[corner] for corner in faces.T)
+    return np.cross(b - a, c - a)
+
+
+def face_areas(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    """Areas of the faces, (m,) float64."""
+    return np.linalg.norm(face_normals(vertices, faces), axis=1) / 2
+
+
+def surface_area(mesh: Mesh) -> float:
+    """Area of a mesh; 0 for a point cloud."""
+    return float(face_areas(np.asarray(mesh.vertices), np.asarray(mesh.faces)).sum())
+
+
+def edges(faces: ArrayLike) -> Edges:
+    """The undirected edges of faces (m, 3); a vertex is never joined to itself."""
+    faces = np.asarray(faces)
+    n = int(faces.max(initial=0)) + 1
+    key = _edge_keys(faces, n)
+    key, counts = np.unique(key[key // n != key % n], return_counts=True)
+    return Edges(np.stack([key // n, key % n], axis=1), counts)
+
+
+def pair_half_edges(faces: ArrayLike, n: int) -> HalfEdgePairs:
+    """Pair up the half-edges of `faces` (m, 3), none of which may repeat a vertex.
+
+    Args:
+        faces: vertices, 0-based.
+        n: number of vertices.
+    """
+    key, tail = _edge_keys(faces, n), faces.ravel()
+    order = np.argsort(key, kind="stable")
+    key = key[order]
+    counts = np.diff(np.flatnonzero(np.diff(key, prepend=-1)), append=len(key))
+    at = np.flatnonzero(key[1:] == key[:-1])
+    left, right = order[at], order[at + 1]
+    manifold = np.repeat(counts, counts)[at] == 2
+    return HalfEdgePairs(counts, left, right, manifold, tail[left] == tail[right])
+
+
+def repeats_vertex(faces: ArrayLike) -> Any:
+    """Whether each face (m,) names a vertex twice."""
+    return (faces == np.roll(faces, -1, axis=1)).any(axis=1)
+
+
+def components(size: int, left: ArrayLike, right: ArrayLike) -> Any:
+    """Connected components of an undirected graph.
+
+    Args:
+        size: number of nodes.
+        left, right: nodes that are joined, arrays of one shape.
+
+    Returns:
+        (size,) the component of each node, counted from 0 in the order of their lowest
+        nodes.
+    """
+    left, right = np.ravel(left), np.ravel(right)
+    graph = coo_array((np.ones(len(left), bool), (left, right)), shape=(size, size))
+    return connected_components(graph, directed=False)[1]
+
+
+def vertex_components(faces: ArrayLike, n: int) -> Any:
+    """The connected component (n,) of each vertex; one without a face is alone.
+
+    Args:
+        faces: (m, 3), 0-based.
+        n: number of vertices.
+    """
+    # Two edges of a face join its three vertices.
+    return components(n, faces[:, :2], faces[:, 1:])
+
+
+def component_volumes(
+    vertices: ArrayLike, faces: ArrayLike, component: ArrayLike
+) -> Any:
+    """Signed volume and area of each component of a surface.
+
+    An open component is closed by a cone to its centroid, so the volume of a scan with
+    holes still has the right sign.
+
+    Args:
+        vertices: (n, 3).
+        faces: (m, 3), each component wound consistently.
+        component: (m,) the component of each face, counted from 0.
+
+    Returns:
+        (p,) volumes, positive if the winding faces outward, and (p,) areas.
+    """
+    corners = vertices[faces]
+    weight = face_areas(vertices, faces)
+    area = np.bincount(component, weight)
+    centre = [
+        np.bincount(component, weight * x) / np.where(area > 0, area, 1)
+        for x in corners.mean(axis=1).T
+    ]
+    a, b, c = np.moveaxis(corners - np.stack(centre, 1)[component][:, None], 1, 0)
+    return np.bincount(component, (a * np.cross(b, c)).sum(axis=1) / 6), area
+
+
+def _edge_keys(faces, n):
+    """A number (3 m,) for the undirected edge of each half-edge."""
+    tail = faces.ravel().astype(np.int64)
+    head = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
+    return np.minimum(tail, head) * n + np.maximum(tail, head)

@@ -1,0 +1,30 @@
+"""The k0 nearest neighbours between two point sets, exhaustively or among candidates.
+
+Read in this order:
+
+- `_settings`: the tuned numbers of the searches
+- `_exhaustive`: all points compared, one direction
+- `_mutual`: all points compared, both directions from one product
+- `_tiles`: compact groups of points, made once for each shape
+- `_among_tiles`: candidates from nearby tiles, at a cost that grows like n
+- `_both_ways`: among tiles when they are given, exhaustively otherwise
+"""
+
+from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way
+from jfsf.neighbours._both_ways import neighbours_both_ways
+from jfsf.neighbours._exhaustive import neighbours
+from jfsf.neighbours._mutual import mutual_neighbours
+from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.neighbours._tiles import spectral_tiles, tiles, tiles_of_pair
+
+__all__ = [
+    "NeighbourSettings",
+    "mutual_neighbours",
+    "neighbours",
+    "neighbours_both_ways",
+    "spectral_tiles",
+    "tiled_neighbours",
+    "tiled_one_way",
+    "tiles",
+    "tiles_of_pair",
+]

@@ -1,0 +1,261 @@
+"""The k0 nearest neighbours of each point, searched among candidates only.
+
+The rows of aligned embeddings vary smoothly over a surface, so the neighbours of a tile
+of X lie in few tiles of Y. For each block of X's tiles: rank Y's tiles by the distance
+of their centres, coarse to fine down a tree of groups of tiles; then compare the block
+with the points of the best tiles in one small product. Time and memory grow like n; an
+exhaustive search takes n^2.
+
+In a refinement the tiles stay and the embeddings change. Each search starts anew from
+the tree, so a jump of the map costs nothing and no error is carried over.
+
+A sample of the queries is compared with the exhaustive search. If too few of them have
+their nearest neighbour, as for embeddings that are not smooth on the tiles, all points
+are compared.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jfsf.array import argmax, map_sides, top_k
+from jfsf.neighbours._exhaustive import (
+    check_point_sets,
+    float32_frame,
+    inner_products,
+    measure_distances,
+    neighbours_of_valid,
+    square_norms,
+    valid_rows,
+)
+from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.types import Neighbours, NeighboursBothWays, Tiles
+
+BLOCKS = 32  # blocks of queries at a time; this does not change results
+FAR = 1e30  # a squared distance above all others, and finite
+
+
+@partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
+def tiled_neighbours(
+    x: Float[Array, "n d"],
+    y: Float[Array, "m d"],
+    tiles_x: Tiles,
+    tiles_y: Tiles,
+    valid_x: Bool[Array, " n"] | None = None,
+    valid_y: Bool[Array, " m"] | None = None,
+    *,
+    k0: int,
+    min_recall: float = 0.95,
+    settings: NeighbourSettings = NeighbourSettings(),
+) -> NeighboursBothWays:
+    """The neighbours in y of each x and in x of each y, among candidates.
+
+    Args:
+        x, y: rows of one Euclidean space, smooth functions on the two shapes.
+        tiles_x, tiles_y: tiles of the rows; a row without a slot takes no part.
+        valid_x, valid_y: rows that take part; all in the tiles when absent.
+        k0: neighbours of a point, at most the number of points in the smaller set.
+        min_recall: estimated recall below which a direction is searched exhaustively.
+            With 0 the exhaustive search is left out of the program. Use 0 under `vmap`,
+            which would run both searches.
+        settings: of the search; the tiles are made already.
+
+    Returns:
+        Neighbours as from `mutual_neighbours`, in the order of float32 distances. On
+        aligned shapes of 1000 to 100 000 vertices 99.6 % or more of the nearest are
+        right, and 98 % of the others (experiments/bench_large.py). Distances are
+        differentiable.
+
+    Raises:
+        ValueError: widths differ, k0 is not in 1..min(n, m), or min_recall is not in
+            [0, 1].
+    """
+    check_point_sets("tiled_neighbours", x, y, k0)
+    (near_xy, recall_xy), (near_yx, recall_yx) = map_sides(
+        partial(tiled_one_way, k0=k0, min_recall=min_recall, settings=settings),
+        (x, y, tiles_x, tiles_y, valid_x, valid_y),
+        (y, x, tiles_y, tiles_x, valid_y, valid_x),
+    )
+    recall = jnp.fmin(recall_xy, recall_yx)
+    return NeighboursBothWays(near_xy, near_yx, recall, recall < min_recall)
+
+
+@partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
+def tiled_one_way(
+    queries: Float[Array, "n d"],
+    points: Float[Array, "m d"],
+    tiles_q: Tiles,
+    tiles_p: Tiles,
+    valid_q: Bool[Array, " n"] | None = None,
+    valid_p: Bool[Array, " m"] | None = None,
+    *,
+    k0: int,
+    min_recall: float = 0.95,
+    settings: NeighbourSettings = NeighbourSettings(),
+) -> tuple[Neighbours, Float[Array, ""]]:
+    """One direction of `tiled_neighbours`: neighbours of each query, and their recall.
+
+    Raises:
+        ValueError: min_recall is not in [0, 1].
+    """
+    if not 0 <= min_recall <= 1:
+        raise ValueError(f"tiled_neighbours: min_recall is {min_recall}, not in [0, 1]")
+    queries, valid_q = valid_rows(queries, valid_q)
+    points, valid_p = valid_rows(points, valid_p)
+    scaled, idx = _search(queries, points, tiles_q, tiles_p, valid_p, k0, settings)
+    near = measure_distances(queries, idx, points, valid_q, valid_p)
+    tiled_q, tiled_p = _tiled(tiles_q, valid_q), _tiled(tiles_p, valid_p)
+    recall = _recall(scaled, queries, points, near, tiles_q, tiled_p, settings)
+    if min_recall > 0:
+        exhaustive = partial(neighbours_of_valid, k0=k0, settings=settings)
+        near = jax.lax.cond(
+            recall < min_recall,
+            lambda: exhaustive(queries, points, tiled_q, tiled_p),
+            lambda: near,
+        )
+    return near, recall
+
+
+def _tiled(tiles: Tiles, valid):
+    """Which valid points have a slot in the tiles."""
+    return valid & jnp.zeros(len(valid), bool).at[tiles.member].max(tiles.valid)
+
+
+def _search(
+    queries: Array,
+    points: Array,
+    tiles_q: Tiles,
+    tiles_p: Tiles,
+    valid_p: Array,
+    k0: int,
+    settings: NeighbourSettings,
+):
+    """`float32_frame` of the points, and indices of the k0 nearest candidates.
+
+    An index is the number of points if there is no such candidate, as
+    `measure_distances` expects.
+    """
+    slot_valid = tiles_p.valid & valid_p[tiles_p.member]
+    no_point = len(points)
+    member = jnp.where(slot_valid, tiles_p.member, no_point)
+    queries, points = jax.lax.stop_gradient((queries, points))
+    total, size = slot_valid.shape
+    points = jnp.where(slot_valid.reshape(-1, 1), points[tiles_p.member.ravel()], 0)
+    scaled = float32_frame(points, slot_valid.ravel())
+    queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
+    levels = _tree(points, slot_valid, settings)
+    candidates = settings.candidates_per_neighbour * k0
+    kept = min(max(settings.tiles, -(-candidates // size)), total)
+    # Tiles are ordered by rank, so tiles i and i + kept / 2 rarely both hold neighbours
+    # of a query. That allows bins of two in `top_k`.
+    folds = 2 if kept < total and kept * size >= 2 * candidates else 1
+    # A block is a run of tiles of the queries. Runs of a power of two are compact.
+    group = max(settings.block_queries // tiles_q.member.shape[1], 1)
+    group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
+    rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])
+
+    def block(rows):
+        # Differences from the mean of the block keep digits that float32 would cancel.
+        block_queries = queries[rows]
+        mean = block_queries.mean(0, keepdims=True)
+        block_queries = block_queries - mean
+        ranking = queries[rows[:: settings.ranking_stride]]
+        best = _best_tiles(ranking, levels, kept, settings)
+        block_points = points[best].reshape(-1, points.shape[2]) - mean
+        offset = square_norms(block_points) / 2
+        offset = jnp.where(slot_valid[best].ravel(), offset, FAR)
+        # Points as rows, queries as columns: maxima over points then vectorise.
+        score = inner_products(block_points, block_queries) - offset[:, None]
+        score -= square_norms(block_queries)[None] / 2
+        return member[best].ravel()[top_k(score, k0, folds)].T
+
+    found = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
+    at = jnp.where(tiles_q.valid, tiles_q.member, len(queries)).ravel()
+    # A query without a slot has no neighbours.
+    idx = jnp.full((len(queries), k0), no_point, jnp.int32)
+    return scaled, idx.at[at].set(found.reshape(-1, k0), mode="drop")
+
+
+def _tree(points, valid, settings: NeighbourSettings):
+    """(centres, offsets) of tiles, of groups of tiles, and so on up to the root.
+
+    The squared distance of a query q from a centre c is offset - 2 c . q, less `spread`
+    and up to |q|^2, which is the same for all centres.
+    """
+    weight = valid.astype(points.dtype)
+    count = weight.sum(1)
+    share = weight / jnp.maximum(count, 1)[:, None]
+    centre = jnp.sum(points * share[:, :, None], 1)
+    square = jnp.sum(square_norms(points - centre[:, None]) * share, 1)
+    levels = [(centre, square, count)]
+    while len(centre) > settings.root_tiles:
+        children, square, count = (
+            a.reshape(-1, settings.fan_out, *a.shape[1:])
+            for a in (centre, square, count)
+        )
+        total = count.sum(1)
+        share = count / jnp.maximum(total, 1)[:, None]
+        centre = jnp.sum(children * share[:, :, None], 1)
+        apart = square_norms(children - centre[:, None])
+        square, count = jnp.sum((square + apart) * share, 1), total
+        levels.append((centre, square, count))
+
+    def offset(centre, square, count):
+        # An empty tile is never near.
+        nearer = settings.spread * square
+        return jnp.where(count > 0, square_norms(centre) - nearer, FAR)
+
+    return [(level[0], offset(*level)) for level in levels]
+
+
+def _best_tiles(rows, levels, kept: int, settings: NeighbourSettings):
+    """The `kept` tiles nearest to any of the rows by their centres, coarse to fine."""
+    fan_out, beam = settings.fan_out, settings.beam
+
+    def nearest(centres, offsets, num):
+        dist = offsets[:, None] - 2 * inner_products(centres, rows)
+        # By how much a centre is farther than the nearest of the row. So all rows count
+        # alike, however far each is from the other shape.
+        excess = jnp.min(dist - dist.min(0, keepdims=True), 1)
+        return jax.lax.top_k(-excess, min(num, len(excess)))[1]
+
+    *lower, (centres, offsets) = levels
+    at = nearest(centres, offsets, beam if lower else kept)
+    for depth in reversed(range(len(lower))):
+        children = (a.reshape(-1, fan_out, *a.shape[1:])[at] for a in lower[depth])
+        centres, offsets = (a.reshape(-1, *a.shape[2:]) for a in children)
+        best = nearest(centres, offsets, beam if depth else kept)
+        at = at[best // fan_out] * fan_out + best % fan_out
+    return at
+
+
+def _recall(
+    scaled,
+    queries,
+    points,
+    near: Neighbours,
+    tiles_q: Tiles,
+    valid_p,
+    settings: NeighbourSettings,
+):
+    """Share of a sample of the queries that have their nearest; nan without any.
+
+    The sample is spread evenly over the tiles, so over the shape.
+    """
+    points, valid_p = valid_rows(points, valid_p)
+    slots = tiles_q.member.size
+    checked = min(settings.checked, slots)
+    at = tiles_q.member.ravel()[jnp.arange(checked) * (slots // checked)]
+    fast_q, fast_p = jax.lax.stop_gradient((scaled(queries[at]), scaled(points)))
+    offset = jnp.where(valid_p, square_norms(fast_p) / 2, FAR)
+    idx = argmax(inner_products(fast_p, fast_q) - offset[:, None], 0)[:, None]
+    every = jnp.ones(len(at), bool)
+    exact = measure_distances(queries[at], idx, points, every, valid_p)
+    dist, exact = near.dist[at, 0], exact.dist[:, 0]
+    known = jnp.isfinite(dist) & jnp.isfinite(exact)
+    right = known & (dist <= exact * (1 + settings.tolerance))
+    right, count = jnp.sum(right).astype(dist.dtype), jnp.sum(known)
+    share = right / jnp.maximum(count, 1).astype(dist.dtype)
+    return jnp.where(count > 0, share, jnp.nan)

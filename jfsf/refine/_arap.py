@@ -1,0 +1,273 @@
+"""As rigid as possible: deform each shape onto the other, compare the results.
+
+A map read from eigenfunctions slides along the surface, since they do not penalise it.
+It slides less if each shape is deformed by its map onto the other and resists
+stretching (Sorkine and Alexa, SGP 2007). The next conversion then compares deformed
+positions and normals with those of the target. Both shapes are deformed, so that both
+directions count alike.
+"""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax.scipy.sparse.linalg import cg
+from jaxtyping import Array, Float, Int
+
+from jfsf.array import map_sides
+from jfsf.convert import Converter, maps_of, with_options
+from jfsf.neighbours import NeighbourSettings
+from jfsf.spectral import normals, uniform
+from jfsf.types import Maps, Spectrum, Tiles
+
+SQUARINGS = 8  # of a 4 x 4 matrix: its 256th power is the leading eigenvector's
+
+
+@dataclass(frozen=True)
+class ArapSettings:
+    """How shapes are deformed. Hashable, for static arguments. sqrt(area) is 1.
+
+    reach: length in sqrt(area) below which the motion of a map is smoothed.
+    normal_weight: half the distance that opposite normals count for, in sqrt(area).
+    rotation_updates: rotations, each followed by a linear solve, in one deformation.
+    max_steps: steps of conjugate gradients in a solve, at most.
+    tolerance: relative residual at which they stop.
+    stiffness_range: least and greatest cotangent. That of an obtuse corner is negative,
+        that of a degenerate triangle infinite.
+    """
+
+    reach: float = 0.04
+    normal_weight: float = 0.03
+    rotation_updates: int = 2
+    max_steps: int = 60
+    tolerance: float = 1e-3
+    stiffness_range: tuple[float, float] = (0.01, 100.0)
+
+
+class Surface(NamedTuple):
+    """A mesh at rest.
+
+    faces, mass: as in `Spectrum`.
+    rest: the edge opposite to each corner.
+    stiff: half the cotangent of that corner.
+    """
+
+    faces: Int[Array, "m 3"]
+    mass: Float[Array, " n"]
+    rest: Float[Array, "m 3 3"]
+    stiff: Float[Array, "m 3 1"]
+
+
+@partial(
+    jax.jit,
+    static_argnames=("rounds", "converter", "settings", "neighbour_settings"),
+)
+def arap(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    maps: Maps,
+    orientation_sign: Float[Array, ""] | float = 1.0,
+    *,
+    rounds: int = 8,
+    converter: Converter,
+    tiles: tuple[Tiles, Tiles] | None = None,
+    settings: ArapSettings = ArapSettings(),
+    neighbour_settings: NeighbourSettings | None = None,
+) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
+    """Refine maps that are nearly right; convert what it returns for the final ones.
+
+    Args:
+        spec_x, spec_y: vertices, mass and faces, wound outward, are read, not the
+            eigenpairs; mass 0 is padding.
+        maps: the start, both ways.
+        orientation_sign: -1 for maps that mirror, else 1.
+        rounds: deformations of both shapes, with a conversion between two.
+        converter: any `jfsf.convert.Converter`.
+        tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), handed to the converter
+            if it declares them.
+        settings: of the deformation.
+        neighbour_settings: handed to the converter if it declares them.
+
+    Returns:
+        Aligned embeddings (emb_x, emb_y) in units of sqrt(area). A row of emb_x holds
+        the position of a vertex of X deformed onto Y, its position at rest, and the
+        two normals; a row of emb_y those of a vertex of Y at rest and deformed onto X.
+
+    Raises:
+        ValueError: rounds is below 1, or a shape has no faces.
+    """
+    if rounds < 1:
+        raise ValueError(f"arap: rounds is {rounds}, it must be positive")
+    if len(spec_x.faces) == 0 or len(spec_y.faces) == 0:
+        raise ValueError(
+            f"arap: X has {len(spec_x.faces)} faces and Y {len(spec_y.faces)}; a point "
+            "cloud cannot be deformed"
+        )
+    converter = with_options(
+        converter, tiles=tiles, neighbour_settings=neighbour_settings
+    )
+    marginal_x, marginal_y = uniform(spec_x.mass), uniform(spec_y.mass)
+
+    weight = settings.normal_weight
+
+    def at_rest(spec):
+        rest = surface(spec, orientation_sign, settings=settings)
+        return rest, weight * normals(spec.vertices, spec.faces)
+
+    (surface_x, normal_x), (surface_y, normal_y) = map_sides(
+        at_rest, (spec_x,), (spec_y,)
+    )
+
+    def one_way(surface, target, start):
+        moved = deform(surface, target, start, settings=settings)
+        return moved, orientation_sign * weight * normals(moved, surface.faces)
+
+    def embed(moved_x, moved_normal_x, moved_y, moved_normal_y):
+        emb_x = jnp.concatenate([moved_x, spec_x.vertices, moved_normal_x, normal_x], 1)
+        emb_y = jnp.concatenate([spec_y.vertices, moved_y, normal_y, moved_normal_y], 1)
+        return emb_x, emb_y
+
+    def convert(embs):
+        emb_x, emb_y = embs
+        return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
+
+    given = maps_of(maps)
+
+    def step(embs, first):
+        # One body for all rounds, the first included, is one program.
+        T_xy, T_yx = jax.lax.cond(first, lambda _: given, convert, embs)
+        moved = map_sides(
+            one_way,
+            (surface_x, spec_y.vertices[T_xy], embs[0][:, :3]),
+            (surface_y, spec_x.vertices[T_yx], embs[1][:, 3:6]),
+        )
+        return embed(*moved[0], *moved[1]), None
+
+    # Before the first deformation vertices lie at their images, and have no normals.
+    start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
+    start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
+    return jax.lax.scan(step, start, jnp.arange(rounds) == 0)[0]
+
+
+def surface(
+    spec: Spectrum,
+    orientation_sign: Float[Array, ""] | float = 1.0,
+    *,
+    settings: ArapSettings = ArapSettings(),
+) -> Surface:
+    """The mesh of `spec`, mirrored where `orientation_sign` is -1."""
+    mirror = jnp.ones((1, 3), spec.vertices.dtype).at[0, 0].set(orientation_sign)
+    rest = _edges(spec.vertices * mirror, spec.faces)
+    to, fro = _ahead(rest, 2), -_ahead(rest, 1)
+    across = jnp.sum(jnp.cross(to, fro) ** 2, 2, keepdims=True)
+    flat = across == 0
+    across = jnp.sqrt(jnp.where(flat, 1, across))
+    cotangent = jnp.sum(to * fro, 2, keepdims=True) / across
+    # Degenerate faces, padding included, have no stiffness.
+    stiff = jnp.where(flat, 0, jnp.clip(cotangent, *settings.stiffness_range) / 2)
+    return Surface(spec.faces, spec.mass, rest, stiff)
+
+
+def deform(
+    surface: Surface,
+    target: Float[Array, "n 3"],
+    start: Float[Array, "n 3"],
+    *,
+    settings: ArapSettings = ArapSettings(),
+) -> Float[Array, "n 3"]:
+    """Positions of vertices that are drawn to their targets, as rigid as possible.
+
+    Args:
+        surface: the shape at rest.
+        target: the position that each vertex is drawn to.
+        start: positions to begin with.
+        settings: see `ArapSettings`.
+
+    Returns:
+        Positions, 0 on padding.
+    """
+    faces, mass, rest, stiff = surface
+    n = len(mass)
+    real = (mass > 0)[:, None]
+    target, start = jnp.where(real, target, 0), jnp.where(real, start, 0)
+    pull = jnp.where(real, mass[:, None] / settings.reach**2, 1)
+
+    def at_vertices(values):
+        return jnp.zeros((n, values.shape[2]), values.dtype).at[faces].add(values)
+
+    def divergence(flux):
+        return at_vertices(_ahead(flux, 1) - _ahead(flux, 2))
+
+    diagonal = at_vertices(_ahead(stiff, 1) + _ahead(stiff, 2)) + pull
+
+    def resist(x):
+        return divergence(stiff * _edges(x, faces)) + pull * x
+
+    def update(x, _):
+        outer = rest[..., :, None] * (stiff * _edges(x, faces))[..., None, :]
+        outer = outer.reshape(len(faces), 3, 9)
+        covariance = at_vertices(_ahead(outer, 1) + _ahead(outer, 2))
+        rotation = rotations(covariance.reshape(n, 3, 3))[faces]
+        mean = (_ahead(rotation, 1) + _ahead(rotation, 2)) / 2
+        rotated = jnp.sum(mean * rest[:, :, None], 3)
+        right = divergence(stiff * rotated) + pull * target
+        precondition = lambda residual: residual / diagonal
+        options = {
+            "tol": settings.tolerance,
+            "maxiter": settings.max_steps,
+            "M": precondition,
+        }
+        return cg(resist, right, x, **options)[0], None
+
+    return jax.lax.scan(update, start, None, length=settings.rotation_updates)[0]
+
+
+def rotations(covariance: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
+    """The rotation R of each that makes sum_ab covariance_ab R_ba largest.
+
+    Its quaternion is the leading eigenvector of a 4 x 4 matrix (Horn, JOSA A 1987),
+    found by repeated squaring for all vertices at once. One SVD a vertex takes ten
+    times as long. If two rotations are equally good, the result is neither of them.
+    """
+    m = jnp.moveaxis(covariance, 0, 2)  # the last axis is the long one
+    xx, yy, zz = m[0, 0], m[1, 1], m[2, 2]
+    odd, even = m - m.swapaxes(0, 1), m + m.swapaxes(0, 1)
+    horn = _matrix(
+        [xx + yy + zz, odd[1, 2], odd[2, 0], odd[0, 1]],
+        [odd[1, 2], xx - yy - zz, even[0, 1], even[2, 0]],
+        [odd[2, 0], even[0, 1], yy - xx - zz, even[1, 2]],
+        [odd[0, 1], even[2, 0], even[1, 2], zz - xx - yy],
+    )
+    size = jnp.max(jnp.sum(jnp.abs(horn), 1), 0)
+    eye = jnp.eye(4, dtype=m.dtype)[..., None]
+    power = horn + size[None, None] * eye  # now none of its eigenvalues is negative
+    for _ in range(SQUARINGS):
+        trace = jnp.trace(power)
+        power = power / jnp.where(trace > 0, trace, 1)[None, None]
+        power = jnp.sum(power[:, :, None] * power[None], 1)
+    best = jnp.argmax(jnp.diagonal(power), 1)
+    column = jnp.take_along_axis(power, best[None, None], 1)[:, 0]
+    square = jnp.sum(column**2, 0)
+    w, x, y, z = column / jnp.sqrt(jnp.where(square > 0, square, 1))[None]
+    rotation = _matrix(
+        [1 - 2 * (y**2 + z**2), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x**2 + z**2), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)],
+    )
+    return jnp.moveaxis(rotation, 2, 0)
+
+
+def _matrix(*rows):
+    return jnp.stack([jnp.stack(row) for row in rows])
+
+
+def _edges(points, faces):
+    corners = points[faces]
+    return _ahead(corners, 2) - _ahead(corners, 1)
+
+
+def _ahead(corners, by: int):
+    """For each corner of a face, the value of the corner `by` places after it."""
+    return jnp.roll(corners, -by, 1)

@@ -1,0 +1,55 @@
+"""Spectral ICP: alternate map and functional map, made orthonormal each time.
+
+Ovsjanikov et al. (SIGGRAPH 2012), as an instance of algorithm 1 of Pai et al. (CVPR
+2021), with any converter.
+"""
+
+from functools import partial
+
+import jax
+from jaxtyping import Array, Float
+
+from jfsf.convert import Converter, maps_of, with_options
+from jfsf.spectral import Space, embeddings, functional_map, polar, truncate, uniform
+from jfsf.types import Spectrum, Tiles
+
+
+@partial(jax.jit, static_argnames=("num_iters", "converter", "space"))
+def icp(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "k_x k_y"],
+    *,
+    num_iters: int = 10,
+    converter: Converter,
+    space: Space = "adjoint",
+    tiles: tuple[Tiles, Tiles] | None = None,
+) -> Float[Array, "k_x k_y"]:
+    """Refine C_yx at its own size.
+
+    Args:
+        spec_x, spec_y: as many eigenpairs as C_yx has rows and columns, or more.
+        C_yx: the start.
+        converter: any `jfsf.convert.Converter`.
+        space: which embeddings the converter compares; see `jfsf.spectral.embeddings`.
+        tiles: of X and of Y, handed to the converter if it declares them.
+
+    Returns:
+        The last functional map, with orthonormal columns (rows if there are fewer).
+
+    Raises:
+        ValueError: C_yx is larger than a basis, or num_iters is negative.
+    """
+    if num_iters < 0:
+        raise ValueError(f"icp: num_iters is {num_iters}, it must not be negative")
+    k_x, k_y = C_yx.shape
+    spec_x, spec_y = truncate(spec_x, k_x), truncate(spec_y, k_y)
+    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
+    converter = with_options(converter, tiles=tiles)
+
+    def step(C_yx, _):
+        emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space=space)
+        maps = maps_of(converter(emb_x, emb_y, *marginals))
+        return polar(functional_map(maps.T_xy, spec_x, spec_y)), None
+
+    return jax.lax.scan(step, C_yx, None, length=num_iters)[0]

@@ -1,0 +1,85 @@
+"""Shapes by their spectra: eigenpairs, and all that is made of them.
+
+Read in this order:
+
+- `_laplacian`: stiffness and mass of a mesh
+- `_eigenpairs`: `Mesh` to `Spectrum`, on the host
+- `_descriptors`: wave and heat kernel signatures, curvature
+- `_functional_maps`: point maps to functional maps and to aligned embeddings
+- `_orientation`: oriented products of gradients, which tell left from right
+- `_sampling`: farthest points, and a spectrum at samples only
+- `_features`: all that search and refinement read of one shape
+"""
+
+from jfsf.spectral._descriptors import (
+    CURVATURE_TIMES,
+    curvature,
+    hks,
+    normals,
+    standardise,
+    wks,
+)
+from jfsf.spectral._eigenpairs import spectrum, spectrum_of_valid
+from jfsf.spectral._features import Features, FeatureSettings, features
+from jfsf.spectral._functional_maps import (
+    Space,
+    embeddings,
+    functional_map,
+    polar,
+    truncate,
+    truncate_pair,
+    uniform,
+)
+from jfsf.spectral._laplacian import operators
+from jfsf.spectral._orientation import (
+    COLUMN_WEIGHT,
+    FUNCTIONS,
+    PULLED_BACK,
+    at_vertices,
+    bracket_fields,
+    brackets,
+    carried_fields,
+    orientation_score,
+)
+from jfsf.spectral._sampling import (
+    DISTANCE_PAIRS,
+    biharmonic,
+    farthest_points,
+    restrict,
+    tile_points,
+)
+
+__all__ = [
+    "COLUMN_WEIGHT",
+    "CURVATURE_TIMES",
+    "DISTANCE_PAIRS",
+    "FUNCTIONS",
+    "FeatureSettings",
+    "Features",
+    "PULLED_BACK",
+    "Space",
+    "at_vertices",
+    "biharmonic",
+    "bracket_fields",
+    "brackets",
+    "carried_fields",
+    "curvature",
+    "embeddings",
+    "farthest_points",
+    "features",
+    "functional_map",
+    "hks",
+    "normals",
+    "operators",
+    "orientation_score",
+    "polar",
+    "restrict",
+    "spectrum",
+    "spectrum_of_valid",
+    "standardise",
+    "tile_points",
+    "truncate",
+    "truncate_pair",
+    "uniform",
+    "wks",
+]

@@ -1,0 +1,133 @@
+"""Spectrum -> Features: all that the search and the refinement read of one shape."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jfsf.spectral._descriptors import (
+    CURVATURE_TIMES,
+    curvature,
+    hks,
+    standardise,
+    wks,
+)
+from jfsf.spectral._orientation import FUNCTIONS, at_vertices, brackets
+from jfsf.spectral._sampling import DISTANCE_PAIRS, restrict
+from jfsf.types import Spectrum
+
+
+@dataclass(frozen=True)
+class FeatureSettings:
+    """How the features of a shape are made. Hashable, for static arguments.
+
+    wks_energies: energies of the wave kernel signature.
+    wks_step: one energy in so many is kept, as neighbouring ones are nearly equal.
+    keep_wks: keep these columns beside descriptors of the user's.
+    landmark_times: heat kernel signatures a landmark.
+    curvature_times: heat times of the curvature on the shape of area 1, no unit; see
+        `curvature`.
+    curvature_weight: of a standardised curvature column beside a standardised
+        descriptor column.
+    oriented_functions: eigenfunctions of the oriented products; see `brackets`.
+    """
+
+    wks_energies: int = 100
+    wks_step: int = 5
+    keep_wks: bool = False
+    landmark_times: int = 10
+    curvature_times: tuple[float, ...] = CURVATURE_TIMES
+    curvature_weight: float = 1.5
+    oriented_functions: int = FUNCTIONS
+
+
+class Features(NamedTuple):
+    """A shape, and columns that tell its points apart beside the eigenfunctions.
+
+    spec: the spectrum, whole or restricted to samples.
+    descriptors: as they were given; column i corresponds to column i of the other
+        shape. They rank maps.
+    curvature: standardised columns; they rank maps too.
+    columns: what refinement appends to the eigenfunctions: standardised descriptors and
+        weighted curvature. 0 for a self map, since a shape resembles itself most under
+        the identity.
+    brackets: `jfsf.spectral.brackets`; they do not know how many vertices there are.
+    bracket_fields: the same at each vertex. Negate them on one shape to ask for a map
+        that mirrors.
+    """
+
+    spec: Spectrum
+    descriptors: Float[Array, "n d"]
+    curvature: Float[Array, "n b"]
+    columns: Float[Array, "n e"]
+    brackets: Float[Array, "s s s"]
+    bracket_fields: Float[Array, "n s s"]
+
+    def at(
+        self, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
+    ) -> "Features":
+        """The features at these vertices alone; see `restrict`."""
+        return Features(
+            restrict(self.spec, samples, distance_pairs=distance_pairs),
+            self.descriptors[samples],
+            self.curvature[samples],
+            self.columns[samples],
+            self.brackets,
+            self.bracket_fields[samples],
+        )
+
+
+@partial(jax.jit, static_argnames="settings")
+def features(
+    spec: Spectrum,
+    descriptors: Float[Array, "n d"] | None = None,
+    landmarks: Int[Array, " l"] | None = None,
+    *,
+    self_map: Bool[Array, ""] | bool = False,
+    settings: FeatureSettings = FeatureSettings(),
+) -> Features:
+    """The features of one shape.
+
+    Args:
+        spec: faces wound outward, or none: then nothing is known of orientation.
+        descriptors: of any unit and sign; the wave kernel signature when absent.
+        landmarks: vertices, in range (not checked), in the order of the other shape's.
+            Heat kernel signatures seen from them are appended to the descriptors.
+        self_map: whether the shape will be matched with itself; may be traced.
+        settings: see `FeatureSettings`.
+
+    Raises:
+        ValueError: descriptors without one row a vertex.
+    """
+    if descriptors is not None and (
+        descriptors.ndim != 2 or len(descriptors) != len(spec.mass)
+    ):
+        raise ValueError(
+            f"features: descriptors are {descriptors.shape}, the shape has "
+            f"{len(spec.mass)} vertices"
+        )
+    given = [] if descriptors is None else [descriptors.astype(spec.evecs.dtype)]
+    if descriptors is None or settings.keep_wks:
+        given.append(wks(spec, num=settings.wks_energies)[:, :: settings.wks_step])
+    if landmarks is not None:
+        # Heat from a landmark is positive, but for what the cut of the spectrum adds.
+        seen = hks(spec, landmarks, num=settings.landmark_times)
+        given.append(jnp.maximum(seen, 0))
+    found = jnp.concatenate(given, 1) if len(given) > 1 else given[0]
+    standard = standardise(curvature(spec, times=settings.curvature_times), spec.mass)
+    weighted = settings.curvature_weight * standard
+    columns = jnp.concatenate([standardise(found, spec.mass), weighted], 1)
+    k = min(settings.oriented_functions, len(spec.evals))
+    oriented = brackets(spec, k=k)
+    return Features(
+        spec,
+        found,
+        # The same numbers as in the columns.
+        weighted / settings.curvature_weight,
+        jnp.where(self_map, 0, columns),
+        oriented,
+        at_vertices(spec, oriented),
+    )

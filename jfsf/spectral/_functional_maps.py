@@ -1,0 +1,102 @@
+"""Maps <-> functional maps, and the embeddings that converters compare.
+
+C_YX = Phi_X^+ Phi_Y[T_XY] (eq. 4 of Pai et al., CVPR 2021) pulls functions on Y back to
+X; its transpose D_XY maps delta functions of X to delta functions of Y.
+"""
+
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jfsf.array import matmul
+from jfsf.types import Spectrum
+
+Space = Literal["adjoint", "direct"]
+
+
+@jax.jit
+def functional_map(
+    T_xy: Int[Array, " n_x"], spec_x: Spectrum, spec_y: Spectrum
+) -> Float[Array, "k_x k_y"]:
+    """C_yx of a map from X to Y: Phi_X^+ Phi_Y[T_xy] (eq. 4).
+
+    Args:
+        T_xy: the vertex of Y for each vertex of X.
+        spec_x, spec_y: spectra; also of samples (`sampling.restrict`), whose
+            eigenvectors are no longer orthonormal: the pseudo-inverse is the weighted
+            least squares one.
+
+    Raises:
+        ValueError: T_xy does not have one entry a vertex of X.
+    """
+    if T_xy.shape != (len(spec_x.evecs),):
+        raise ValueError(
+            f"functional_map: T_xy has shape {T_xy.shape}, X has "
+            f"{len(spec_x.evecs)} vertices"
+        )
+    weighted = spec_x.evecs * spec_x.mass[:, None]
+    right = matmul(weighted.T, spec_y.evecs[T_xy])
+    return jax.scipy.linalg.solve(
+        matmul(weighted.T, spec_x.evecs), right, assume_a="pos"
+    )
+
+
+@partial(jax.jit, static_argnames="space")
+def embeddings(
+    C_yx: Float[Array, "k_x k_y"],
+    evecs_x: Float[Array, "n_x k"],
+    evecs_y: Float[Array, "n_y l"],
+    *,
+    space: Space = "adjoint",
+) -> tuple[Float[Array, "n_x d"], Float[Array, "n_y d"]]:
+    """The aligned embeddings (emb_x, emb_y) whose rows a converter compares.
+
+    "adjoint" is (Phi_X C_yx, Phi_Y): eq. 5, exact for delta functions. "direct" is
+    (Phi_X, Phi_Y C_yx^T): the space of ZoomOut and older work, which holds up when C_yx
+    loses rank. Where C_yx is orthonormal they agree. Eigenvectors beyond C_yx's size
+    are left out.
+
+    Raises:
+        ValueError: C_yx is larger than the bases, or `space` is unknown.
+    """
+    k_x, k_y = C_yx.shape
+    if k_x > evecs_x.shape[1] or k_y > evecs_y.shape[1]:
+        raise ValueError(
+            f"embeddings: C_yx is {C_yx.shape}, the bases have {evecs_x.shape[1]} and "
+            f"{evecs_y.shape[1]} eigenvectors"
+        )
+    evecs_x, evecs_y = evecs_x[:, :k_x], evecs_y[:, :k_y]
+    if space == "adjoint":
+        return matmul(evecs_x, C_yx), evecs_y
+    if space == "direct":
+        return evecs_x, matmul(evecs_y, C_yx.T)
+    raise ValueError(f"embeddings: space is 'adjoint' or 'direct', not {space!r}")
+
+
+@jax.jit
+def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
+    """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD."""
+    u, _, vt = jnp.linalg.svd(C_yx, full_matrices=False)
+    return matmul(u, vt)
+
+
+def truncate(spec: Spectrum, k: int) -> Spectrum:
+    """The first k eigenpairs of `spec`."""
+    if not 1 <= k <= len(spec.evals):
+        raise ValueError(f"truncate: k is {k}, there are {len(spec.evals)} eigenpairs")
+    return spec._replace(evals=spec.evals[:k], evecs=spec.evecs[:, :k])
+
+
+def truncate_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
+    """Both spectra with equally many eigenpairs: the number of the shorter one."""
+    k = min(len(spec_x.evals), len(spec_y.evals))
+    return truncate(spec_x, k), truncate(spec_y, k)
+
+
+def uniform(mass: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Equal weight on every vertex, none on padding; sums to 1."""
+    real = (mass > 0).astype(mass.dtype)
+    return real / real.sum()

@@ -1,0 +1,104 @@
+"""Farthest-point samples of a shape, and its spectrum seen from the samples only.
+
+Sampled refinement is the "fast" ZoomOut of Melzi et al. (SIGGRAPH Asia 2019), with the
+sampling done in the spectral embedding, so that it does not depend on the pose.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jfsf.array import argmax
+from jfsf.neighbours import neighbours, spectral_tiles
+from jfsf.types import Spectrum
+
+# Eigenpairs of the biharmonic distance. More only add detail finer than the spacing of
+# the samples.
+DISTANCE_PAIRS = 30
+
+
+@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+def farthest_points(
+    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
+) -> Int[Array, " num"]:
+    """`num` vertices, each the farthest from those before it.
+
+    The distance is the biharmonic one (Lipman et al., 2010): |Phi_i - Phi_j| weighted
+    by 1 / lambda. It does not change with pose, sign flips or vertex order, except
+    where two vertices are equally far. Padding (mass 0) is never chosen.
+
+    Raises:
+        ValueError: `num` is not in 1..n.
+    """
+    if not 1 <= num <= len(spec.mass):
+        raise ValueError(
+            f"farthest_points: num is {num}, the shape has {len(spec.mass)} vertices"
+        )
+    points = biharmonic(spec, distance_pairs)
+    far = jnp.where(spec.mass > 0, jnp.sum(points**2, 1), -1)
+
+    def step(state, _):
+        far, new = state
+        gap = jnp.sum((points - points[new][None]) ** 2, 1)
+        far = jnp.minimum(far, gap)
+        return (far, argmax(far, 0)), new
+
+    # The first point is the vertex farthest from the mean. Its distance to the mean
+    # must not take part afterwards.
+    start = argmax(far, 0)
+    far = jnp.where(spec.mass > 0, jnp.inf, -1).astype(points.dtype)
+    _, chosen = jax.lax.scan(step, (far, start), None, length=num)
+    return chosen.astype(jnp.int32)
+
+
+@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+def tile_points(
+    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
+) -> Int[Array, " s"]:
+    """The middle vertex of each of num to 2 num tiles, as many as there are vertices.
+
+    Less even than `farthest_points`, but the time does not grow with `num`: use it for
+    thousands of samples of large meshes.
+
+    Raises:
+        ValueError: `num` is not in 1..n.
+    """
+    n = len(spec.mass)
+    if not 1 <= num <= n:
+        raise ValueError(f"tile_points: num is {num}, the shape has {n} vertices")
+    held = spectral_tiles(spec, size=n // num)
+    points = biharmonic(spec, distance_pairs)[held.member]
+    weight = held.valid.astype(points.dtype)
+    share = weight / jnp.maximum(weight.sum(1), 1)[:, None]
+    centre = jnp.einsum("tsd,ts->td", points, share)
+    gap = jnp.sum((points - centre[:, None]) ** 2, 2)
+    at = jnp.argmin(jnp.where(held.valid, gap, jnp.inf), 1)
+    return jnp.take_along_axis(held.member, at[:, None], 1)[:, 0]
+
+
+@partial(jax.jit, static_argnames="distance_pairs")
+def restrict(
+    spec: Spectrum, at: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
+) -> Spectrum:
+    """The spectrum at the vertices `at`, each with the mass of the cell around it.
+
+    Eigenvectors are rows of the full ones, so they are orthonormal only roughly. The
+    faces, which belong to the full mesh, are dropped.
+    """
+    points = biharmonic(spec, distance_pairs)
+    cell = neighbours(points, points[at], k0=1).idx[:, 0]
+    mass = jnp.zeros(len(at), spec.mass.dtype).at[cell].add(spec.mass)
+    return Spectrum(spec.evals, spec.evecs[at], mass, spec.faces[:0], spec.vertices[at])
+
+
+def biharmonic(spec: Spectrum, pairs: int = DISTANCE_PAIRS) -> Float[Array, "n d"]:
+    """The embedding whose Euclidean distance is the biharmonic distance.
+
+    Args:
+        spec: mass-orthonormal eigenvectors.
+        pairs: eigenpairs, the constant included; (n, pairs - 1) comes back.
+    """
+    evals = spec.evals[1:pairs]
+    return spec.evecs[:, 1:pairs] / jnp.maximum(evals, 1e-6)[None]

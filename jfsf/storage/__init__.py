@@ -1,0 +1,23 @@
+"""Files that are written completely or not at all, and caches on disk.
+
+Read in this order:
+
+- `_atomic`: write a file completely or not at all
+- `_cache`: records of arrays, kept under a digest of their inputs
+- `_programs`: compile programs early, and keep them on disk
+"""
+
+from jfsf.storage._atomic import write_atomically, write_text
+from jfsf.storage._cache import fetch, folder, key, store
+from jfsf.storage._programs import compile_ahead, large_jit
+
+__all__ = [
+    "compile_ahead",
+    "fetch",
+    "folder",
+    "key",
+    "large_jit",
+    "store",
+    "write_atomically",
+    "write_text",
+]

@@ -1,0 +1,70 @@
+"""A disk cache of records of arrays. The name of a file is a digest of its inputs.
+
+Files live in the user's cache folder, or in the folder that JFSF_CACHE names. They can
+be deleted at any time.
+"""
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import platformdirs
+
+from jfsf.storage._atomic import write_atomically
+
+
+def folder() -> Path:
+    """The folder of the cache: $JFSF_CACHE, or the platform's cache folder."""
+    return Path(os.environ.get("JFSF_CACHE") or platformdirs.user_cache_dir("jfsf"))
+
+
+def key(*parts: Any) -> str:
+    """A digest of arrays (shape, dtype, bytes) and plain values, in their order."""
+    digest = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            text, data = f"array {part.shape} {part.dtype.str}", part.tobytes()
+        else:
+            text, data = repr(part), b""
+        # The length of each text keeps the parts apart: (1, 23) is not (12, 3).
+        digest.update(f"{len(text)} {text}".encode() + data)
+    return digest.hexdigest()
+
+
+def fetch(key: str, record: Any, compute: Callable[[], Any]) -> Any:
+    """The NamedTuple `record` stored under `key`, computed and stored if need be.
+
+    A file that cannot be read is computed again and replaced. If the folder cannot be
+    written, the result is returned all the same, without being stored.
+
+    Args:
+        key: names the file; see `key`.
+        record: class of NamedTuple, all its fields arrays.
+        compute: gives the record; its errors pass through, and nothing is stored then.
+    """
+    path = folder() / f"{key}.npz"
+    try:
+        # numpy does not close a damaged file that it opened itself.
+        with path.open("rb") as raw, np.load(raw) as file:
+            return record(*(file[name] for name in record._fields))
+    except Exception:  # a damaged file makes numpy and zipfile raise nearly anything
+        pass
+    value = compute()
+    try:
+        store(path, **value._asdict())
+    except OSError:
+        pass
+    return value
+
+
+def store(path: Path, **arrays: Any) -> None:
+    """Write an .npz with `write_atomically`, in a folder that is made if need be.
+
+    Raises:
+        OSError: the folder or the file cannot be written.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, lambda file: np.savez(file, **arrays))

@@ -1,0 +1,328 @@
+"""Neighbours among candidates against brute force: recall, padding, lost searches."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf import testing
+from jfsf.convert import nearest, quick_nearest, sinkhorn
+from jfsf.neighbours import (
+    NeighbourSettings,
+    mutual_neighbours,
+    neighbours_both_ways,
+    spectral_tiles,
+    tiled_neighbours,
+    tiles,
+)
+from jfsf.refine import zoomout
+from jfsf.spectral import restrict, uniform
+
+N, M, WIDTH = 1203, 1101, 12  # more than one level of tiles, neither size round
+
+
+def surfaces(seed, n=N, m=M, noise=0.0):
+    """Two samplings of one smooth surface, and where the points lie on it."""
+    rng = np.random.default_rng(seed)
+    waves, phase = rng.normal(size=(2, WIDTH)) * 2, rng.uniform(0, 6, WIDTH)
+    flat = [rng.uniform(-1, 1, (size, 2)) for size in (n, m)]
+    x, y = (np.sin(at @ waves + phase) for at in flat)
+    return x + noise * rng.normal(size=x.shape), y, *flat
+
+
+def search(x, y, at_x, at_y, k0, dtype=jnp.float64, **options):
+    x, y, at_x, at_y = (jnp.asarray(a, dtype) for a in (x, y, at_x, at_y))
+    return tiled_neighbours(x, y, tiles(at_x), tiles(at_y), k0=k0, **options)
+
+
+def recall(near, queries, points, k0):
+    """Shares of nearest and of all neighbours found; distances must be right."""
+    idx, _ = oracles.neighbours(queries, points, k0)
+    found, dist = np.asarray(near.idx), np.asarray(near.dist)
+    gap = np.linalg.norm(queries[:, None] - points[found], axis=2)
+    np.testing.assert_allclose(dist, gap, rtol=1e-5, atol=1e-12)
+    assert (np.diff(dist, axis=1) >= -1e-4 * dist[:, 1:]).all()
+    assert all(len(np.unique(row)) == k0 for row in found)
+    hits = (found[:, :, None] == idx[:, None]).any(2)
+    return (found[:, 0] == idx[:, 0]).mean(), hits.mean()
+
+
+def test_the_sizes_are_awkward():
+    held = tiles(jnp.zeros((M, 2))).member
+    settings = NeighbourSettings()
+    assert settings.tiles < len(held) and len(held) > settings.root_tiles
+    assert held.size > M
+
+
+@pytest.mark.parametrize("seed, noise, k0", [(0, 0.05, 10), (1, 0.0, 1)])
+def test_nearly_all_neighbours_are_found(seed, noise, k0):
+    x, y, *flat = surfaces(seed, noise=noise)
+    found = search(x, y, *flat, k0)
+    assert found.near_xy.idx.dtype == jnp.int32 and found.near_xy.dist.shape == (N, k0)
+    for near, q, p in ((found.near_xy, x, y), (found.near_yx, y, x)):
+        nearest, every = recall(near, q, p, k0)
+        assert nearest > 0.997 and every > 0.99
+    assert found.recall > 0.97 and not found.searched_all
+
+
+def test_fewer_tiles_find_fewer_neighbours():
+    x, y, *flat = surfaces(0, noise=0.05)
+    few = NeighbourSettings(tiles=2)
+    found = search(x, y, *flat, 10, min_recall=0.0, settings=few)
+    # With the default 28 tiles it is above 0.99.
+    assert recall(found.near_xy, x, y, 10)[1] < 0.97
+
+
+def test_all_points_are_checked_if_the_settings_ask_for_it():
+    x, y, *flat = lost()
+    every = NeighbourSettings(checked=10**6, tolerance=0.0)
+    found = search(x, y, *flat, 1, min_recall=0.0, settings=every)
+    shares = [recall(found.near_xy, x, y, 1)[0], recall(found.near_yx, y, x, 1)[0]]
+    assert abs(found.recall - min(shares)) < 0.03  # some points have several slots
+
+
+def test_both_ways_is_among_tiles_if_there_are_some():
+    x, y, *flat = map(jnp.asarray, surfaces(0, 60, 50))
+    held, options = tuple(map(tiles, flat)), {"k0": 3, "min_recall": 0.0}
+    found = neighbours_both_ways(x, y, tiles=held, **options)
+    wanted = tiled_neighbours(x, y, *held, **options)
+    jax.tree.map(np.testing.assert_array_equal, found, wanted)
+    found = neighbours_both_ways(x, y, **options)
+    assert found.searched_all and jnp.isnan(found.recall)
+    wanted = mutual_neighbours(x, y, k0=3)
+    jax.tree.map(np.testing.assert_array_equal, found[:2], wanted)
+
+
+@given(testing.point_sets(150, 4), testing.point_sets(97, 4), st.sampled_from([1, 10]))
+def test_few_points_are_all_compared(x, y, k0):
+    found = search(x, y, x, y, k0, min_recall=0.0)
+    for near, q, p in ((found.near_xy, x, y), (found.near_yx, y, x)):
+        # Ties go either way.
+        _, dist = oracles.neighbours(q, p, k0)
+        np.testing.assert_allclose(near.dist, dist, rtol=1e-5, atol=1e-6)
+    assert found.recall == 1
+
+
+def test_many_neighbours():
+    x, y, *flat = surfaces(0)
+    found = search(x, y, *flat, 100, min_recall=0.0)
+    nearest, every = recall(found.near_xy, x, y, 100)
+    assert nearest > 0.997 and every > 0.95
+
+
+def test_nearest_among_tiles_is_nearest():
+    x, y, *flat = surfaces(0)
+    held = tuple(tiles(jnp.asarray(at)) for at in flat)
+    x, y = jnp.asarray(x), jnp.asarray(y)
+    plain = nearest(x, y)
+    for converter in (nearest, quick_nearest):
+        found = converter(x, y, tiles=held)
+        assert (found.T_xy == plain.T_xy).mean() > 0.99
+        assert (found.T_yx == plain.T_yx).mean() > 0.99
+
+
+def test_a_direction_that_is_not_used_is_left_out():
+    x, y, *flat = surfaces(0)
+    held = tuple(tiles(jnp.asarray(at)) for at in flat)
+    whole = jax.jit(lambda x, y: nearest(x, y, tiles=held))
+    one = jax.jit(lambda x, y: nearest(x, y, tiles=held).T_xy)
+    sizes = [
+        len(str(f.lower(jnp.asarray(x), jnp.asarray(y)).compile().as_text()))
+        for f in (one, whole)
+    ]
+    assert sizes[0] < 0.7 * sizes[1]
+
+
+def test_only_valid_points_take_part():
+    x, y, at_x, at_y = surfaces(0)
+    valid = [np.random.default_rng(s).random(n) < 0.7 for s, n in ((0, N), (1, M))]
+    for points, some in zip((x, y), valid, strict=True):
+        points[~some] = np.random.default_rng(2).choice([0, 1e300, np.nan])
+    held = [
+        tiles(*map(jnp.asarray, pair)) for pair in zip((at_x, at_y), valid, strict=True)
+    ]
+    found = tiled_neighbours(jnp.asarray(x), jnp.asarray(y), *held, k0=5)
+    assert found.recall > 0.97
+    where = [np.flatnonzero(some) for some in valid]
+    for near, q, p in ((found.near_xy, 0, 1), (found.near_yx, 1, 0)):
+        out = ~valid[q]
+        assert not near.idx[out].any() and jnp.isinf(near.dist[out]).all()
+        points = (x, y)[p].copy()
+        points[~valid[p]] = 0
+        queries = (x, y)[q][where[q]]
+        idx, dist = oracles.neighbours(queries, points, 5, valid[p])
+        assert (np.asarray(near.idx)[where[q]] == idx).mean() > 0.99
+        assert valid[p][np.asarray(near.idx)[where[q]]].all()
+
+
+def test_fewer_valid_points_than_neighbours():
+    x, y, at_x, at_y = surfaces(0, 60, 50)
+    few = jnp.arange(50) < 3
+    found = tiled_neighbours(
+        *map(jnp.asarray, (x, y)),
+        tiles(jnp.asarray(at_x)),
+        tiles(jnp.asarray(at_y), few),
+        k0=5,
+    )
+    assert (np.isfinite(found.near_xy.dist) == (np.arange(5) < 3)).all()
+    assert not found.near_xy.idx[:, 3:].any()
+
+
+def test_values_that_are_not_finite():
+    x, y, *flat = surfaces(0)
+    x[3, 1], y[7] = np.nan, np.inf
+    found = search(x, y, *flat, 5)
+    assert jnp.isinf(found.near_xy.dist[3]).all()
+    assert jnp.isinf(found.near_yx.dist[7]).all()
+    assert not (found.near_xy.idx == 7).any() and not (found.near_yx.idx == 3).any()
+    assert found.recall > 0.97
+
+
+def test_relabelling_relabels():
+    # Other repeated points and another order: the neighbours stay.
+    x, y, at_x, at_y = surfaces(0)
+    order, other = (
+        np.random.default_rng(s).permutation(n) for s, n in enumerate((N, M))
+    )
+    plain = search(x, y, at_x, at_y, 10)
+    moved = search(x[order], y[other], at_x[order], at_y[other], 10)
+    back = other[np.asarray(moved.near_xy.idx)]
+    assert (back[:, 0] == np.asarray(plain.near_xy.idx)[order, 0]).mean() > 0.997
+    assert (back == np.asarray(plain.near_xy.idx)[order]).mean() > 0.99
+
+
+def lost():
+    """Tiles of points that are far apart."""
+    x, y, at_x, at_y = surfaces(0)
+    rng = np.random.default_rng(9)
+    return x, y, rng.permutation(at_x), rng.permutation(at_y)
+
+
+def test_a_lost_search_is_exhaustive():
+    x, y, *flat = lost()
+    found = search(x, y, *flat, 5)
+    assert found.searched_all and found.recall < 0.95
+    for near, q, p in ((found.near_xy, x, y), (found.near_yx, y, x)):
+        assert np.array_equal(near.idx, oracles.neighbours(q, p, 5)[0])
+
+
+def test_a_point_nearly_as_near_as_the_nearest_counts():
+    # The sets are so far apart that all points are within 0.1 % of the nearest.
+    x, y, *flat = lost()
+    found = search(*(np.pad(p, ((0, 0), (0, 1))) for p in (x, y)), *flat, 5)
+    assert found.searched_all
+    far = np.pad(x, ((0, 0), (0, 1)), constant_values=100), np.pad(y, ((0, 0), (0, 1)))
+    found = search(*far, *flat, 5)
+    assert not found.searched_all and found.recall == 1
+
+
+def test_the_recall_is_estimated():
+    x, y, *flat = lost()
+    found = search(x, y, *flat, 1, min_recall=0.0)
+    assert not found.searched_all
+    true = [recall(found.near_xy, x, y, 1)[0], recall(found.near_yx, y, x, 1)[0]]
+    assert min(true) < 0.9
+    error = np.sqrt(0.25 / NeighbourSettings().checked)
+    assert abs(found.recall - min(true)) < 3 * error
+
+
+def test_float32_agrees_but_for_near_ties():
+    x, y, *flat = surfaces(0, noise=0.05)
+    wide, narrow = (
+        search(x, y, *flat, 10, t, min_recall=0.0) for t in (jnp.float64, jnp.float32)
+    )
+    assert narrow.near_xy.dist.dtype == narrow.recall.dtype == jnp.float32
+    np.testing.assert_allclose(narrow.near_xy.dist, wide.near_xy.dist, rtol=1e-3)
+    assert (narrow.near_xy.idx[:, 0] == wide.near_xy.idx[:, 0]).mean() > 0.998
+
+
+@pytest.mark.parametrize("offset", [100.0, 1e4])
+def test_a_common_offset_does_not_cancel(offset):
+    x, y, *flat = surfaces(0, noise=0.05)
+    found = search(x + offset, y + offset, *flat, 1, min_recall=0.0)
+    assert recall(found.near_xy, x + offset, y + offset, 1)[0] > 0.997
+
+
+def test_vmap_equals_the_loop():
+    shapes = [surfaces(seed, 300, 250) for seed in range(2)]
+    run = lambda *args: search(*args, 5, min_recall=0.0)
+    batch = jax.vmap(run)(
+        *(jnp.stack(list(map(jnp.asarray, a))) for a in zip(*shapes, strict=True))
+    )
+    for i, shape in enumerate(shapes):
+        single = run(*shape)
+        assert np.array_equal(single.near_xy.idx, batch.near_xy.idx[i])
+        np.testing.assert_allclose(single.near_yx.dist, batch.near_yx.dist[i])
+        assert single.recall == batch.recall[i]
+
+
+def test_distances_are_differentiable():
+    x, y, at_x, at_y = (jnp.asarray(a) for a in surfaces(0, 60, 50))
+    total = lambda x: search(x, y, at_x, at_y, 3, min_recall=0.0).near_xy.dist.sum()
+    slope = jax.grad(total)(x)
+    way = jnp.asarray(np.random.default_rng(0).normal(size=x.shape))
+    step = 1e-6
+    change = (total(x + step * way) - total(x - step * way)) / (2 * step)
+    np.testing.assert_allclose(jnp.sum(slope * way), change, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "width, options, message",
+    [
+        (3, {"k0": 1}, "x has 4 columns, y has 3"),
+        (4, {"k0": 0}, "k0 is 0, there are 20 and 10 points"),
+        (4, {"k0": 11}, "k0 is 11, there are 20 and 10 points"),
+        (4, {"k0": 1, "min_recall": 1.5}, r"min_recall is 1.5, not in \[0, 1\]"),
+    ],
+)
+def test_options_that_do_not_fit_are_an_error(width, options, message):
+    x, y = jnp.ones((20, 4)), jnp.ones((10, width))
+    with pytest.raises(ValueError, match="tiled_neighbours: " + message):
+        tiled_neighbours(x, y, tiles(x), tiles(y), **options)
+
+
+@pytest.mark.parametrize("converter", [nearest, sinkhorn])
+def test_converters_agree_with_and_without_tiles(converter):
+    x, y, at_x, at_y = map(jnp.asarray, surfaces(0))
+    held = tiles(at_x), tiles(at_y)
+    # Two rows of X are padding, but the tiles hold them.
+    marginals = [uniform(jnp.ones(N).at[:2].set(0)), uniform(jnp.ones(M))]
+    plain = converter(x, y, *marginals)
+    found = converter(x, y, *marginals, tiles=held)
+    assert (found.T_xy == plain.T_xy)[2:].mean() > 0.98
+    assert (found.T_yx == plain.T_yx).mean() > 0.98
+    assert found.T_yx.min() >= 2 and found.T_xy.dtype == jnp.int32
+
+
+def test_zoomout_with_tiles_ends_in_the_same_map():
+    x = testing.blob_spectrum(0, 40, 3)
+    y = restrict(x, jnp.asarray(np.random.default_rng(0).permutation(642)[:500]))
+    held = spectral_tiles(x), spectral_tiles(y)
+    run = partial(zoomout, x, y, jnp.eye(10), ks=(10, 20, 30, 40), converter=nearest)
+    plain, found = run(), run(tiles=held)
+    assert jnp.linalg.norm(found - plain) < 0.02 * jnp.linalg.norm(plain)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"bins": 0},
+        {"margin": -1},
+        {"product_rows": 100},
+        {"fan_out": 6},
+        {"fan_out": 128},
+        {"tiles": 27},
+        {"tiles": 194},
+        {"tile_eigenpairs": 1},
+        {"spread": float("nan")},
+    ],
+)
+def test_settings_that_no_search_can_use_are_an_error(options):
+    (name,) = options
+    with pytest.raises(ValueError, match=f"NeighbourSettings: {name} is "):
+        NeighbourSettings(**options)

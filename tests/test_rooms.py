@@ -1,0 +1,146 @@
+"""The structure: imports point up, rooms say what they are for, names are reachable."""
+
+import ast
+import importlib
+import pkgutil
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import jfsf
+
+PACKAGE = Path(jfsf.__file__).parent
+FILES = sorted(PACKAGE.rglob("*.py"))
+LISTED = re.compile(r"^- `(\w+)`: ", re.MULTILINE)
+LINES = 300  # a longer file says why in its docstring
+
+
+def listed(package: Path) -> list[str]:
+    """The names that the docstring of a package lists, in its order."""
+    tree = ast.parse((package / "__init__.py").read_text())
+    return LISTED.findall(ast.get_docstring(tree) or "")
+
+
+def modules(package: Path) -> set[str]:
+    """Modules and packages in a folder."""
+    files = {p.stem for p in package.glob("*.py")} - {"__init__", "__main__"}
+    return files | {p.parent.name for p in package.glob("*/__init__.py")}
+
+
+def imported(path: Path) -> list[str]:
+    """What a file imports from the package, as dotted names below it."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+            found += [n for n in names if n.startswith("jfsf.")]
+        elif isinstance(node, ast.Import):
+            found += [a.name for a in node.names if a.name.startswith("jfsf.")]
+        assert not (isinstance(node, ast.ImportFrom) and node.level), path
+    return [name.removeprefix("jfsf.") for name in found]
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+ORDER = listed(PACKAGE)
+ROOMS = [room for room in ORDER if (PACKAGE / room).is_dir()]
+
+
+def test_the_package_lists_its_rooms():
+    assert set(ORDER) == modules(PACKAGE)
+    assert len([p for p in PACKAGE.iterdir() if p.is_file()]) <= 12
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_lists_its_files(room):
+    names = listed(PACKAGE / room)
+    assert set(names) == modules(PACKAGE / room) and len(names) == len(set(names))
+    assert all(name.startswith("_") for name in names)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_point_up(path):
+    own = room_of(path)
+    if own in ("__init__", "__main__"):
+        return
+    files = listed(PACKAGE / own) if own in ROOMS else []
+    for name in imported(path):
+        room, *inside = name.split(".")
+        if room == "__version__":
+            continue
+        if room != own:
+            assert ORDER.index(room) < ORDER.index(own), f"{path} imports {name}"
+            # Private files are private to their room.
+            assert not (inside and inside[0].startswith("_")), f"{path} imports {name}"
+        elif path.stem != "__init__":
+            before = files[: files.index(path.stem)]
+            assert inside[0] in before, f"{path} imports {name}"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_public_functions_and_classes_have_docstrings(path):
+    tree = ast.parse(path.read_text())
+    assert ast.get_docstring(tree), f"{path} has no docstring"
+    for node in tree.body:
+        if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+            continue
+        if node.name.startswith("_"):
+            continue
+        assert ast.get_docstring(node), f"{path}: {node.name} has no docstring"
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_a_long_file_says_why(path):
+    text = path.read_text()
+    if len(text.splitlines()) > LINES:
+        head = ast.get_docstring(ast.parse(text)) or ""
+        said = "file is long because" in " ".join(head.split())
+        assert said, f"{path}: over {LINES} lines without a reason"
+
+
+def test_all_public_names_resolve_without_further_imports():
+    # In a new process: here tests have imported everything.
+    code = (
+        "import jfsf\n"
+        f"for room in {ORDER}: getattr(jfsf, room)\n"
+        "jfsf.data.load, jfsf.batch.match_spectra, jfsf.convert.sinkhorn\n"
+        "jfsf.basis, jfsf.mapfiles.read_map, jfsf.evaluate.evaluate\n"
+        "jfsf.plot.draw_pair"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("room", ["", *ROOMS])
+def test_no_function_shadows_a_module(room):
+    module = importlib.import_module(f"jfsf.{room}".rstrip("."))
+    for info in pkgutil.iter_modules(module.__path__):
+        if info.name != "__main__":
+            own = importlib.import_module(f"{module.__name__}.{info.name}")
+            assert getattr(module, info.name) is own
+    assert all(hasattr(module, name) for name in module.__all__)
+
+
+def test_only_one_file_imports_jaxopt():
+    found = [path.name for path in FILES if "jaxopt" in roots_imported(path)]
+    assert found == ["_fit.py"]
+
+
+def roots_imported(path: Path) -> set[str]:
+    """Top-level names of the packages that a file imports."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module:
+            found.add(node.module.partition(".")[0])
+        elif isinstance(node, ast.Import):
+            found |= {alias.name.partition(".")[0] for alias in node.names}
+    return found
+
+
+def test_products_are_precise_in_one_place():
+    declared = [p.name for p in FILES if "Precision.HIGHEST" in p.read_text()]
+    assert declared == ["_precision.py"]

@@ -1,0 +1,192 @@
+"""Files that are whole or absent; a cache whose damage never changes a result."""
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from jfsf import storage
+from jfsf.storage import write_atomically, write_text
+
+
+class Pair(NamedTuple):
+    a: Any
+    b: Any
+
+
+VALUE = Pair(np.arange(6.0).reshape(2, 3), np.array([[1, 2, 3]], np.int32))
+
+
+def same(got):
+    return all(
+        np.array_equal(x, y) and x.dtype == y.dtype and x.shape == y.shape
+        for x, y in zip(got, VALUE, strict=True)
+    )
+
+
+@pytest.fixture
+def place(tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def never():
+    raise AssertionError("computed again")
+
+
+def test_the_folder_follows_the_environment(place, monkeypatch):
+    assert storage.folder() == place
+    monkeypatch.delenv("JFSF_CACHE")
+    assert storage.folder().name == "jfsf" and storage.folder() != place
+
+
+def test_a_record_is_computed_once(place):
+    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert same(storage.fetch("key", Pair, never))
+    assert [file.name for file in place.iterdir()] == ["key.npz"]
+
+
+def test_what_compute_raises_passes_through(place):
+    with pytest.raises(ZeroDivisionError):
+        storage.fetch("key", Pair, lambda: 1 / 0)
+    assert not place.exists()
+
+
+@given(st.data())
+def test_damage_is_repaired(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("cache")
+    path = folder / "key.npz"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("JFSF_CACHE", str(folder))
+        storage.fetch("key", Pair, lambda: VALUE)
+        good = path.read_bytes()
+        at = data.draw(st.integers(0, len(good) - 1))
+        kind = data.draw(st.sampled_from(["cut", "flip", "noise"]))
+        if kind == "cut":
+            bad = good[:at]
+        elif kind == "flip":
+            flipped = bytes([good[at] ^ data.draw(st.integers(1, 255))])
+            bad = good[:at] + flipped + good[at + 1 :]
+        else:
+            bad = data.draw(st.binary(max_size=50))
+        path.write_bytes(bad)
+        assert same(storage.fetch("key", Pair, lambda: VALUE))
+        assert same(storage.fetch("key", Pair, lambda: VALUE))
+
+
+@pytest.mark.parametrize("content", ["npy", "other fields", "pickle"])
+def test_a_foreign_file_is_replaced(place, content):
+    place.mkdir()
+    path = place / "key.npz"
+    with path.open("wb") as file:
+        if content == "npy":
+            np.save(file, np.zeros(3))
+        elif content == "pickle":
+            np.savez(file, a=np.array([{}], object), b=np.zeros(1))
+        else:
+            np.savez(file, a=np.zeros(3))
+    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert same(storage.fetch("key", Pair, never))
+
+
+def test_a_folder_that_cannot_be_made_is_done_without(place):
+    place.write_text("a file stands here")
+    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert place.read_text() == "a file stands here"
+
+
+@pytest.mark.parametrize("broken", ["replace", "savez"])
+def test_a_record_that_cannot_be_stored_is_returned(place, monkeypatch, broken):
+    def fail(*_, **__):
+        raise PermissionError("read-only")
+
+    monkeypatch.setattr({"replace": os, "savez": np}[broken], broken, fail)
+    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert list(place.iterdir()) == []
+
+
+def test_a_written_file_is_whole(tmp_path):
+    path = tmp_path / "a.txt"
+    write_atomically(path, lambda file: file.write(b"old"))
+
+    def write(file):
+        file.write(b"new")
+        # Until all is written, readers see the old file.
+        assert path.read_bytes() == b"old"
+        assert all(p == path or p.suffix == ".tmp" for p in tmp_path.iterdir())
+
+    write_atomically(str(path), write)
+    assert path.read_bytes() == b"new" and os.listdir(tmp_path) == ["a.txt"]
+    write_text(path, "one\r\ntwo \u00e9\n")
+    assert path.read_bytes() == b"one\r\ntwo \xc3\xa9\n"
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(28, "full"), ValueError(), KeyboardInterrupt()]
+)
+def test_a_failed_write_leaves_the_old_file(tmp_path, error):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def write(file):
+        file.write(b"new")
+        raise error
+
+    with pytest.raises(type(error)):
+        write_atomically(path, write)
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_failed_rename_leaves_the_old_file(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def fail(*_):
+        raise PermissionError("another program has it open")
+
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(PermissionError, match="another program"):
+        write_text(path, "new")
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_a_folder_that_is_missing_or_a_file_is_an_error(tmp_path):
+    with pytest.raises(FileNotFoundError):
+        write_text(tmp_path / "none" / "a.txt", "")
+    write_text(tmp_path / "a.txt", "")
+    with pytest.raises(OSError):
+        write_text(tmp_path / "a.txt" / "b.txt", "")
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+arrays = hnp.arrays(
+    st.sampled_from([np.int32, np.int64, np.float32, np.float64]),
+    hnp.array_shapes(min_dims=1, max_dims=2, min_side=0, max_side=3),
+    elements=st.integers(0, 2),
+)
+parts = st.lists(st.one_of(st.integers(0, 120), st.text("ab'1 ", max_size=3), arrays))
+
+
+def plain(values):
+    return [
+        (v.shape, v.dtype.str, v.tobytes()) if isinstance(v, np.ndarray) else v
+        for v in values
+    ]
+
+
+@given(parts, parts)
+def test_keys_differ_where_parts_differ(one, two):
+    equal = plain(one) == plain(two)
+    assert (storage.key(*one) == storage.key(*two)) == equal
+    assert storage.key(*one) == storage.key(*one)
+
+
+def test_neighbours_do_not_run_together():
+    assert storage.key(1, 23) != storage.key(12, 3)
+    assert storage.key(np.zeros(2), 1) != storage.key(np.zeros((2, 1)), 1)
+    grid = np.arange(6.0).reshape(2, 3)
+    assert storage.key(grid.T) == storage.key(np.ascontiguousarray(grid.T))
