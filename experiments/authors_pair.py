@@ -1,8 +1,9 @@
-"""Parity with the authors' own code on their own pair, and what our defaults do there.
+"""Parity with the authors' own code on their own pair, and the library's defaults.
 
-Every row of reference/authors_pair.json, next to --data, again by jfsf: conversion at
-ten sizes with the reference settings, in float64 and float32, and by the library's
-defaults in float32; and both ZoomOuts. Errors are Euclidean / sqrt(area), as there.
+Every row of reference/authors_pair.json, next to --data, is computed again by jfsf:
+conversion at ten sizes with the reference settings, in float64 and float32, and with
+the library's defaults in float32; and both ZoomOuts. Errors are Euclidean / sqrt(area),
+as in that file.
 
     python experiments/authors_pair.py --data FOLDER [--grid] [--out RESULT.json]
 """
@@ -22,24 +23,16 @@ import results_file
 
 import jfsf
 from jfsf import mapfiles
-from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings, functional_map, truncate
-from jfsf.metrics import coverage, smoothness
+from jfsf.convert import authors_sinkhorn, nearest, sinkhorn
+from jfsf.evaluate import coverage, smoothness
+from jfsf.mesh import surface_area
 from jfsf.refine import zoomout
-from jfsf.spectrum import operators, spectrum
+from jfsf.spectral import embeddings, functional_map, operators, spectrum, truncate
 from jfsf.types import Mesh, Spectrum
 
 K = 100
 KS = tuple(range(20, K + 1, 16))
 COLUMNS = {"error": 5, "bijectivity": 5, "coverage": 4, "smoothness": 3}  # digits there
-REFERENCE = {
-    "lam": 500.0,
-    "k0": 50,
-    "num_iters": 11,
-    "relax": 1.0,
-    "scale": "max",
-    "one_sided": 0.5,
-}
 GRID = {
     "k0": (10, 20, 50),
     "num_iters": (10, 20, 40),
@@ -47,8 +40,7 @@ GRID = {
     "lam": (40.0, 80.0, 160.0),
 }
 
-_reference = partial(sinkhorn, **REFERENCE)
-CONVERTERS = {"nn": nearest, "sinkhorn": _reference}
+CONVERTERS = {"nn": nearest, "sinkhorn": authors_sinkhorn}
 
 
 class Pair(NamedTuple):
@@ -98,15 +90,15 @@ def measure(pair: Pair, T_xy, T_yx) -> dict:
     error = np.linalg.norm(y[T_xy] - y, axis=1).mean()
     there_and_back = np.linalg.norm(x[T_yx[T_xy]] - x, axis=1).mean()
     return {
-        "error": float(error / np.sqrt(_area(pair.mesh_y))),
-        "bijectivity": float(there_and_back / np.sqrt(_area(pair.mesh_x))),
+        "error": float(error / np.sqrt(surface_area(pair.mesh_y))),
+        "bijectivity": float(there_and_back / np.sqrt(surface_area(pair.mesh_x))),
         "coverage": float(coverage(T_xy, np.asarray(pair.spec_y.mass))),
         "smoothness": smoothness(T_xy, y, pair.stiffness_x),
     }
 
 
 def line(name: str, found: dict, truth: dict | None = None) -> str:
-    """One printed row; * marks a number that is the reference's to all its digits."""
+    """One printed row; * marks a number equal to the reference to all digits."""
     cells = []
     for column, digits in COLUMNS.items():
         text = f"{found[column]:.{digits}f}"
@@ -157,7 +149,8 @@ def main() -> None:
             label = " ".join(f"{key}={value:g}" for key, value in settings.items())
             add(f"k={k} {label}", found, k=k, bits=32, settings=settings)
     if args.out:
-        results_file.write(args.out, reference_settings=REFERENCE, rows=rows)
+        settings = authors_sinkhorn.keywords
+        results_file.write(args.out, reference_settings=settings, rows=rows)
 
 
 def _convert(pair: Pair, k: int, converter, bits: int) -> dict:
@@ -173,8 +166,8 @@ def _maps(converter, emb_x, emb_y, bits: int):
 
 def _zoom_as_they_do(pair: Pair, converter, bits: int) -> dict:
     """Direct space, spectra in mesh units, plain pseudo-inverse; the map at k = 100."""
-    evecs_x = pair.spec_x.evecs / np.sqrt(_area(pair.mesh_x))
-    evecs_y = pair.spec_y.evecs / np.sqrt(_area(pair.mesh_y))
+    evecs_x = pair.spec_x.evecs / np.sqrt(surface_area(pair.mesh_x))
+    evecs_y = pair.spec_y.evecs / np.sqrt(surface_area(pair.mesh_y))
     T_xy, T_yx = pair.start, pair.start
     for k in KS:
         C_yx = np.linalg.pinv(evecs_x[:, :k]) @ evecs_y[T_xy, :k]
@@ -194,12 +187,6 @@ def _zoom(pair: Pair, converter) -> dict:
     embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     found = converter(*embs)
     return measure(pair, found.T_xy, found.T_yx)
-
-
-def _area(mesh: Mesh) -> float:
-    corner = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
-    cross = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    return float(np.linalg.norm(cross, axis=1).sum() / 2)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Many pairs in one call against the loop over them, from spectra to maps.
 
-Pairs of embedded shapes, simplified to some 1000 vertices of unequal number. Everything
-in one run, round after round, so that a busy moment hits all alike.
+Pairs of embedded shapes, simplified to some 1000 vertices of unequal number. All take
+turns in one run, so that a busy moment slows all alike.
 
     python experiments/bench_batch.py [--pairs 32] [--vertices 1000] [--out RESULT.json]
 """
@@ -19,11 +19,10 @@ from bench_filter import interleave
 
 import jfsf
 from jfsf import batch, data
+from jfsf.array import pad, padded_size
 from jfsf.convert import sinkhorn
-from jfsf.fmap import embeddings
-from jfsf.match import basis, common
-from jfsf.padding import bucket, pad
-from jfsf.search import HYPOTHESES
+from jfsf.initial import SearchSettings
+from jfsf.spectral import embeddings, truncate_pair
 from jfsf.types import Maps, Mesh
 
 LOOP = "loop"
@@ -38,16 +37,13 @@ def simplified(name: str, vertices: int) -> Mesh:
     return Mesh(points.astype(np.float64), faces.astype(np.int32))
 
 
-def match_loop(xs, ys, hypotheses):
+def match_loop(xs, ys, settings):
     """`jfsf.match` from the spectra on, pair by pair."""
     found = []
     for pair in zip(xs, ys, strict=True):
-        x, y = (
-            pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
-            for spec in common(*pair)
-        )
+        x, y = (_padded_spectrum(spec) for spec in truncate_pair(*pair))
         x, y = jax.device_put((x, y))
-        one = jax.device_get(jfsf.match_spectra(x, y, hypotheses=hypotheses))
+        one = jax.device_get(jfsf.match_spectra(x, y, settings=settings))
         n_x, n_y = (len(spec.mass) for spec in pair)
         found.append(one._replace(T_xy=one.T_xy[:n_x], T_yx=one.T_yx[:n_y]))
     return found
@@ -64,9 +60,14 @@ def convert_loop(embs_x, embs_y):
     return found
 
 
+def _padded_spectrum(spec):
+    size = padded_size(max(len(spec.mass), -(-len(spec.faces) // 2)))
+    return pad(spec, size, 2 * size)
+
+
 def _padded(emb):
     n = len(emb)
-    size = bucket(n)
+    size = padded_size(n)
     return np.pad(emb, ((0, size - n), (0, 0))), np.float32((np.arange(size) < n) / n)
 
 
@@ -74,10 +75,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pairs", type=int, default=32)
     parser.add_argument("--vertices", type=int, default=1000)
-    parser.add_argument("--hypotheses", type=int, default=HYPOTHESES)
+    parser.add_argument("--hypotheses", type=int, default=SearchSettings().hypotheses)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument(
-        "--together", type=int, nargs="+", help="pairs vmapped at a time; default: all"
+        "--batch-sizes", type=int, nargs="+", help="pairs vmapped at a time"
     )
     parser.add_argument(
         "--only", choices=("convert", "match"), help="one of the two contests"
@@ -87,9 +88,9 @@ def main() -> None:
     )
     args = parser.parse_args()
     names = data.names()
-    # Shapes of unequal size, as files have; all on one rung.
+    # Shapes of unequal size, as files have; all of one padded size.
     specs = {
-        name: basis(simplified(name, args.vertices - 20 * i))
+        name: jfsf.basis(simplified(name, args.vertices - 20 * i))
         for i, name in enumerate(names)
     }
     chosen = list(permutations(names, 2))
@@ -98,7 +99,8 @@ def main() -> None:
     sizes = sorted(len(spec.mass) for spec in specs.values())
     print(f"{args.pairs} pairs, {sizes[0]} to {sizes[-1]} vertices")
 
-    together = args.together or [1, args.pairs]
+    batch_sizes = args.batch_sizes or [1, args.pairs]
+    match_settings = jfsf.Settings(search=SearchSettings(hypotheses=args.hypotheses))
     contests = {}
     if args.only != "match":
         eye = np.eye(100, dtype=np.float32)
@@ -112,15 +114,15 @@ def main() -> None:
         run = partial(batch.convert, *embs, pairs=args.pairs)
         contests["convert"] = {
             LOOP: partial(convert_loop, *embs),
-            **{f"batch, {t} vmapped": partial(run, together=t) for t in together},
+            **{f"batch, {b} vmapped": partial(run, batch_size=b) for b in batch_sizes},
         }
     if args.only != "convert":
         run = partial(
-            batch.match_spectra, xs, ys, pairs=args.pairs, hypotheses=args.hypotheses
+            batch.match_spectra, xs, ys, pairs=args.pairs, settings=match_settings
         )
         contests["match"] = {
-            LOOP: partial(match_loop, xs, ys, args.hypotheses),
-            **{f"batch, {t} vmapped": partial(run, together=t) for t in together},
+            LOOP: partial(match_loop, xs, ys, match_settings),
+            **{f"batch, {b} vmapped": partial(run, batch_size=b) for b in batch_sizes},
         }
     rows = {}
     for contest, contestants in contests.items():
@@ -139,7 +141,7 @@ def main() -> None:
     settings = {
         "pairs": args.pairs,
         "vertices": [sizes[0], sizes[-1]],
-        "hypotheses": args.hypotheses,
+        "match_settings": match_settings.as_record(),
         "devices": len(jax.local_devices()),
         "repeats": args.repeats,
         "seed": None,

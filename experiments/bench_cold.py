@@ -1,4 +1,4 @@
-"""What `jfsf match` takes as a process: with an empty cache, again, and another pair.
+"""Seconds of a process `jfsf match`: with an empty cache, again, and another pair.
 
 Embedded shapes, written as OFF files; every process is fresh. Seconds from its start to
 its end, so importing, reading and writing are in them.
@@ -18,9 +18,10 @@ import numpy as np
 import results_file
 from upsample import write_off
 
+import jfsf
 from jfsf import data
 
-# All are of one size, rounded as `match` rounds it, so one program serves both pairs.
+# `match` pads all to one size, so one program serves both pairs.
 FIRST, OTHER = ("man_walk", "man_up"), ("woman_walk", "child_up")
 PROCESSES = {"empty cache": FIRST, "the same pair": FIRST, "another pair": OTHER}
 
@@ -61,7 +62,12 @@ def main() -> None:
     for name, row in rows.items():
         print(f"{name:14s} {row['median']:.1f} s", end=" ")
         print(f"({row['fastest']:.1f} to {row['slowest']:.1f})")
-    settings = {"processes": PROCESSES, "repeats": args.repeats, "seed": None}
+    settings = {
+        "processes": PROCESSES,
+        "repeats": args.repeats,
+        "match_settings": jfsf.Settings().as_record(),
+        "seed": None,
+    }
     results_file.write(args.out, settings=settings, rows=rows)
 
 

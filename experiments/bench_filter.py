@@ -1,6 +1,6 @@
 """Conversion side by side: the filter, nearest neighbour, and their rivals.
 
-Everything in one run, round after round, so that a busy moment hits all alike. On the
+All take turns in one run, so that a busy moment slows all alike. On the
 authors' pair with --data (6890 vertices, errors Euclidean / sqrt(area)), on two
 embedded shapes without (some 5000, geodesic errors).
 
@@ -22,12 +22,13 @@ import numpy_filter
 import results_file
 
 from jfsf import data
+from jfsf.array import matmul
 from jfsf.convert import nearest, sinkhorn
-from jfsf.metrics import geodesic_error
-from jfsf.spectrum import spectrum
+from jfsf.evaluate import geodesic_error
+from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "man_up")
-EVERY = 10  # template points: 1 in so many is measured
+EVERY = 10  # one in so many template points is measured
 OURS, RIVAL = "jfsf sinkhorn", "numpy filter"
 
 
@@ -72,8 +73,8 @@ def embedded(k: int, x: str, y: str):
 
 @jax.jit
 def product(emb_x, emb_y):
-    """What no dense search goes below: all products and the largest in each row."""
-    return jnp.matmul(emb_x, emb_y.T, precision=jax.lax.Precision.HIGHEST).max(1)
+    """All products and the largest in each row: no dense search takes less."""
+    return matmul(emb_x, emb_y.T).max(1)
 
 
 def main() -> None:
@@ -98,18 +99,18 @@ def main() -> None:
     wide = emb_x, emb_y
     narrow = tuple(x.astype(np.float32) for x in wide)
     ours = tuple(map(jnp.asarray, narrow))
-    ready = lambda f, *embs: jax.block_until_ready(f(*embs))
+    finished = lambda f, *embs: jax.block_until_ready(f(*embs))
     converters = {
-        OURS: partial(ready, sinkhorn, *ours),
-        "jfsf nearest": partial(ready, nearest, *ours),
+        OURS: partial(finished, sinkhorn, *ours),
+        "jfsf nearest": partial(finished, nearest, *ours),
         RIVAL: partial(numpy_filter.fast_sinkhorn, *wide),
         "sklearn nearest": partial(numpy_filter.nearest, *wide),
         "sklearn nearest float32": partial(numpy_filter.nearest, *narrow),
     }
     bare = {
         "two products with row maxima": lambda: (
-            ready(product, *ours),
-            ready(product, *ours[::-1]),
+            finished(product, *ours),
+            finished(product, *ours[::-1]),
         )
     }
     print(f"{what}: {len(emb_x)} and {len(emb_y)} vertices, k = {args.k}")

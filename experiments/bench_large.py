@@ -6,10 +6,10 @@ first; warm, as inside a refinement, has them. The exhaustive search of many poi
 timed on a sample of rows, and scaled. Memory is what the compiled program asks for:
 arguments, results and temporaries.
 
-Beside them stand the numpy filter with the authors' settings, scikit-learn's nearest
+For comparison: the numpy filter with the authors' settings, scikit-learn's nearest
 neighbour both ways (the search inside pyFM), POT's dense Sinkhorn with as many updates,
-and what bounds every exhaustive search, two products with row maxima; each up to the
-size where it takes seconds.
+and two products with row maxima, below which no exhaustive search goes; each up to the
+size at which it takes seconds.
 
     python experiments/bench_large.py [--sizes 1000 10000 ...] [--out RESULT.json]
 """
@@ -29,11 +29,14 @@ from bench_filter import interleave, product
 from upsample import upsample
 
 from jfsf import data
-from jfsf.candidates import tiled_neighbours
 from jfsf.convert import sinkhorn
-from jfsf.knn import mutual_neighbours, neighbours
-from jfsf.spectrum import spectrum
-from jfsf.tiles import spectral_tiles
+from jfsf.neighbours import (
+    mutual_neighbours,
+    neighbours,
+    spectral_tiles,
+    tiled_neighbours,
+)
+from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "woman_up")
 K0 = 10
@@ -82,14 +85,14 @@ def aligned(n: int, k: int):
 
 
 def megabytes(function, *args, **options) -> float:
-    """What the compiled program holds at most."""
+    """Memory of the compiled program: arguments, results and temporaries."""
     found = function.lower(*args, **options).compile().memory_analysis()
     size = found.argument_size_in_bytes + found.output_size_in_bytes
     return (size + found.temp_size_in_bytes) / 1e6
 
 
 def rivals(x, y) -> dict:
-    """What else converts both ways, by name; all but the products in float64."""
+    """Other programs that convert both ways; all but the products in float64."""
     found = {"products": lambda: jax.block_until_ready((product(x, y), product(y, x)))}
     wide = np.asarray(x, np.float64), np.asarray(y, np.float64)
     if len(x) <= RIVALS:

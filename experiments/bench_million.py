@@ -1,10 +1,11 @@
 """A map between two meshes of a million vertices, step by step: seconds and memory.
 
-What `jfsf.match` does with large meshes, from its parts: spectra one after the other,
-the search and ZoomOut on samples, one conversion in full, and, as the last refinement,
-the bending of both shapes. Embedded shapes, upsampled (`upsample.py`). Every step runs
-once, so it compiles too. Memory is the most that the process has had so far. Errors are
-Euclidean, over sqrt(area), at the vertices of known partner.
+The steps of `jfsf.match` for large meshes, by its own stages (`jfsf.pipeline`): spectra
+one after the other, features, search and ZoomOut on samples, a conversion in full, and,
+as the last refinement, the bending of both shapes and another conversion. Embedded
+shapes, upsampled (`upsample.py`). Every step runs once, so it compiles too. Memory is
+the most that the process has had so far. Errors are Euclidean, over sqrt(area), at the
+vertices of known partner.
 
     python experiments/bench_million.py [--vertices 1000000] [--out RESULT.json]
 """
@@ -21,17 +22,10 @@ import numpy as np
 import results_file
 from upsample import upsample
 
-from jfsf import data
-from jfsf.candidates import tiled_neighbours
-from jfsf.convert import brief, brief_nearest, sinkhorn
-from jfsf.descriptors import wks
-from jfsf.fmap import embeddings, uniform
-from jfsf.match import basis, common
-from jfsf.pipeline import EVERY, KS, REFINED
-from jfsf.refine import arap, zoomout
-from jfsf.sampling import restrict, tile_points
-from jfsf.search import search
-from jfsf.tiles import spectral_tiles
+import jfsf
+from jfsf import data, pipeline
+from jfsf.neighbours import tiled_neighbours
+from jfsf.spectral import embeddings, features, truncate_pair
 
 
 class Steps:
@@ -66,11 +60,11 @@ def main() -> None:
 
     meshes = [upsample(sample.mesh, args.vertices) for sample in samples]
     specs = [
-        step(f"spectrum of {name}", lambda mesh=mesh: basis(mesh, cache=False))
+        step(f"spectrum of {name}", lambda mesh=mesh: jfsf.basis(mesh, cache=False))
         for name, mesh in zip("XY", meshes, strict=True)
     ]
     del meshes
-    spec_x, spec_y = jax.tree.map(jnp.asarray, common(*specs))
+    spec_x, spec_y = jax.tree.map(jnp.asarray, truncate_pair(*specs))
     del specs
     place = np.asarray(spec_y.vertices)
 
@@ -78,38 +72,31 @@ def main() -> None:
         apart = place[np.asarray(maps.T_xy)[gt_x]] - place[gt_y]
         return float(np.linalg.norm(apart, axis=1).mean())
 
-    descs = (wks(spec)[:, ::EVERY] for spec in (spec_x, spec_y))
-    found = step("search on samples", lambda: search(spec_x, spec_y, *descs))
+    pair = spec_x, spec_y
+    sides = [step("features", lambda: tuple(map(features, pair)))]
+    start = step("search on samples", lambda: pipeline.initial_map(*sides[0]))
+    few = step("samples", lambda: pipeline.refinement_samples(*sides[0]))
+    sides.clear()  # gigabytes, of which only the samples are read below
 
     def refined():
-        small = [restrict(s, tile_points(s, num=REFINED)) for s in (spec_x, spec_y)]
-        few = tuple(map(spectral_tiles, small))
-        start = found.C_yx[0]
-        return zoomout(*small, start, ks=KS, converter=brief, tiles=few)
+        few_x, few_y, tiles_of_few = few
+        return pipeline.refine(few_x, few_y, start.C_yx, start.sign, tiles_of_few)
 
     C_yx = step("ZoomOut on samples", refined)
-    tiles = step("tiles", lambda: (spectral_tiles(spec_x), spectral_tiles(spec_y)))
-    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-
-    def converted():
-        embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-        return sinkhorn(*embs, *marginals, tiles=tiles, least=0.0)
-
-    maps = step("Sinkhorn in full, both ways", converted)
+    tiles = step("tiles", lambda: pipeline.pair_tiles(*pair))
+    embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    maps = step(
+        "Sinkhorn in full, both ways", lambda: pipeline.convert(*embs, *pair, tiles)
+    )
     errors = {"converted": error(maps)}
 
     def searched():
-        embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-        return tiled_neighbours(*embs, *tiles, k0=1, least=0.0).recall
+        return tiled_neighbours(*embs, *tiles, k0=1, min_recall=0.0).recall
 
-    # What decides whether `match` would compare all points with all.
+    # The recall among tiles: `match` compares all points if it is low, but not so many.
     recall = float(step("recall of a sample", searched))
-
-    def bent():
-        embs = arap(spec_x, spec_y, maps, converter=brief_nearest, tiles=tiles)
-        return sinkhorn(*embs, *marginals, tiles=tiles, least=0.0)
-
-    maps = step("bending, and Sinkhorn again", bent)
+    embs = step("bending", lambda: pipeline.bend(*pair, C_yx, start.sign, tiles))
+    maps = step("Sinkhorn again", lambda: pipeline.convert(*embs, *pair, tiles))
     errors["bent"] = error(maps)
     print({name: round(value, 4) for name, value in errors.items()}, "recall", recall)
     settings = {
@@ -117,6 +104,7 @@ def main() -> None:
         "y": args.y,
         "vertices": args.vertices,
         "eigenpairs": len(spec_x.evals),
+        "match_settings": jfsf.Settings().as_record(),
         "seed": None,
     }
     results_file.write(

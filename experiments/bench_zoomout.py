@@ -1,10 +1,10 @@
 """ZoomOut and the whole way from two meshes, against pyFM, in one run.
 
-ZoomOut: 20 to 100 by 5 from one start, spectra shared; ours gives maps both ways, with
-the Sinkhorn filter or with nearest neighbour, all points compared or those of tiles,
-pyFM's one way by nearest neighbour.
+ZoomOut: 20 to 100 by 5 from one start, with the same spectra. Ours gives maps both
+ways, with the Sinkhorn filter or with nearest neighbour, all points compared or those
+of tiles. pyFM's gives a map one way, by nearest neighbour.
 Whole: `jfsf.match` without its cache against the best pyFM recipe that we found: 150
-eigenpairs, 100 WKS of which every fifth, a 30 x 30 fit, ZoomOut 20 to 150 by 5.
+eigenpairs, every fifth of 100 WKS, a 30 x 30 fit, ZoomOut 20 to 150 by 5.
 
 Two embedded shapes, or two of a folder with ground truth (see datasets.py).
 
@@ -27,15 +27,13 @@ from pyFM.refine.zoomout import zoomout_refine
 from pyFM.spectral import FM_to_p2p
 
 import jfsf
-from jfsf.convert import brief, nearest, sinkhorn
-from jfsf.descriptors import wks
-from jfsf.fmap import embeddings, uniform
+from jfsf.convert import nearest, quick_sinkhorn, sinkhorn
+from jfsf.evaluate import geodesic_error
+from jfsf.initial import search
 from jfsf.mesh import orient
-from jfsf.metrics import geodesic_error
+from jfsf.neighbours import spectral_tiles
 from jfsf.refine import zoomout
-from jfsf.search import search
-from jfsf.spectrum import spectrum
-from jfsf.tiles import spectral_tiles
+from jfsf.spectral import embeddings, spectrum, uniform
 
 KS = tuple(range(20, 101, 5))
 WHOLE = 150  # eigenpairs of pyFM's recipe
@@ -114,17 +112,16 @@ def main() -> None:
         )
         for spec in wide
     ]
-    desc_x, desc_y = (wks(spec)[:, ::5] for spec in narrow)
-    candidates = search(narrow[0], narrow[1], desc_x, desc_y)
+    candidates = search(narrow[0], narrow[1])
     start = candidates.C_yx[0, : KS[0], : KS[0]]
     start_wide = np.asarray(start, np.float64)
 
-    ready = lambda *args: jax.block_until_ready(ours(*narrow, start, *args))
+    finished = lambda *args: jax.block_until_ready(ours(*narrow, start, *args))
     zooms = {
-        "jfsf zoomout, sinkhorn": partial(ready, brief, sinkhorn, False),
-        "jfsf zoomout, nearest": partial(ready, nearest, nearest, False),
-        "jfsf tiled, sinkhorn": partial(ready, brief, sinkhorn, True),
-        "jfsf tiled, nearest": partial(ready, nearest, nearest, True),
+        "jfsf zoomout, sinkhorn": partial(finished, quick_sinkhorn, sinkhorn, False),
+        "jfsf zoomout, nearest": partial(finished, nearest, nearest, False),
+        "jfsf tiled, sinkhorn": partial(finished, quick_sinkhorn, sinkhorn, True),
+        "jfsf tiled, nearest": partial(finished, nearest, nearest, True),
         "pyFM zoomout": partial(theirs, *wide, start_wide),
     }
     wholes = {
@@ -153,7 +150,8 @@ def main() -> None:
         "data": "folder" if args.data else "embedded",
         "vertices": sizes,
         "ks": KS,
-        "start": "leading block of the best candidate of jfsf.search",
+        "match_settings": jfsf.Settings().as_record(),
+        "start": "leading block of the best candidate of jfsf.initial.search",
         "directions": "jfsf both, pyFM one",
         "precision": "jfsf float32, pyFM float64",
         "repeats": args.repeats,

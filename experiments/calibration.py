@@ -1,8 +1,8 @@
 """Does the gap tell right maps from wrong ones? From results of match_pairs.py.
 
-How many of either the command line warns of. Where some are wrong: area under the ROC
-curve of `certificate.gap`, and every wrong map with its gap: the share of right maps
-whose gap is no larger is what a user would check in vain.
+It prints how many right and wrong maps the command line warns of. If some are wrong, it
+prints the area under the ROC curve of `certificate.gap`, and for every wrong map its
+gap and the share of right maps whose gap is no larger.
 
     python experiments/calibration.py RESULT.json [RESULT.json ...]
 """
@@ -15,7 +15,7 @@ import numpy as np
 from match_pairs import LOST
 from scipy.stats import mannwhitneyu
 
-from jfsf.cli_report import UNSURE
+from jfsf.cli import MIN_GAP
 
 
 def main() -> None:
@@ -32,8 +32,8 @@ def main() -> None:
     right = value[~lost]
     print(f"{len(rows)} pairs, {lost.sum()} wrong (error above {LOST})")
     print(
-        f"gap below {UNSURE}: {(right < UNSURE).sum()} of {len(right)} right maps, "
-        f"{(value[lost] < UNSURE).sum()} of {lost.sum()} wrong ones"
+        f"gap below {MIN_GAP}: {(right < MIN_GAP).sum()} of {len(right)} right maps, "
+        f"{(value[lost] < MIN_GAP).sum()} of {lost.sum()} wrong ones"
     )
     if not lost.any() or lost.all():
         return

@@ -21,9 +21,14 @@ from jaxtyping import Array, Float
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from jfsf import metrics
-from jfsf.fmap import embeddings, functional_map
-from jfsf.spectrum import operators, spectrum
+from jfsf.evaluate import (
+    evaluate,
+    laplacian_commutativity,
+    orthogonality,
+    spectral_chamfer,
+    zoomout_energy,
+)
+from jfsf.spectral import embeddings, functional_map, operators, spectrum
 from jfsf.types import Maps, Spectrum
 
 GEOMETRIC = ("error", "bijectivity", "coverage", "smoothness")
@@ -33,7 +38,7 @@ QUICK = 4.0  # seconds
 
 
 class Pair(NamedTuple):
-    """Two shapes and their spectra; what the methods see, but for the truth."""
+    """Two shapes and their spectra. Methods must not read the ground truth."""
 
     x: datasets.Shape
     y: datasets.Shape
@@ -42,7 +47,7 @@ class Pair(NamedTuple):
 
 
 Method = Callable[[Any], Maps]
-# (names, pair) -> what the methods of a pair share; the clock does not count it.
+# (names, pair) -> argument of the methods of a pair; its time is not measured.
 Prepare = Callable[[tuple[str, str], Pair], Any]
 
 
@@ -100,11 +105,11 @@ def run(
                 continue
             pair = load_pair(args, names, k)
             shared = prepare(names, pair)
-            ruler = _Ruler(pair, args.every, functional)
+            measure = _Measure(pair, args.every, functional)
             for method in missing:
                 maps, seconds = _timed(methods[method], shared)
                 row = {"x": names[0], "y": names[1], "method": method}
-                row |= {**ruler.measure(maps), "seconds": seconds}
+                row |= {**measure(maps), "seconds": seconds}
                 # One write a line: a killed run leaves at most its last line torn.
                 file.write(json.dumps(row) + "\n")
                 file.flush()
@@ -156,35 +161,40 @@ def markdown(means: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines) + "\n"
 
 
-class _Ruler:
-    """Measures maps of one pair; what they share is computed once."""
+class _Measure:
+    """Measures maps of one pair; the Laplacian of X is computed once."""
 
     def __init__(self, pair: Pair, every: int, functional: bool):
-        self.pair, self.every, self.functional = pair, every, functional
-        self.stiffness_x, _ = operators(pair.x.mesh)
+        self.pair, self.functional = pair, functional
+        stiffness_x, _ = operators(pair.x.mesh)
+        self.options = {
+            "truth": (pair.x.truth, pair.y.truth),
+            "every": every,
+            "only": ("error", "bijectivity_x", "coverage_xy", "smoothness"),
+            "operators_x": (stiffness_x, np.asarray(pair.spec_x.mass)),
+            "operators_y": (None, np.asarray(pair.spec_y.mass)),
+        }
 
-    def measure(self, maps: Maps) -> dict[str, float]:
+    def __call__(self, maps: Maps) -> dict[str, float]:
         x, y, spec_x, spec_y = self.pair
-        T_xy, T_yx = np.asarray(maps.T_xy), np.asarray(maps.T_yx)
-        truth = x.truth[:: self.every], y.truth[:: self.every]
-        at = np.arange(0, len(T_xy), self.every)
+        figures = evaluate(maps, x.mesh, y.mesh, **self.options)
         row = {
-            "error": metrics.geodesic_error(T_xy, y.mesh, *truth).mean(),
-            "bijectivity": metrics.bijectivity(T_xy, T_yx, x.mesh, at=at).mean(),
-            "coverage": metrics.coverage(T_xy, np.asarray(spec_y.mass)),
-            "smoothness": metrics.smoothness(T_xy, y.mesh.vertices, self.stiffness_x),
+            "error": figures.error_mean,
+            "bijectivity": figures.bijectivity_x,
+            "coverage": figures.coverage_xy,
+            "smoothness": figures.smoothness,
         }
         if self.functional:
             C_yx = functional_map(maps.T_xy, spec_x, spec_y)
             aligned = embeddings(C_yx, spec_x.evecs, spec_y.evecs)
             values = (
-                metrics.orthogonality(C_yx),
-                metrics.laplacian_commutativity(C_yx, spec_x.evals, spec_y.evals),
-                metrics.zoomout_energy(C_yx),
-                metrics.spectral_chamfer(*aligned),
+                orthogonality(C_yx),
+                laplacian_commutativity(C_yx, spec_x.evals, spec_y.evals),
+                zoomout_energy(C_yx),
+                spectral_chamfer(*aligned),
             )
-            row |= dict(zip(FUNCTIONAL, values, strict=True))
-        return {name: float(value) for name, value in row.items()}
+            row |= dict(zip(FUNCTIONAL, map(float, values), strict=True))
+        return row
 
 
 def true_functional_map(pair: Pair) -> Float[Array, "k k"]:

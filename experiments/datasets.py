@@ -19,10 +19,10 @@ from scipy.sparse.linalg import factorized
 
 import jfsf
 from jfsf import data, mapfiles
-from jfsf.spectrum import operators
+from jfsf.spectral import operators
 from jfsf.types import Mesh
 
-SMOOTHED = 0.1  # the weight of Dirichlet energy beside one template point
+SMOOTHED = 0.1  # weight of the Dirichlet energy, relative to one template point
 LISTS = ("dev_pairs.txt", "test_pairs.txt")
 
 
@@ -49,7 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_arguments(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    """One clear line where no shapes are named."""
+    """An error in one line if no shapes are named."""
     if not args.embedded and args.data is None:
         parser.error("give --data FOLDER, set JFSF_DATA, or pass --embedded")
 
@@ -85,8 +85,8 @@ def load_pair(args: argparse.Namespace, x: str, y: str) -> tuple[Shape, Shape]:
 def posed(x: Shape, y: Shape) -> Shape:
     """X's mesh in the pose of Y, so that the ground truth is the identity.
 
-    A vertex of X goes to the mean of what its template points are on Y, but for a
-    little smoothing, which also places the quarter that have none.
+    A vertex of X goes to the mean position on Y of its template points. A little
+    smoothing also places the quarter of the vertices that have none.
     """
     n = len(x.mesh.vertices)
     total = np.zeros((n, 3))

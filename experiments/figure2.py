@@ -19,14 +19,14 @@ import trimesh
 from scipy.spatial import ConvexHull, KDTree
 
 from jfsf.convert import nearest
-from jfsf.fmap import functional_map, truncate
-from jfsf.metrics import geodesic_error
-from jfsf.spectrum import spectrum
+from jfsf.evaluate import geodesic_error
+from jfsf.mesh import face_normals
+from jfsf.spectral import functional_map, spectrum, truncate
 from jfsf.types import Mesh, Spectrum
 
 POINTS = 3000  # of the second sphere; the first is an icosphere of 2562
 KS = tuple(range(20, 101, 10))
-EVERY = 5  # vertices of X measured: one in so many
+EVERY = 5  # one in so many vertices of X is measured
 
 
 def main() -> None:
@@ -81,9 +81,8 @@ def fibonacci(n: int) -> Mesh:
     r = np.sqrt(1 - z**2)
     points = np.stack([r * np.cos(angle), r * np.sin(angle), z], 1)
     faces = ConvexHull(points).simplices
-    corner = points[faces]
-    normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    inward = np.einsum("ij,ij->i", normal, corner.sum(1)) < 0
+    normal = face_normals(points, faces)
+    inward = np.einsum("ij,ij->i", normal, points[faces].sum(1)) < 0
     faces[inward] = faces[inward][:, ::-1]
     return Mesh(points, faces.astype(np.int32))
 

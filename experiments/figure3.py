@@ -22,9 +22,9 @@ import results_file
 import table2
 
 from jfsf.convert import nearest, sinkhorn
-from jfsf.fmap import embeddings, functional_map
-from jfsf.metrics import geodesic_error, spectral_chamfer
+from jfsf.evaluate import geodesic_error, spectral_chamfer
 from jfsf.refine import icp, zoomout
+from jfsf.spectral import embeddings, functional_map
 
 CONVERTERS = {"NN": nearest, "Sinkhorn": sinkhorn}
 ROUNDS = 10  # of ICP

@@ -1,7 +1,7 @@
-"""What the search for the initial map finds: Y, and X in the colours of each candidate.
+"""Candidates of the search for the initial map: Y, and X in the colours of each.
 
-Under each stand its energy and orientation score; "any" lets the mirrored ones rank
-among the others.
+The label of a candidate has its energy and orientation score. With orientation "any",
+mirrored candidates rank among the others.
 
     python experiments/figure_search.py --out experiments/results/figure_search.png
 """
@@ -14,15 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 import results_file
 
+import jfsf
 from jfsf.convert import nearest
 from jfsf.data import load
-from jfsf.descriptors import wks
-from jfsf.fmap import embeddings
-from jfsf.match import basis, common
-from jfsf.metrics import geodesic_error
-from jfsf.pipeline import EVERY
-from jfsf.search import search
-from jfsf.viz import draw_maps
+from jfsf.evaluate import geodesic_error
+from jfsf.initial import search
+from jfsf.plot import draw_maps
+from jfsf.spectral import embeddings, truncate_pair
 
 
 def main() -> None:
@@ -36,14 +34,13 @@ def main() -> None:
     args = parser.parse_args()
 
     (mesh_x, gt_x), (mesh_y, gt_y) = load(args.x), load(args.y)
-    specs = common(*map(basis, (mesh_x, mesh_y)))
+    specs = truncate_pair(*map(jfsf.basis, (mesh_x, mesh_y)))
     spec_x, spec_y = jax.tree.map(jnp.asarray, specs)
-    desc_x, desc_y = (wks(spec)[:, ::EVERY] for spec in (spec_x, spec_y))
-    found = search(spec_x, spec_y, desc_x, desc_y, orientation="any", num=args.show)
+    found = search(spec_x, spec_y, orientation="any", num=args.show)
 
     maps, rows = {}, []
     some = slice(None, None, 20)
-    for C_yx, energy, turned in zip(*found, strict=True):
+    for C_yx, energy, orientation in zip(*found, strict=True):
         if not np.isfinite(energy):
             continue  # a copy of a better one
         embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
@@ -51,14 +48,15 @@ def main() -> None:
         error = geodesic_error(T_xy, mesh_y, gt_x[some], gt_y[some]).mean()
         row = {
             "energy": float(energy),
-            "orientation": float(turned),
+            "orientation": float(orientation),
             "error": float(error),
         }
         rows.append(row)
-        maps[f"energy {energy:.2f}, orientation {turned:+.2f}"] = T_xy
+        maps[f"energy {energy:.2f}, orientation {orientation:+.2f}"] = T_xy
     draw_maps(mesh_x, mesh_y, maps, path=args.out)
 
     settings = {"x": args.x, "y": args.y, "show": args.show}
+    settings["match_settings"] = jfsf.Settings().as_record()
     results_file.write(args.out.with_suffix(".json"), settings=settings, rows=rows)
     print(*rows, sep="\n")
 

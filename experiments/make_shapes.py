@@ -21,6 +21,8 @@ import numpy as np
 import trimesh
 from scipy.spatial import KDTree
 
+from jfsf.storage import write_atomically, write_text
+
 
 def remesh(vertices, faces, n, seed):
     """A closed, evenly sampled mesh of the same surface with about n vertices.
@@ -74,6 +76,7 @@ def pack(vertices, faces, template):
 
 
 def unpack(vq, scale, lo):
+    """Vertices (n, 3) float64 of the embedded format."""
     return vq * float(scale) + lo.astype(np.float64)
 
 
@@ -104,17 +107,6 @@ def check(packed, template) -> dict[str, Any]:
     }
 
 
-def write(path: Path, save) -> None:
-    """Call save(file) on a neighbour of `path`, then rename: never half a file."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with temporary.open("wb") as file:
-            save(file)
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Remesh and compress the CC0 shapes.")
     parser.add_argument("names", nargs="*", help="default: all in the folder")
@@ -136,7 +128,8 @@ def main() -> None:
         packed = pack(*remesh(template, faces, args.vertices, seed), template)
         shapes[name] = check(packed, template)
         path = args.out / f"{name}.npz"
-        write(path, lambda file, packed=packed: np.savez_compressed(file, **packed))
+        save = lambda file, packed=packed: np.savez_compressed(file, **packed)
+        write_atomically(path, save)
         print(f"{path}: {path.stat().st_size} bytes, {json.dumps(shapes[name])}")
     packages = ("gpytoolbox", "numpy", "scipy", "trimesh")
     report = {
@@ -146,7 +139,7 @@ def main() -> None:
         "shapes": shapes,
     }
     text = json.dumps(report, indent=2) + "\n"
-    write(args.out / "shapes.json", lambda file: file.write(text.encode()))
+    write_text(args.out / "shapes.json", text)
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import numpy as np
 import results_file
 
 import jfsf
-from jfsf.metrics import geodesic_error
+from jfsf.evaluate import evaluate
 
 LOST = 0.06  # a mean error above this is a wrong map, not an imprecise one
 
@@ -52,11 +52,12 @@ def _measure(x, y, args) -> dict:
     start = time.perf_counter()
     found = jax.block_until_ready(jfsf.match(mesh_x, mesh_y))
     seconds = time.perf_counter() - start
-    T_xy = np.asarray(found.T_xy)
-    at = slice(None, None, args.every)
-    error = lambda gt: float(
-        geodesic_error(T_xy, mesh_y, gt_x[at], gt[at], exact=args.exact).mean()
-    )
+    options = {"every": args.every, "exact": args.exact, "only": ("error",)}
+
+    def error(gt):
+        truth = gt_x, gt
+        return evaluate(found, mesh_x, mesh_y, truth=truth, **options).error_mean
+
     row = {"error": error(gt_y), "seconds": seconds}
     if sym_y is not None:
         row["mirrored"] = error(sym_y)

@@ -1,4 +1,4 @@
-"""What every results file says about its run: versions, device, date; written whole."""
+"""Results files: JSON with versions, device and date, never written in part."""
 
 import datetime
 import json
@@ -8,6 +8,8 @@ from importlib.metadata import version
 from pathlib import Path
 
 import jax
+
+from jfsf.storage import write_text
 
 PACKAGES = ("jax", "jaxlib", "jaxopt", "lineax", "numpy", "scipy")
 
@@ -24,9 +26,6 @@ def provenance() -> dict:
 
 
 def write(path: Path, **content) -> None:
-    """Write `content` and the provenance as JSON, under a temporary name first."""
+    """Write `content` and the provenance as JSON, completely or not at all."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({**provenance(), **content}, indent=1) + "\n"
-    part = path.with_suffix(".part")
-    part.write_text(text)
-    part.replace(path)
+    write_text(path, json.dumps({**provenance(), **content}, indent=1) + "\n")

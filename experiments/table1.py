@@ -8,20 +8,15 @@ authors' settings beside the library's, and the precise map.
     python experiments/table1.py --data FAUST --within 10 --spread 30 --out t1.json
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import compare
 import datasets
-from authors_pair import REFERENCE
 from jaxtyping import Array, Float, Int
 
 from jfsf.baselines import auction, cpd
-from jfsf.convert import nearest, precise, sinkhorn
-from jfsf.convert.precise import to_vertex
+from jfsf.convert import authors_sinkhorn, nearest, precise, sinkhorn, to_vertex
 from jfsf.types import Maps
-
-authors = partial(sinkhorn, **REFERENCE)
 
 
 class Aligned(NamedTuple):
@@ -40,7 +35,7 @@ METHODS: dict[str, compare.Method] = {
     "Auction": lambda aligned: auction(*aligned[:2]),
     "NN": lambda aligned: nearest(*aligned[:2]),
     "CPD": lambda aligned: cpd(*aligned[:2]),
-    "Sinkhorn (authors' settings)": lambda aligned: authors(*aligned[:2]),
+    "Sinkhorn (authors' settings)": lambda aligned: authors_sinkhorn(*aligned[:2]),
     "Sinkhorn": lambda aligned: sinkhorn(*aligned[:2]),
     "precise": lambda aligned: _precise(*aligned),
 }

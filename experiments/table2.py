@@ -2,7 +2,7 @@
 
 The start is the data folder's WKSini_direct/X_Y.map or, where there is none, the
 nearest-neighbour map of a fit to descriptors (WKS, 30 x 30, all four terms). ICP and
-ZoomOut compare in the direct space, the field's.
+ZoomOut compare in the direct space, as is usual.
 
     python experiments/table2.py --embedded --out experiments/results/table2.json
     python experiments/table2.py --data TOSCA --spread 60 --out t2.json
@@ -17,19 +17,17 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from jfsf.array import pad, padded_size
 from jfsf.baselines import bcicp, deblur, pmf, rhm
 from jfsf.convert import nearest, sinkhorn
-from jfsf.descriptors import wks
-from jfsf.fit import fit
-from jfsf.fmap import embeddings, functional_map, truncate, uniform
-from jfsf.padding import bucket, pad
+from jfsf.initial import fit
 from jfsf.refine import icp, zoomout
-from jfsf.spectrum import spectrum
+from jfsf.spectral import embeddings, functional_map, spectrum, truncate, uniform, wks
 from jfsf.types import Maps, Mesh, Spectrum
 
-K = 100  # eigenfunctions that the metrics see, and ZoomOut ends with
+K = 100  # eigenfunctions of the metrics, and of ZoomOut at its end
 K_ICP = 50
-K_PMF = 500  # its authors' number
+K_PMF = 500  # as its authors have
 KS = tuple(range(20, K + 1, 5))
 FIT_K = 30
 WKS_EVERY = 5
@@ -44,10 +42,7 @@ class Start(NamedTuple):
 
     @classmethod
     def of(cls, pair: compare.Pair, maps: Maps) -> "Start":
-        x, y = (
-            pad(spec, bucket(len(spec.mass)), bucket(len(spec.faces)))
-            for spec in pair[2:]
-        )
+        x, y = (pad(spec, size := _padded_size(spec), 2 * size) for spec in pair[2:])
         return cls(pair, (x, y), maps)
 
     def C_yx(self, k: int) -> Float[Array, "k k"]:
@@ -55,7 +50,13 @@ class Start(NamedTuple):
         return functional_map(self.maps.T_xy, *specs)
 
 
+def _padded_size(spec: Spectrum) -> int:
+    """Vertices; a closed surface has twice as many faces."""
+    return padded_size(max(len(spec.mass), -(-len(spec.faces) // 2)))
+
+
 def convert(start: Start, C_yx, converter) -> Maps:
+    """The maps of the unpadded shapes, from C_yx in the direct space."""
     emb = embeddings(C_yx, *(spec.evecs for spec in start.specs), space="direct")
     maps = converter(*emb, *(uniform(spec.mass) for spec in start.specs))
     n_x, n_y = (len(spec.mass) for spec in start.pair[2:])

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from jfsf import data
+from jfsf.storage import write_atomically
 from jfsf.types import Mesh
 
 
@@ -20,7 +21,7 @@ def upsample(mesh: Mesh, n: int) -> Mesh:
     """The same surface with n vertices, those of `mesh` first.
 
     Whole rounds split every edge (each triangle becomes four); the last one splits the
-    longest edges only. Triangles that share an edge split it alike, so what was closed
+    longest edges only. Triangles that share an edge split it alike, so a closed mesh
     stays closed.
 
     Raises:
@@ -69,13 +70,14 @@ def _split(faces, middle):
 
 
 def write_off(path: Path, mesh: Mesh) -> None:
-    """Write an OFF file under a temporary name first."""
-    part = path.with_suffix(".part")
-    with part.open("w") as file:
-        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
+    """Write an OFF file, completely or not at all."""
+
+    def write(file):
+        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n".encode())
         np.savetxt(file, mesh.vertices, "%.9g")
         np.savetxt(file, np.pad(mesh.faces, ((0, 0), (1, 0)), constant_values=3), "%d")
-    part.replace(path)
+
+    write_atomically(path, write)
 
 
 def main() -> None:
