@@ -24,6 +24,7 @@ from upsample import upsample
 
 import jfsf
 from jfsf import data, pipeline
+from jfsf.initial import search_samples
 from jfsf.neighbours import tiled_neighbours
 from jfsf.spectral import embeddings, features, truncate_pair
 
@@ -74,7 +75,10 @@ def main() -> None:
 
     pair = spec_x, spec_y
     sides = [step("features", lambda: tuple(map(features, pair)))]
-    start = step("search on samples", lambda: pipeline.initial_map(*sides[0]))
+    start = step(
+        "search on samples",
+        lambda: pipeline.best_candidate(*map(search_samples, sides[0])),
+    )
     few = step("samples", lambda: pipeline.refinement_samples(*sides[0]))
     sides.clear()  # gigabytes, of which only the samples are read below
 

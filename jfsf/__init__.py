@@ -1,8 +1,8 @@
 """JAX Fast Sinkhorn Filters: maps between non-rigid 3D shapes.
 
 `match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
-rooms are its parts, in the order in which data goes through them. A module imports only
-from rooms above its own:
+folders are its parts, in the order in which data goes through them. A module imports
+only from those above its own:
 
 - `types`: the records that travel between functions
 - `array`: precise products, top-k, both sides in one program, padding

@@ -15,8 +15,8 @@ from jfsf.types import ArrayLike
 
 def checked_landmarks(
     landmarks: ArrayLike, sizes: tuple[int, int]
-) -> Int[Array, "l 2"] | None:
-    """Rows (vertex of X, vertex of Y) as int32; `sizes` are n_x and n_y."""
+) -> tuple[Int[Array, " l"], Int[Array, " l"]] | None:
+    """Vertices of X, and those of Y, as int32; `sizes` are n_x and n_y."""
     if landmarks is None:
         return None
     pairs = np.asarray(landmarks)
@@ -34,7 +34,8 @@ def checked_landmarks(
                 f"match: landmarks name vertices {low} to {high} of {name}, which has "
                 f"vertices 0 to {n - 1}"
             )
-    return jnp.asarray(pairs, jnp.int32)
+    at_x, at_y = jnp.asarray(pairs.T, jnp.int32)
+    return at_x, at_y
 
 
 def checked_descriptors(

@@ -1,7 +1,8 @@
-"""Two meshes -> Match: checks, spectra, and one compiled program. Host side."""
+"""Two meshes -> Match: checks, spectra, and compiled stages. Host side."""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -13,13 +14,25 @@ from threadpoolctl import threadpool_limits
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
 from jfsf.array import pad, padded_size
 from jfsf.convert import HasMaps
-from jfsf.initial import Orientation, orientation_sign
+from jfsf.initial import Orientation, SearchSamples, ShapeTerms, orientation_sign
 from jfsf.mesh import MeshError, orient, validate
-from jfsf.pipeline import match_spectra
+from jfsf.pipeline import InitialMap, run_stages
 from jfsf.settings import Settings
-from jfsf.spectral import spectrum_of_valid, truncate
-from jfsf.storage import compile_ahead
-from jfsf.types import ArrayLike, Certificate, Match, Mesh, Spectrum
+from jfsf.spectral import Features, spectrum_of_valid, truncate
+from jfsf.storage import Program, compile_ahead
+from jfsf.types import ArrayLike, Certificate, Match, Mesh, Spectrum, Tiles
+
+# The arguments and results of stages.
+RECORDS = (
+    Spectrum,
+    Features,
+    SearchSamples,
+    ShapeTerms,
+    InitialMap,
+    Tiles,
+    Match,
+    Certificate,
+)
 
 
 def match(
@@ -48,10 +61,11 @@ def match(
             a flip.
         descriptors: one matrix a shape, column i of X's corresponding to column i of
             Y's, any unit and sign. They replace the wave kernel signature, or stand
-            beside it with `FeatureSettings(keep_wks=True)`.
+            beside it with `FeatureSettings(keep_wks=True)`; curvature stays.
         initial: a functional map C_yx in the eigenbases of `basis`, a point-to-point
             map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
-            search. Its own orientation is kept, whatever `orientation` says.
+            search. Its own orientation is kept, whatever `orientation` says. Of C_yx
+            the leading block of `Settings.ks[0]` functions counts: 30 by default.
         settings: how each stage works, converters included.
         cache: keep spectra on disk between calls, and the program where jax keeps its
             own (`JAX_COMPILATION_CACHE_DIR`).
@@ -158,7 +172,7 @@ def check_matchable(
 
 
 class _Given(NamedTuple):
-    """The arguments of the program beside the spectra; None is left out of it."""
+    """The arguments of `run_stages` beside the spectra; None is left out."""
 
     landmarks: Any
     descriptors: Any
@@ -168,7 +182,7 @@ class _Given(NamedTuple):
 
 
 class _Size(NamedTuple):
-    """All that the program is compiled for, of one shape."""
+    """All that programs are compiled for, of one shape."""
 
     eigenpairs: int
     vertices: int
@@ -188,31 +202,36 @@ def _match(
         specs = pool.map(
             lambda item: _basis(item[1], item[0], settings, cache), meshes.items()
         )
-        # Compiling or loading the program takes as long as the spectra, or longer.
-        run = _program(shapes[0], shapes[-1], given, settings, keep=cache)
+        # Compiling or loading the programs takes as long as the spectra, or longer.
+        compiled = partial(_result_shapes, keep=cache, pool=pool)
+        _run_stages(shapes[0], shapes[-1], given, settings, compiled)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    return run(padded[0], padded[-1], *given)
+    run = partial(_run, keep=cache)
+    return _run_stages(padded[0], padded[-1], given, settings, run)
 
 
-def _program(spec_x, spec_y, given: _Given, settings: Settings, *, keep: bool = False):
-    """The compiled `match_spectra` for arguments of these shapes."""
-    records = Spectrum, Match, Certificate
-    options = {"records": records, "keep": keep, "settings": settings}
-    return compile_ahead(_match_spectra, spec_x, spec_y, *given, **options)
+def _run_stages(spec_x, spec_y, given: _Given, settings: Settings, run) -> Match:
+    """Each stage is a program: the largest, the search, serves shapes of all sizes."""
+
+    def run_sides(stage, x, y):
+        return run(stage, *x), run(stage, *y)
+
+    arguments = spec_x, spec_y, *given
+    return run_stages(*arguments, settings=settings, run=run, run_sides=run_sides)
 
 
-def _match_spectra(
-    spec_x, spec_y, landmarks, descriptors, initial, sign, self_map, *, settings
-):
-    return match_spectra(
-        spec_x,
-        spec_y,
-        landmarks,
-        descriptors,
-        initial,
-        orientation=sign,
-        self_map=self_map,
-        settings=settings,
+def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
+    return _program(stage, *args, **options).result
+
+
+def _run(stage: partial, *args: Any, **options: Any) -> Any:
+    return _program(stage, *args, **options)(*args)
+
+
+def _program(stage: partial, *args, **options) -> Program:
+    """The compiled stage for arguments of these shapes."""
+    return compile_ahead(
+        stage.func, *args, records=RECORDS, **stage.keywords, **options
     )
 
 
@@ -224,6 +243,7 @@ def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
 
 
 def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
+    """Few sizes, so few programs; `jfsf.batch.padded_pair` has still fewer."""
     meshes = list(meshes)
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes)
     # A closed surface has twice as many faces as vertices, so one number serves both.

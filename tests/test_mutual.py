@@ -48,7 +48,8 @@ def test_few_points_are_all_compared(x, y, seed, k0):
     valid_x[0] = valid_y[0] = True
     # Points that are not valid may hold any value.
     x[~valid_x], y[~valid_y] = rng.choice([0, 1e300, np.inf, np.nan], 2)
-    xy, yx = mutual_neighbours(*arrays(x, y, valid_x, valid_y), k0=k0)
+    both = mutual_neighbours(*arrays(x, y, valid_x, valid_y), k0=k0)
+    xy, yx = jax.tree.map(np.asarray, both)
     x[~valid_x], y[~valid_y] = 0, 0
     for found, sides, valid in (
         (xy, (x, y), (valid_x, valid_y)),

@@ -64,15 +64,15 @@ def kept(tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
     before = jax.config.values["jax_compilation_cache_dir"]
     jax.config.update("jax_compilation_cache_dir", str(tmp_path / "xla"))
-    _programs._compiled.cache_clear()
+    _programs._lowered.cache_clear()
     traced.clear()
     yield tmp_path / "jfsf"
     jax.config.update("jax_compilation_cache_dir", before)
-    _programs._compiled.cache_clear()
+    _programs._lowered.cache_clear()
 
 
 def another_process():
-    _programs._compiled.cache_clear()
+    _programs._lowered.cache_clear()
     traced.clear()
 
 

@@ -118,8 +118,9 @@ def match_spectra(
     Args:
         specs_x, specs_y: one of each a pair, from `jfsf.matching.basis`. Each pair is
             cut to equal numbers of eigenpairs; pairs with equal numbers share programs.
-        options: `orientation` and `settings` of `jfsf.match_spectra`; `devices`,
-            `pairs` and `batch_size` of `map_pairs`.
+        options: `orientation` and `settings` of `jfsf.match_spectra`, but no landmarks,
+            descriptors or initial maps; `devices`, `pairs` and `batch_size` of
+            `map_pairs`.
 
     Raises:
         ValueError: as `convert`.
@@ -135,7 +136,8 @@ def padded_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]
     """Both spectra as numpy arrays, padded to one common size, for `map_pairs`.
 
     Pairs of many sizes are padded to few: n vertices, n of 256, 384, 512, 768, ..., and
-    2 n faces. Mass 0 and face (0, 0, 0) mark the padding.
+    2 n faces. Mass 0 and face (0, 0, 0) mark the padding. `jfsf.match` has finer steps,
+    and leaves very different sizes apart.
     """
     x, y = (jax.tree.map(np.asarray, spec) for spec in (spec_x, spec_y))
     # A closed surface has twice as many faces as vertices, so one size decides both.

@@ -39,7 +39,8 @@ class Converter(Protocol):
     (`jax.pure_callback`).
 
     A converter that also declares the keyword `tiles` is handed the tiles of both
-    shapes where there are any. One that declares `neighbour_settings` is handed those.
+    shapes where there are any. One that declares `neighbour_settings` is handed those,
+    and one that declares `min_recall` the recall that `Settings` ask for.
     """
 
     def __call__(

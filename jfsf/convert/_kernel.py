@@ -22,7 +22,7 @@ def build(
     power: float = 1.0,
     unilateral_weight: float = 1.0,
 ) -> Kernel:
-    """The kernel on the union of both neighbour lists.
+    """The kernel, eq. 12, on the union of both neighbour lists.
 
     Args:
         near_xy, near_yx: k0 neighbours in Y of each vertex of X, and the other way.
@@ -32,11 +32,14 @@ def build(
         unilateral_weight: factor of an entry whose vertices are neighbours in one
             direction only. The authors' code, which averages two kernels, has 0.5.
     """
-    log_xy, log_yx = _log(near_xy, lam_xy, power), _log(near_yx, lam_yx, power)
+    log_xy, log_yx = (
+        _log_kernel(near_xy, lam_xy, power),
+        _log_kernel(near_yx, lam_yx, power),
+    )
     mutual_xy = _is_mutual(near_xy, near_yx)
     mutual_yx = _is_mutual(near_yx, near_xy)
 
-    other = _log(near_xy, lam_yx, power)
+    other = _log_kernel(near_xy, lam_yx, power)
     mean = jnp.logaddexp(log_xy, other) - jnp.log(2.0).astype(log_xy.dtype)
     log_weight = jnp.log(jnp.asarray(unilateral_weight, log_xy.dtype))
     log_xy = jnp.where(mutual_xy, mean, log_xy + log_weight)
@@ -105,7 +108,7 @@ def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):
     return jnp.where(found, first, 0), found
 
 
-def _log(near: Neighbours, lam: Array, power: float) -> Array:
+def _log_kernel(near: Neighbours, lam: Array, power: float) -> Array:
     # lam = 0 times inf is nan, and so is the slope of any lam at inf.
     known = jnp.isfinite(near.dist)
     return jnp.where(known, -lam * jnp.where(known, near.dist, 1) ** power, -jnp.inf)

@@ -38,7 +38,7 @@ def certify(
         emb_x, emb_y: the aligned embeddings that were converted.
         C_yx: the functional map of maps.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
-        gap: of the search, if there was one.
+        gap: `jfsf.pipeline.InitialMap.gap`, passed on.
         oriented_functions: eigenfunctions that the orientation score reads.
         distance_pairs: eigenpairs of the biharmonic distance.
     """

@@ -9,9 +9,9 @@ isometric as the right map. The search goes in three stages.
    front to back are among these. Refine again.
 3. Keep the best that really differ. Refine them on more samples and rank them.
 
-The energy (`_hypotheses`) cannot tell left from right, so the orientation score is
-added. The idea of enumerating maps is that of MapTree (Ren et al., SIGGRAPH Asia 2020).
-Here they are refined in batches, each one vmap.
+The energy (`_hypotheses`) cannot tell left from right, so one for a wrong orientation
+is added (`_with_orientation`). The idea of enumerating maps is that of MapTree (Ren et
+al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
 from functools import partial
@@ -202,12 +202,14 @@ def _candidates(
     children = children.reshape(-1, flip_to, flip_to)
     children = refine(few, children, half, ks=settings.flip_ks)
     brackets = x.few.brackets, y.few.brackets
-    gate = partial(_gated, brackets=brackets, sign=sign, settings=settings)
-    energy, _ = gate(energy_of(few, children), children)
+    oriented = partial(
+        _with_orientation, brackets=brackets, sign=sign, settings=settings
+    )
+    energy, _ = oriented(energy_of(few, children), children)
     best = children[best_different(children, energy, num, settings=settings)]
 
     last = refine(many, best, half, ks=settings.final_ks)
-    energy, orientation = gate(energy_of(many, last), last)
+    energy, orientation = oriented(energy_of(many, last), last)
     # Two candidates may have become one map. Copies rank last, or they would count as
     # rivals.
     kept = best_different(last, energy, num, settings=settings)
@@ -249,8 +251,14 @@ def best_different(
     return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 
 
-def _gated(energy: Array, C_yx: Array, *, brackets, sign, settings: SearchSettings):
-    """Energies with that of the orientation added, and orientation scores."""
+def _with_orientation(
+    energy: Array, C_yx: Array, *, brackets, sign, settings: SearchSettings
+):
+    """Energies with that of the orientation added, and orientation scores.
+
+    With s the score times the wanted sign, that is `half_mirrored_energy` (1 - s), or
+    `wrong_orientation_energy` where s < 0.
+    """
     pulled_back = settings.zoomout.pulled_back
     score = partial(orientation_score, pulled_back=pulled_back)
     orientation = jnp.asarray(jax.vmap(lambda C: score(C, *brackets))(C_yx))

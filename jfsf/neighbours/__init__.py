@@ -8,6 +8,10 @@ Read in this order:
 - `_tiles`: compact groups of points, made once for each shape
 - `_among_tiles`: candidates from nearby tiles, at a cost that grows like n
 - `_both_ways`: among tiles when they are given, exhaustively otherwise
+
+In `match`, `jfsf.pipeline.pair_tiles` decides whether there are tiles. Where their
+recall is low, `tiled_one_way` compares all points; rounds of a refinement do not check
+it.
 """
 
 from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way

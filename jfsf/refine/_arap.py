@@ -151,6 +151,7 @@ def arap(
     return jax.lax.scan(step, start, jnp.arange(rounds) == 0)[0]
 
 
+@partial(jax.jit, static_argnames="settings")
 def surface(
     spec: Spectrum,
     orientation_sign: Float[Array, ""] | float = 1.0,
@@ -170,6 +171,7 @@ def surface(
     return Surface(spec.faces, spec.mass, rest, stiff)
 
 
+@partial(jax.jit, static_argnames="settings")
 def deform(
     surface: Surface,
     target: Float[Array, "n 3"],

@@ -9,9 +9,10 @@ Read in this order:
 
 from jfsf.storage._atomic import write_atomically, write_text
 from jfsf.storage._cache import fetch, folder, key, store
-from jfsf.storage._programs import compile_ahead, large_jit
+from jfsf.storage._programs import Program, compile_ahead, large_jit
 
 __all__ = [
+    "Program",
     "compile_ahead",
     "fetch",
     "folder",

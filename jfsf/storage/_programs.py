@@ -1,6 +1,7 @@
 """Compile large programs early and in less time, and keep them on disk."""
 
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from contextlib import suppress
 from functools import cache, partial
 from importlib.metadata import version
@@ -43,13 +44,34 @@ def large_jit(function: Callable, platform: str, **static: Any) -> jax.stages.Wr
     return jax.jit(function, compiler_options=options, **static)
 
 
+class Program(NamedTuple):
+    """A function lowered for arguments of some shapes.
+
+    run: the function.
+    lowered: by jax, to be compiled.
+    """
+
+    run: Callable
+    lowered: Any
+
+    @property
+    def result(self) -> Any:
+        """Shapes and types of what it returns."""
+        return self.lowered.out_info
+
+    def __call__(self, *args: Any) -> Any:
+        """What the function returns."""
+        return self.run(*args)
+
+
 def compile_ahead(
     function: Callable,
     *args: Any,
     records: tuple[type, ...],
     keep: bool = True,
+    pool: Executor | None = None,
     **options: Any,
-) -> Callable:
+) -> Program:
     """`partial(function, **options)` by `large_jit`, already compiled on return.
 
     So a program can be compiled while its arguments are still being computed.
@@ -67,6 +89,7 @@ def compile_ahead(
         records: the classes of NamedTuple among arguments and results.
         keep: False leaves the cache folder alone. So do options that hold a function
             from outside this package, whose code is not known.
+        pool: compiles it, beside the caller; it is ready when the pool is.
         options: static.
     """
     platform = jax.default_backend()
@@ -79,7 +102,12 @@ def compile_ahead(
     kept = None
     if keep and text is not None:
         kept = records, program_key(function, text, str(tree), shapes, repr(named))
-    return _compiled(function, static, tree, shapes, kept, platform, repr(named))
+    found = _lowered(function, static, tree, shapes, kept, platform, repr(named))
+    if pool is None:
+        _compile(found.lowered)
+    else:
+        pool.submit(_compile, found.lowered)
+    return found
 
 
 def program_key(function: Callable, *parts: Any, code: str = CODE) -> str:
@@ -111,15 +139,19 @@ def _cpu_options() -> dict[str, Any]:
 
 
 @cache
-def _compiled(function, options, tree, shapes, kept, platform, _config) -> Callable:
+def _lowered(function, options, tree, shapes, kept, platform, _config) -> Program:
     args = jax.tree.unflatten(tree, shapes)
     program = partial(function, **dict(options))
     if kept is not None:
         program = _kept(program, args, *kept)
     run = large_jit(program, platform)
+    return Program(run, run.lower(*args))
+
+
+@cache
+def _compile(lowered) -> None:
     # jax finds what it compiled here when the program is called.
-    run.lower(*args).compile()
-    return run
+    lowered.compile()
 
 
 def _kept(function, args, records, name) -> Callable:
