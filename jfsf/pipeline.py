@@ -249,12 +249,14 @@ def given_map(
     Args:
         x, y: features of both shapes, whole.
         initial: C_yx, or T_xy as integers.
-        settings: `ks` says how many functions a C_yx made from T_xy has.
+        settings: C_yx is cut to as many functions as the search finds, or as `ks`
+            begin with: so all starts share the program of the refinement.
 
     Raises:
         ValueError: an initial map that does not fit the shapes.
     """
-    C_yx = _functional_map_of(initial, x.spec, y.spec, settings.ks[0])
+    size = max(settings.ks[0], settings.search.final_ks[-1])
+    C_yx = _functional_map_of(initial, x.spec, y.spec, size)[:size, :size]
     pulled_back = settings.search.zoomout.pulled_back
     score = orientation_score(C_yx, x.brackets, y.brackets, pulled_back=pulled_back)
     return InitialMap(C_yx, jnp.asarray(score), jnp.full((), jnp.nan, C_yx.dtype))

@@ -115,7 +115,7 @@ OPTIONS = {
     "converter, names",
     [
         (sinkhorn, set(OPTIONS)),
-        (nearest, {"tiles", "neighbour_settings"}),
+        (nearest, set(OPTIONS)),
         (jax.jit(sinkhorn, static_argnames="k0"), set(OPTIONS)),
         (lambda emb_x, emb_y, a, b, *, tiles=None: None, {"tiles"}),
         (lambda emb_x, emb_y, a, b, tiles=None: None, {"tiles"}),
