@@ -196,15 +196,16 @@ def _match(
     sizes = _padded_sizes(meshes.values(), settings)
     given = _padded_arguments(given, sizes)
     shapes = [_spectrum_like(size) for size in sizes]
-    # The limit is set around both threads: a limit set and lifted by each of them
-    # would be left behind.
-    with threadpool_limits(1, user_api="blas"), ThreadPoolExecutor(2) as pool:
+    # Threads for the spectra, and two that compile. The limit is set around all: one
+    # set and lifted by each of them would be left behind.
+    threads = ThreadPoolExecutor(len(meshes) + 2)
+    with threadpool_limits(1, user_api="blas"), threads as pool:
         specs = pool.map(
             lambda item: _basis(item[1], item[0], settings, cache), meshes.items()
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
-        compiled = partial(_result_shapes, keep=cache, pool=pool)
-        _run_stages(shapes[0], shapes[-1], given, settings, compiled)
+        compile_stage = partial(_result_shapes, keep=cache, pool=pool)
+        _run_stages(shapes[0], shapes[-1], given, settings, compile_stage)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
     run = partial(_run, keep=cache)
     return _run_stages(padded[0], padded[-1], given, settings, run)
@@ -221,10 +222,12 @@ def _run_stages(spec_x, spec_y, given: _Given, settings: Settings, run) -> Match
 
 
 def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
+    """Shapes of what the stage returns; it compiles."""
     return _program(stage, *args, **options).result
 
 
 def _run(stage: partial, *args: Any, **options: Any) -> Any:
+    """What the stage returns."""
     return _program(stage, *args, **options)(*args)
 
 

@@ -89,7 +89,7 @@ def compile_ahead(
         records: the classes of NamedTuple among arguments and results.
         keep: False leaves the cache folder alone. So do options that hold a function
             from outside this package, whose code is not known.
-        pool: compiles it, beside the caller; it is ready when the pool is.
+        pool: compiles it, beside the caller; it is ready when the pool is shut down.
         options: static.
     """
     platform = jax.default_backend()
