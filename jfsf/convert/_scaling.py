@@ -49,22 +49,32 @@ def scale_kernel(
     g = _minus(log_y, kernels.log_matvec(flipped, f))
     f = _minus(log_x, kernels.log_matvec(kernel, g))
 
-    def absorbed(fg, powers):
+    relax = jnp.asarray(relax, f.dtype)
+    rounds = -(-(num_iters - 1) // ABSORB_EVERY)
+    end = rounds * ABSORB_EVERY
+    # The first round is filled up with updates that change nothing, so that all rounds
+    # have one size and are one program.
+    begin = end - (num_iters - 1)
+
+    def absorbed(turn, fg):
         f, g = fg
         plan = kernels.scaled(kernel, f, g)
         back = kernels.transpose_plan(plan)
 
-        def update(uv, power):
+        def update(i, uv):
             u, v = uv
+            slot = turn * ABSORB_EVERY + i
+            power = jnp.where(slot < end - 1, relax, 1)
+            power = jnp.where(slot < begin, 0, power)
             v = v * _factor(marginal_y, v * kernels.matvec(back, u)) ** power
             u = u * _factor(marginal_x, u * kernels.matvec(plan, v)) ** power
-            return (u, v), None
+            return u, v
 
         ones = jnp.ones_like(f), jnp.ones_like(g)
-        (u, v), _ = jax.lax.scan(update, ones, powers)
-        return (f + jnp.log(u), g + jnp.log(v)), None
+        u, v = jax.lax.fori_loop(0, ABSORB_EVERY, update, ones)
+        return f + jnp.log(u), g + jnp.log(v)
 
-    (f, g), _ = jax.lax.scan(absorbed, (f, g), _powers(num_iters - 1, relax, f.dtype))
+    f, g = jax.lax.fori_loop(0, rounds, absorbed, (f, g))
 
     (T_xy, found_x), (T_yx, found_y) = map_sides(
         kernels.row_argmax, (kernel, g), (flipped, f)
@@ -116,20 +126,6 @@ def plan_entries(filtered: Filtered):
         columns,
         jnp.concatenate([plan.weight_xy.ravel(), plan.weight_yx.ravel()]),
     )
-
-
-def _powers(num: int, relax, dtype) -> Float[Array, "rounds updates"]:
-    """The relaxation of each of `num` updates: `relax`, but 1 for the last.
-
-    The first round is filled up with updates of power 0, which change nothing, so that
-    all rounds have one size and are one program.
-    """
-    rounds = -(-num // ABSORB_EVERY)
-    empty = rounds * ABSORB_EVERY - num
-    slot = jnp.arange(rounds * ABSORB_EVERY)
-    powers = jnp.where(slot < empty, 0, jnp.asarray(relax, dtype))
-    powers = jnp.where(slot == len(slot) - 1, 1, powers)
-    return powers.astype(dtype).reshape(rounds, ABSORB_EVERY)
 
 
 def _column(n: int, like):
