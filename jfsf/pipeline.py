@@ -14,12 +14,12 @@
 | `jfsf.spectral.functional_map` | T_xy, spectra | C_yx of the final map |
 | `jfsf.evaluate.certify` | all of these | evidence |
 
-Each takes `settings`: `features` those of `Settings.features`, the two stages of the
-search those of `Settings.search`, the others the whole. `run_stages` has them in order.
+`features` takes `Settings.features`, the two stages of the search `Settings.search`,
+the others of this module the whole `Settings`. `run_stages` has all in order.
 
-Only the features, the tiles, the bending and the last conversion depend on the number
-of vertices. The search always reads as many samples, and the refinement reads whatever
-it is given.
+`best_candidate` always reads equally many samples, so its program does not depend on
+the number of vertices, and nor does the refinement's above `Settings.samples_above`.
+All others do.
 
 This file is long because it has all stages one below the other.
 """

@@ -38,13 +38,15 @@ class Settings:
         figures; they are nan without one.
     neighbours: how neighbours are searched, for converters that declare
         `neighbour_settings`.
-    tiles_above: vertices of the larger shape above which neighbours are searched among
-        tiles, at a cost that grows like n (`experiments/bench_large.py`).
-    samples_above: vertices of the larger shape above which the functional map is
-        refined on samples, and all points are never compared with all.
+    tiles_above: vertices of the larger shape, padding included, above which neighbours
+        are searched among tiles, at a cost that grows like n
+        (`experiments/bench_large.py`).
+    samples_above: likewise, above which the functional map is refined on samples, and
+        all points are never compared with all.
     samples: of these; up to twice as many are taken.
     min_recall: recall among tiles below which the last conversion compares all points,
-        up to `samples_above` vertices; for converters that declare `min_recall`.
+        up to `samples_above` vertices. For a converter that declares `min_recall`, and
+        a bending converter that leaves it open.
     distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
     """
 

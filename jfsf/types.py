@@ -169,9 +169,8 @@ class Certificate(NamedTuple):
         orientation, -0.9 for a mirrored one; nan for point clouds.
     gap: the energy of the search's second candidate over that of its first, minus 1
         (`Candidates.energy`, by `pipeline.best_candidate`). Where an orientation is
-        asked for, a mirrored candidate is no rival. inf if no second one differs, nan
-        without a search.
-        Near 0 two different maps fit the shapes equally well. nan without a search.
+        asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
+        shapes equally well. inf if no second one differs, nan without a search.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
         nan without a plan.
     finite: whether every number the maps came from is finite.

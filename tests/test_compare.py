@@ -52,12 +52,12 @@ def run(compare, args, calls, stop_at=None):
         return maps
 
     methods = {name: method(name) for name in ("first", "second")}
-    compare.run(args, methods, lambda _, pair: pair, k=6, functional=True)
+    options = {"k": 6, "functional": True, "quick": 0.0}  # one call each
+    compare.run(args, methods, lambda _, pair: pair, **options)
 
 
-def test_a_killed_run_goes_on(compare, args, monkeypatch):
+def test_a_killed_run_goes_on(compare, args):
     calls = []
-    monkeypatch.setattr(compare, "QUICK", 0)
     with pytest.raises(KeyboardInterrupt):
         run(compare, args, calls, stop_at=4)
     lines = args.out.with_suffix(".jsonl")

@@ -116,7 +116,7 @@ def match_spectra(
     """`jfsf.match` of each pair, from the spectra on.
 
     Args:
-        specs_x, specs_y: one of each a pair, from `jfsf.matching.basis`. Each pair is
+        specs_x, specs_y: one of each a pair, from `jfsf.basis`. Each pair is
             cut to equal numbers of eigenpairs; pairs with equal numbers share programs.
         options: `orientation` and `settings` of `jfsf.match_spectra`, but no landmarks,
             descriptors or initial maps; `devices`, `pairs` and `batch_size` of

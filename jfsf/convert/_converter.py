@@ -39,8 +39,9 @@ class Converter(Protocol):
     (`jax.pure_callback`).
 
     A converter that also declares the keyword `tiles` is handed the tiles of both
-    shapes where there are any. One that declares `neighbour_settings` is handed those,
-    and one that declares `min_recall` the recall that `Settings` ask for.
+    shapes where there are any. One that declares `neighbour_settings` is handed those.
+    In the bending and the last conversion of `match`, one that declares `min_recall`
+    is handed the recall that `Settings` ask for.
     """
 
     def __call__(

@@ -5,8 +5,8 @@ Read in this order:
 - `_fit`: descriptors to a functional map by linear least squares
 - `_settings`: the numbers of the search
 - `_samples`: a shape at samples, which is all that the search reads
-- `_hypotheses`: refine maps on samples, and rank them
-- `_search`: the search among sign patterns, fits and flips
+- `_hypotheses`: refine maps on samples, and their energy
+- `_search`: the search among sign patterns, fits and flips, and the ranking
 """
 
 from jfsf.initial._fit import (

@@ -39,8 +39,8 @@ class Candidates(NamedTuple):
 
     C_yx: functions on Y pulled back to X.
     energy: departure from an isometry that keeps the descriptors; lower is better.
-        A map of the wrong orientation has `wrong_orientation_energy` added; a near copy
-        of a better one has inf.
+        Where an orientation is asked for, that of a wrong one is added
+        (`_with_orientation`). A near copy of a better map has inf.
     orientation: score in [-1, 1]; nan for point clouds.
     """
 

@@ -25,7 +25,7 @@ def functional_map(
 
     Args:
         T_xy: the vertex of Y for each vertex of X.
-        spec_x, spec_y: spectra; also of samples (`sampling.restrict`), whose
+        spec_x, spec_y: spectra; also of samples (`jfsf.spectral.restrict`), whose
             eigenvectors are no longer orthonormal: the pseudo-inverse is the weighted
             least squares one.
 
