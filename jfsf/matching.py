@@ -1,4 +1,7 @@
-"""Two meshes -> Match: checks, spectra, and compiled stages. Host side."""
+"""Two meshes -> Match: checks, spectra, and compiled stages. Host side.
+
+This file is long because it has every step from two meshes to their maps.
+"""
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -205,20 +208,50 @@ def _match(
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
-        _run_stages(shapes[0], shapes[-1], given, settings, compile_stage)
+        _run_stages(shapes[0], shapes[-1], given, settings, compile_stage, _first)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
     run = partial(_run, keep=cache)
-    return _run_stages(padded[0], padded[-1], given, settings, run)
+    return _run_stages(padded[0], padded[-1], given, settings, run, _most_confident)
 
 
-def _run_stages(spec_x, spec_y, given: _Given, settings: Settings, run) -> Match:
+def _first(attempt, first, *_) -> Match:
+    """The programs that every pair needs; few pairs need others."""
+    return attempt(first)
+
+
+def _most_confident(attempt, first, others, confident: float) -> Match:
+    """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
+    found = attempt(first)
+    if not found.certificate.confidence < confident:
+        return found  # nan too: there is nothing to compare
+    starts = jax.device_get(others())
+    for i in range(len(starts.gap)):
+        other = attempt(
+            jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
+        )
+        if other.certificate.confidence > found.certificate.confidence:
+            found = other
+        if found.certificate.confidence >= confident:
+            break
+    return found
+
+
+def _run_stages(
+    spec_x, spec_y, given: _Given, settings: Settings, run, most_confident
+) -> Match:
     """Each stage is a program: the largest, the search, serves shapes of all sizes."""
 
     def run_sides(stage, x, y):
         return run(stage, *x), run(stage, *y)
 
     arguments = spec_x, spec_y, *given
-    return run_stages(*arguments, settings=settings, run=run, run_sides=run_sides)
+    return run_stages(
+        *arguments,
+        settings=settings,
+        run=run,
+        run_sides=run_sides,
+        most_confident=most_confident,
+    )
 
 
 def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:

@@ -5,7 +5,8 @@
 | `jfsf.spectral.features` | spectrum | what is read of one shape |
 | `jfsf.initial.search_samples` | features | what the search reads of it |
 | `best_candidate` | these samples of both | the best map that the search finds |
-| `given_map` | features, a map of anyone | the same, without a search |
+| `other_starts` | these samples of both | maps for shapes of other proportions |
+| `given_map` | features, a map of anyone | the same as the best, without a search |
 | `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `refinement_samples` | features | the same at samples, for large shapes |
 | `refine` | features, C_yx | C_yx in a larger basis |
@@ -40,6 +41,7 @@ from jfsf.initial import (
     SearchSamples,
     SearchSettings,
     candidates,
+    far_candidates,
     orientation_sign,
     search_samples,
 )
@@ -66,7 +68,7 @@ class InitialMap(NamedTuple):
 
     C_yx: functions on Y pulled back to X.
     orientation: score in [-1, 1]; nan for point clouds.
-    gap: the second candidate's energy over the first's, minus 1; nan without a search.
+    gap: the second candidate's energy over the first's, minus 1; nan for any other map.
     """
 
     C_yx: Float[Array, "k_x k_y"]
@@ -91,6 +93,10 @@ def match_spectra(
     settings: Settings = Settings(),
 ) -> Match:
     """`jfsf.match` from the spectra on: pure, so it vmaps over pairs of equal size.
+
+    Under vmap all pairs try as many starts as the least confident one. Reverse
+    differentiation needs `Settings(confident=0)`: the number of starts is not known
+    before, and such a loop has no reverse.
 
     Args:
         spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
@@ -128,6 +134,53 @@ def _inline(stage, *args):
     return stage(*args)
 
 
+def _most_confident(
+    attempt: Callable[[InitialMap], Match],
+    first: InitialMap,
+    others: Callable[[], InitialMap],
+    confident: float,
+) -> Match:
+    """The first attempt that is confident enough, or the most confident of all.
+
+    Args:
+        attempt: makes a match of a start.
+        first: the start that is tried first.
+        others: makes the further starts, along a leading axis.
+        confident: no further start is tried from this confidence on.
+    """
+    later = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(others))
+    starts = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
+    count = len(starts.gap)
+    shapes = jax.eval_shape(attempt, first)
+    none = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), shapes)
+    best = none._replace(
+        certificate=none.certificate._replace(
+            confidence=jnp.full_like(none.certificate.confidence, -1)
+        )
+    )
+
+    def with_others(starts):
+        return jax.tree.map(lambda a, b: a.at[1:].set(b), starts, others())
+
+    def goes_on(state):
+        i, _, best = state
+        # Not so with nan: there is nothing to compare.
+        return (i < count) & (best.certificate.confidence < confident)
+
+    def step(state):
+        i, starts, best = state
+        # Not before they are needed.
+        starts = jax.lax.cond(i == 1, with_others, lambda same: same, starts)
+        found = attempt(jax.tree.map(lambda values: values[i], starts))
+        better = found.certificate.confidence > best.certificate.confidence
+        # The first stays, whatever is wrong with it, until there is a better one.
+        better |= i == 0
+        best = jax.tree.map(lambda a, b: jnp.where(better, a, b), found, best)
+        return i + 1, starts, best
+
+    return jax.lax.while_loop(goes_on, step, (0, starts, best))[2]
+
+
 def run_stages(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -140,6 +193,7 @@ def run_stages(
     settings: Settings,
     run: Callable[..., Any] = _inline,
     run_sides: Callable[..., Any] = map_sides,
+    most_confident: Callable[..., Match] = _most_confident,
 ) -> Match:
     """All stages in their order: `match_spectra`, and `jfsf.match` stage by stage.
 
@@ -151,6 +205,7 @@ def run_stages(
         run: calls a stage, run(stage, *args). A stage is a `partial` of a function of
             arrays, with static options.
         run_sides: calls a stage for either shape, as `jfsf.array.map_sides`.
+        most_confident: chooses among starts, as `_most_confident`, which is traced.
     """
     at_x, at_y = landmarks or (None, None)
     desc_x, desc_y = descriptors or (None, None)
@@ -159,22 +214,31 @@ def run_stages(
         (spec_x, desc_x, at_x, self_map),
         (spec_y, desc_y, at_y, self_map),
     )
-    if initial is None:
-        found = settings.search.final_ks[-1]
-        if settings.ks[0] > found:
-            raise ValueError(
-                f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
-                f"of {found} functions; begin with {found} or fewer"
-            )
-        stage = partial(search_samples, settings=settings.search)
-        samples = run_sides(stage, (x,), (y,))
-        search = partial(best_candidate, settings=settings.search)
-        start = run(search, *samples, sign, self_map)
-    else:
-        start = run(partial(given_map, settings=settings), x, y, initial)
-    C_yx, tiles = run(partial(_refined, settings=settings), x, y, start)
-    finished = partial(_finished, settings=settings)
-    return run(finished, x.spec, y.spec, C_yx, start, tiles)
+    found = settings.search.final_ks[-1]
+    if initial is None and settings.ks[0] > found:
+        raise ValueError(
+            f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
+            f"of {found} functions; begin with {found} or fewer"
+        )
+    stage = partial(search_samples, settings=settings.search)
+    samples = run_sides(stage, (x,), (y,))
+
+    def attempt(start: InitialMap) -> Match:
+        C_yx, tiles = run(partial(_refined, settings=settings), x, y, start)
+        finished = partial(_finished, settings=settings)
+        return run(finished, x.spec, y.spec, C_yx, start, tiles, samples, sign)
+
+    def others() -> InitialMap:
+        stage = partial(other_starts, settings=settings.search)
+        return run(stage, *samples, sign, self_map)
+
+    if initial is not None:
+        return attempt(run(partial(given_map, settings=settings), x, y, initial))
+    stage = partial(best_candidate, settings=settings.search)
+    first = run(stage, *samples, sign, self_map)
+    if not settings.confident:
+        return attempt(first)
+    return most_confident(attempt, first, others, settings.confident)
 
 
 def _features(spec, descriptors, landmarks, self_map, *, settings):
@@ -189,7 +253,9 @@ def _refined(x, y, start: InitialMap, *, settings):
     return C_yx, tiles
 
 
-def _finished(spec_x, spec_y, C_yx, start: InitialMap, tiles, *, settings):
+def _finished(
+    spec_x, spec_y, C_yx, start: InitialMap, tiles, samples, sign, *, settings
+):
     """The refined map, bent and converted, with its certificate."""
     embs = bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
     maps = convert(*embs, spec_x, spec_y, tiles, settings=settings)
@@ -202,6 +268,8 @@ def _finished(spec_x, spec_y, C_yx, start: InitialMap, tiles, *, settings):
         spec_x,
         spec_y,
         start.gap,
+        samples,
+        sign,
         oriented_functions=settings.features.oriented_functions,
         distance_pairs=settings.distance_pairs,
     )
@@ -234,6 +302,34 @@ def best_candidate(
     )
     gap = found.energy[1] / found.energy[0] - 1
     return InitialMap(found.C_yx[0], found.orientation[0], gap)
+
+
+@partial(jax.jit, static_argnames="settings")
+def other_starts(
+    x: SearchSamples,
+    y: SearchSamples,
+    orientation: Int[Array, ""] | int = 1,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: SearchSettings = SearchSettings(),
+) -> InitialMap:
+    """Starts for shapes of different proportions: `jfsf.initial.far_candidates`.
+
+    Args:
+        x, y, orientation, self_map, settings: as `best_candidate`.
+
+    Returns:
+        As many maps as `settings.far_candidates`, along the leading axis.
+    """
+    found = far_candidates(
+        x,
+        y,
+        orientation=orientation,  # type: ignore[arg-type]
+        self_map=self_map,
+        settings=settings,
+    )
+    unknown = jnp.full_like(found.energy, jnp.nan)
+    return InitialMap(found.C_yx, found.orientation, unknown)
 
 
 @partial(jax.jit, static_argnames="settings")

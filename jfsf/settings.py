@@ -23,6 +23,9 @@ class Settings:
         the bending, hardly after it.
     features: descriptors, curvature and oriented products.
     search: the search for the initial map.
+    confident: a map of less confidence (`Certificate.confidence`) is refined again from
+        `jfsf.initial.far_candidates`, in their order, until one reaches this. The most
+        confident is kept. 0 leaves it out.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
@@ -53,6 +56,7 @@ class Settings:
     k: int = 128
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    confident: float = 0.5
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine_converter: Converter = quick_sinkhorn
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
@@ -83,6 +87,10 @@ class Settings:
             raise ValueError(
                 f"Settings: bend_rounds is {self.bend_rounds} and samples "
                 f"{self.samples}; give 0 or more, and 1 or more"
+            )
+        if not 0 <= self.confident <= 1:
+            raise ValueError(
+                f"Settings: confident is {self.confident}; give a probability"
             )
         for name in ("converter", "refine_converter", "bend_converter"):
             if not callable(getattr(self, name)):

@@ -174,6 +174,11 @@ class Certificate(NamedTuple):
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
         nan without a plan.
     finite: whether every number the maps came from is finite.
+    energy: departure from an isometry, of the final functional map at samples
+        (`jfsf.initial.energies`); nan without samples.
+    unevenness: how unevenly this map stretches (`jfsf.initial.unevenness`); likewise.
+    confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
+        `jfsf.evaluate.confidence`; nan without samples.
     """
 
     marginal_error: Float[Array, ""]
@@ -187,6 +192,9 @@ class Certificate(NamedTuple):
     gap: Float[Array, ""]
     nn_agreement: Float[Array, ""]
     finite: Bool[Array, ""]
+    energy: Float[Array, ""]
+    unevenness: Float[Array, ""]
+    confidence: Float[Array, ""]
 
 
 class Match(NamedTuple):

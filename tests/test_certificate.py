@@ -9,7 +9,7 @@ import numpy as np
 from jfsf import testing
 from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
-from jfsf.evaluate import certify
+from jfsf.evaluate import certify, confidence
 from jfsf.spectral import embeddings, functional_map, uniform
 
 N, K = 162, 30
@@ -64,3 +64,19 @@ def test_agreement_counts_what_nearest_neighbour_says():
         nearest(emb_x, emb_y).T_xy == filtered(emb_x, emb_y, *marginals).T_xy
     )
     assert np.isclose(evidence(SPEC, other, C).nn_agreement, share)
+
+
+def test_confidence_follows_the_evidence():
+    right, wrong = confidence(jnp.asarray([0.95, 0.3]), 0.5, jnp.asarray([0.5, 0.9]))
+    assert right > 0.9 and wrong < 0.1
+    values = jnp.linspace(0.3, 1, 8)
+    assert np.all(np.diff(confidence(values, 0.6, 0.6)) > 0)
+    assert np.all(np.diff(confidence(0.9, values, 0.6)) < 0)
+    assert np.all(np.diff(confidence(0.9, 0.6, values)) < 0)
+
+
+def test_confidence_without_evidence():
+    assert 0 < confidence(jnp.nan, 0.5, 0.5) < 1  # a point cloud
+    assert np.isnan(confidence(0.9, jnp.nan, 0.5))
+    found = evidence(SPEC, SPEC, jnp.eye(K))  # without samples
+    assert np.isnan(found.confidence) and np.isnan(found.unevenness)

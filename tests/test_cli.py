@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from jfsf import __version__
 from jfsf.cli import app, certificate_table, warnings_of
+from jfsf.cli._summary import doubtful_first
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
 from jfsf.mapfiles import read_map, read_match, write_map
@@ -291,7 +292,9 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({"orientation": 0.3}, "preserve", "swapped"),
         ({"orientation": 0.3}, "any", "swapped"),
         ({}, "reverse", "swapped"),
-        ({"gap": 0.01}, "preserve", "1.0% worse"),
+        ({"confidence": 0.65}, "preserve", "doubtful, confidence 65%"),
+        ({"confidence": 0.02}, "preserve", "probably wrong, confidence 2%"),
+        ({"confidence": np.nan}, "preserve", None),
         ({"finite": False}, "preserve", "not finite"),
         ({"empty": 3}, "preserve", "3 vertices"),
         ({"coverage_yx": 0.2}, "preserve", "20%"),
@@ -303,6 +306,12 @@ def test_certificate_is_read_in_plain_words(change, orientation, warning):
     found = warnings_of(GOOD._replace(**changes), orientation)
     assert len(found) == (warning is not None)
     assert warning is None or warning in found[0]
+
+
+def test_the_least_confident_pairs_come_first():
+    values = ("", 0.9), ("", None), ("no file", None), ("", 0.1)
+    rows = [{"reason": why, "confidence": value} for why, value in values]
+    assert doubtful_first(rows) == [rows[2], rows[3], rows[0], rows[1]]
 
 
 @pytest.mark.parametrize(

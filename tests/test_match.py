@@ -123,7 +123,8 @@ def as_match_does(*specs, run=partial(matching._run, keep=False)):
     sizes = matching._padded_sizes([mesh for mesh, _ in shapes()], settings)
     pair = tuple(map(matching._padded, specs, sizes))
     given = matching._Given(None, None, None, 1, False)
-    return matching._run_stages(*pair, given, settings, run)
+    choose = matching._most_confident
+    return matching._run_stages(*pair, given, settings, run, choose)
 
 
 @pytest.mark.parametrize("x64", [False, True])
@@ -499,6 +500,10 @@ def test_the_limit_of_vertices_follows_the_settings():
     with pytest.raises(jfsf.MeshError, match="42 vertices, matching needs 160"):
         jfsf.basis(few, cache=False)
     search = SearchSettings(
-        fit_size=20, flip_range=(6, 16), flip_ks=(16, 20), final_ks=(18, 20)
+        fit_size=20,
+        flip_range=(6, 16),
+        flip_ks=(16, 20),
+        final_ks=(18, 20),
+        assignment_ks=(8, 20),
     )
     assert Settings(search=search, ks=(20, 30), k=30).min_vertices == 80

@@ -307,7 +307,7 @@ def test_the_command(client, tmp_path, monkeypatch):
     assert re.search(r"failed: .*1.off, .*bad.off: .*bad.off: ", result.stdout)
     assert read_match(out / "0.off__1.off.npz").T_xy.shape == (162,)
     record = json.loads((out / "summary.json").read_text())
-    good, bad = record["pairs"]
+    bad, good = record["pairs"]  # the doubtful first
     assert good["x"] == str(tmp_path / "0.off") and good["n_y"] == 162
     assert good["orientation"] == 0.9 and good["reason"] == "" and good["warnings"]
     assert bad["file"] == "" and bad["coverage_xy"] is None

@@ -15,13 +15,14 @@ Read in this order:
 
 from jfsf.cli._app import app, main
 from jfsf.cli._demo import measure
-from jfsf.cli._report import MIN_GAP, certificate_table, warnings_of
+from jfsf.cli._report import LIKELY, certificate_table, verdict, warnings_of
 
 __all__ = [
-    "MIN_GAP",
+    "LIKELY",
     "app",
     "certificate_table",
     "main",
     "measure",
+    "verdict",
     "warnings_of",
 ]

@@ -13,7 +13,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
 from jfsf.cli._files import Orientation, OrientationOption, matchable
-from jfsf.cli._summary import summary_row, summary_table, write_summary
+from jfsf.cli._summary import (
+    doubtful_first,
+    summary_row,
+    summary_table,
+    write_summary,
+)
 
 SETTINGS = "settings.json"
 
@@ -51,9 +56,10 @@ def batch(
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
-    Writes X__Y.npz a pair, and summary.csv and summary.json of all. Run it again to
-    continue a stopped run, or to add pairs: results that are not older than their
-    meshes are kept. Exit code 1 if a pair failed; the others are matched all the same.
+    Writes X__Y.npz a pair, and summary.csv and summary.json of all, the least
+    confident first. Run it again to continue a stopped run, or to add pairs: results
+    that are not older than their meshes are kept. Exit code 1 if a pair failed; the
+    others are matched all the same.
 
     Example: jfsf batch pairs.csv --out maps
     """
@@ -89,10 +95,12 @@ def batch(
             for outcome in outcomes:
                 rows[outcome.job.out.name] = summary_row(outcome, orientation.value)
                 bars.advance(done)
-    ordered = [
-        {"x": str(pair.x), "y": str(pair.y), **rows[f"{pair.name}.npz"]}
-        for pair in listed
-    ]
+    ordered = doubtful_first(
+        [
+            {"x": str(pair.x), "y": str(pair.y), **rows[f"{pair.name}.npz"]}
+            for pair in listed
+        ]
+    )
     written = write_summary(out, ordered, options)
     console = Console()
     console.print(summary_table(ordered))

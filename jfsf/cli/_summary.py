@@ -67,6 +67,16 @@ def summary_table(rows: list[dict[str, Any]]) -> Table:
     return shown
 
 
+def doubtful_first(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Failed pairs, then the others from the least confidence to the most."""
+
+    def place(row):
+        likely = row["confidence"]
+        return not row["reason"], math.inf if likely is None else likely
+
+    return sorted(rows, key=place)
+
+
 def write_summary(
     folder: Path, rows: list[dict[str, Any]], settings: dict[str, Any]
 ) -> tuple[Path, Path]:

@@ -5,11 +5,13 @@ Read in this order:
 - `_geodesics`: distances on a mesh, by the heat method or exact
 - `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
 - `_functional_metrics`: orthogonality, commutativity and energy of a functional map
+- `_confidence`: the probability that a map is right
 - `_certificate`: the evidence that `match` returns, without ground truth
 - `_evaluate`: all figures of one map in one call
 """
 
 from jfsf.evaluate._certificate import certify
+from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._evaluate import MEASURED, Figures, evaluate
 from jfsf.evaluate._functional_metrics import (
     laplacian_commutativity,
@@ -39,6 +41,7 @@ __all__ = [
     "auc",
     "bijectivity",
     "certify",
+    "confidence",
     "coverage",
     "error_curve",
     "evaluate",

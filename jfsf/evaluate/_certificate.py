@@ -4,10 +4,18 @@ from functools import partial
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
+from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
 from jfsf.evaluate._map_metrics import coverage
+from jfsf.initial import (
+    SamplePair,
+    SearchSamples,
+    SearchSettings,
+    energies,
+    unevenness,
+)
 from jfsf.spectral import (
     DISTANCE_PAIRS,
     FUNCTIONS,
@@ -16,6 +24,9 @@ from jfsf.spectral import (
     orientation_score,
 )
 from jfsf.types import Certificate, Filtered, Maps, Spectrum
+
+# Functions of a map whose energy and unevenness are read at samples.
+COMPARED = 40
 
 
 @partial(jax.jit, static_argnames=("oriented_functions", "distance_pairs"))
@@ -27,6 +38,8 @@ def certify(
     spec_x: Spectrum,
     spec_y: Spectrum,
     gap: Float[Array, ""] | float = jnp.nan,
+    samples: tuple[SearchSamples, SearchSamples] | None = None,
+    sign: Int[Array, ""] | int = 1,
     *,
     oriented_functions: int = FUNCTIONS,
     distance_pairs: int = DISTANCE_PAIRS,
@@ -39,6 +52,8 @@ def certify(
         C_yx: the functional map of maps.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
         gap: `jfsf.pipeline.InitialMap.gap`, passed on.
+        samples: both shapes at samples, for energy, unevenness and confidence.
+        sign: of the wanted orientation, 0 for any; for the confidence.
         oriented_functions: eigenfunctions that the orientation score reads.
         distance_pairs: eigenpairs of the biharmonic distance.
     """
@@ -56,6 +71,10 @@ def certify(
         numbers += [maps.f, maps.g]
     finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
     k = min(oriented_functions, *C_yx.shape)
+    score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
+    score = jnp.asarray(score)
+    energy, uneven = _at_samples(C_yx, samples)
+    agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
     return Certificate(
         marginal_error=error,
         empty=empty,
@@ -64,13 +83,26 @@ def certify(
         bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, distance_pairs),
         bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, distance_pairs),
         orthogonality=orthogonality(C_yx),
-        orientation=orientation_score(
-            C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k)
-        ),
+        orientation=score,
         gap=jnp.asarray(gap, dtype),
         nn_agreement=agree.astype(dtype),
         finite=finite,
+        energy=energy,
+        unevenness=uneven,
+        confidence=confidence(agrees, energy, uneven),
     )
+
+
+def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples] | None):
+    """Energy and unevenness of the leading functions."""
+    if samples is None:
+        return (jnp.full((), jnp.nan, C_yx.dtype),) * 2
+    x, y = samples
+    few, many = SamplePair(x.few, y.few, False), SamplePair(x.many, y.many, False)
+    lead = C_yx[None, :COMPARED, :COMPARED]
+    energy = energies(many, lead, settings=SearchSettings())
+    uneven = unevenness(few, x.geodesics, y.geodesics, lead)
+    return energy[0].astype(C_yx.dtype), uneven[0].astype(C_yx.dtype)
 
 
 def _there_and_back(returned, spec: Spectrum, pairs: int):

@@ -4,9 +4,11 @@ Read in this order:
 
 - `_fit`: descriptors to a functional map by linear least squares
 - `_settings`: the numbers of the search
+- `_extremities`: geodesics between samples, and starts from extremities
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, and their energy
 - `_search`: the search among sign patterns, fits and flips, and the ranking
+- `_proportions`: candidates from extremities, and how unevenly a map stretches
 """
 
 from jfsf.initial._fit import (
@@ -21,6 +23,7 @@ from jfsf.initial._fit import (
     terms,
 )
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._proportions import far_candidates, unevenness
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._search import (
     Candidates,
@@ -46,6 +49,7 @@ __all__ = [
     "candidates",
     "combine",
     "energies",
+    "far_candidates",
     "fit",
     "orientation_sign",
     "refine_hypotheses",
@@ -54,4 +58,5 @@ __all__ = [
     "shape_terms",
     "solve",
     "terms",
+    "unevenness",
 ]

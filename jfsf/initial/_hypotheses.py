@@ -59,7 +59,7 @@ def refine_hypotheses(
             x.bracket_fields,
             y.bracket_fields,
             ks=ks,
-            converter=_dense_nearest,
+            converter=dense_nearest,
             weighted=True,
             bidirectional=True,
             extra_weight=weight,
@@ -92,7 +92,7 @@ def _energy(C_yx, x: Features, y: Features, curvature_energy: float):
     gap = spec_x.evals[:k, None] - spec_y.evals[None, :k]
     top = jnp.maximum(spec_x.evals[k - 1], spec_y.evals[k - 1])
     commute = jnp.linalg.norm(gap * C_yx) / (jnp.linalg.norm(C_yx) * top)
-    maps = _dense_nearest(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
+    maps = dense_nearest(*embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct"))
     gram = matmul(C_yx.T, C_yx)
     stretch = jnp.linalg.norm(gram - jnp.eye(k, dtype=C_yx.dtype))
     mismatch_x, mismatch_y = map_sides(
@@ -113,7 +113,7 @@ def _mismatch(x: Features, y: Features, T_xy, curvature_energy: float):
     return x.spec.mass @ (mismatch + curvature_energy * curvature)
 
 
-def _dense_nearest(emb_x, emb_y, *_) -> Maps:
+def dense_nearest(emb_x, emb_y, *_) -> Maps:
     """Nearest neighbour both ways from one product: for a few hundred samples only."""
     # Samples are far apart, so float32 is enough.
     emb_x, emb_y = emb_x.astype(jnp.float32), emb_y.astype(jnp.float32)

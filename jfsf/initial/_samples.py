@@ -4,7 +4,9 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
+from jaxtyping import Array, Float
 
+from jfsf.initial._extremities import sample_geodesics
 from jfsf.initial._fit import ShapeTerms, shape_terms
 from jfsf.initial._settings import SearchSettings
 from jfsf.spectral import Features, farthest_points
@@ -16,11 +18,13 @@ class SearchSamples(NamedTuple):
     few: features at `SearchSettings.samples` vertices, or all if there are fewer.
     many: features at `SearchSettings.final_samples` vertices, likewise.
     fit: for the fits to descriptors.
+    geodesics: distances between the few samples, see `sample_geodesics`.
     """
 
     few: Features
     many: Features
     fit: ShapeTerms
+    geodesics: Float[Array, "s s"]
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -47,4 +51,6 @@ def search_samples(
         for count in (settings.samples, settings.final_samples)
     )
     fit = shape_terms(spec, features.descriptors, k=settings.fit_size)
-    return SearchSamples(few, many, fit)
+    at = chosen[: settings.samples]
+    geodesics = sample_geodesics(spec, at, distance_pairs=pairs)
+    return SearchSamples(few, many, fit, geodesics)

@@ -10,7 +10,7 @@ isometric as the right map. The search goes in three stages.
 3. Keep the best that really differ. Refine them on more samples and rank them.
 
 The energy (`_hypotheses`) cannot tell left from right, so one for a wrong orientation
-is added (`_with_orientation`). The idea of enumerating maps is that of MapTree (Ren et
+is added (`with_orientation`). The idea of enumerating maps is that of MapTree (Ren et
 al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
@@ -28,7 +28,7 @@ from jfsf.initial._fit import combine, solve
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._settings import SearchSettings
-from jfsf.spectral import FeatureSettings, features, orientation_score
+from jfsf.spectral import Features, FeatureSettings, features, orientation_score
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
@@ -40,7 +40,7 @@ class Candidates(NamedTuple):
     C_yx: functions on Y pulled back to X.
     energy: departure from an isometry that keeps the descriptors; lower is better.
         Where an orientation is asked for, that of a wrong one is added
-        (`_with_orientation`). A near copy of a better map has inf.
+        (`with_orientation`). A near copy of a better map has inf.
     orientation: score in [-1, 1]; nan for point clouds.
     """
 
@@ -167,12 +167,8 @@ def _candidates(
     num: int,
     settings: SearchSettings,
 ) -> Candidates:
-    def pair(side_x, side_y):
-        # With "any" the sign is 0, and the oriented columns are constant.
-        fields = sign * side_x.bracket_fields
-        return SamplePair(side_x._replace(bracket_fields=fields), side_y, self_map)
-
-    few, many = pair(x.few, y.few), pair(x.many, y.many)
+    few = sample_pair(x.few, y.few, sign, self_map)
+    many = sample_pair(x.many, y.many, sign, self_map)
     refine = partial(refine_hypotheses, settings=settings)
     energy_of = partial(energies, settings=settings)
     dtype, half = x.few.spec.evecs.dtype, settings.descriptor_weight
@@ -203,7 +199,7 @@ def _candidates(
     children = refine(few, children, half, ks=settings.flip_ks)
     brackets = x.few.brackets, y.few.brackets
     oriented = partial(
-        _with_orientation, brackets=brackets, sign=sign, settings=settings
+        with_orientation, brackets=brackets, sign=sign, settings=settings
     )
     energy, _ = oriented(energy_of(few, children), children)
     best = children[best_different(children, energy, num, settings=settings)]
@@ -217,6 +213,13 @@ def _candidates(
     energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
     order = jnp.argsort(energy)
     return Candidates(last[order], energy[order], orientation[order])
+
+
+def sample_pair(x: Features, y: Features, sign, self_map) -> SamplePair:
+    """Samples of both shapes, to be matched with this orientation."""
+    # With "any" the sign is 0, and the oriented columns are constant.
+    fields = sign * x.bracket_fields
+    return SamplePair(x._replace(bracket_fields=fields), y, self_map)
 
 
 def best_different(
@@ -251,7 +254,7 @@ def best_different(
     return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 
 
-def _with_orientation(
+def with_orientation(
     energy: Array, C_yx: Array, *, brackets, sign, settings: SearchSettings
 ):
     """Energies with that of the orientation added, and orientation scores.

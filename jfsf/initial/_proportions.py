@@ -1,0 +1,188 @@
+"""Candidates for shapes of different proportions, and how unevenly a map stretches.
+
+Where limbs differ in length, a wrong map may be closer to an isometry than the right
+one, so `candidates` may not hold the right map. These candidates come from extremities
+(`_extremities`) instead, and are ranked by `unevenness` instead of the energy. No
+measure of a coarse map tells right from wrong here: refine several and compare.
+"""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jfsf.array import map_sides, matmul
+from jfsf.initial._extremities import extremity_coordinates
+from jfsf.initial._hypotheses import (
+    CACHED_ENTRIES,
+    SamplePair,
+    dense_nearest,
+    energies,
+    refine_hypotheses,
+)
+from jfsf.initial._samples import SearchSamples
+from jfsf.initial._search import (
+    Candidates,
+    Orientation,
+    best_different,
+    orientation_sign,
+    sample_pair,
+    with_orientation,
+)
+from jfsf.initial._settings import SearchSettings
+from jfsf.refine import zoomout
+from jfsf.spectral import Features, embeddings
+
+# Neighbours of a sample between which stretch is read: as many as a vertex has.
+NEAR = 6
+# Added to a stretch: samples that become one point are stretched by this, not by 0.
+COLLAPSED = 0.3
+
+
+def far_candidates(
+    x: SearchSamples,
+    y: SearchSamples,
+    *,
+    orientation: Orientation | Int[Array, ""] = "preserve",
+    self_map: Bool[Array, ""] | bool = False,
+    settings: SearchSettings = SearchSettings(),
+) -> Candidates:
+    """Maps that bring extremities to extremities, the most even first.
+
+    Args:
+        x, y, orientation, self_map: as `candidates`.
+        settings: `far_candidates` says how many maps.
+
+    Raises:
+        ValueError: an unknown orientation.
+    """
+    sign = orientation_sign(orientation)
+    return _far_candidates(x, y, sign, self_map, settings=settings)
+
+
+@partial(jax.jit, static_argnames="settings")
+def _far_candidates(x, y, sign, self_map, *, settings: SearchSettings) -> Candidates:
+    few, many = (
+        sample_pair(*sides, sign, self_map)
+        for sides in ((x.few, y.few), (x.many, y.many))
+    )
+    oriented = partial(
+        with_orientation,
+        brackets=(x.few.brackets, y.few.brackets),
+        sign=sign,
+        settings=settings,
+    )
+    found = refine_extremities(few, x.geodesics, y.geodesics, settings=settings)
+    uneven = unevenness(few, x.geodesics, y.geodesics, found)
+    _, score = oriented(uneven, found)
+    uneven = jnp.where(sign * score < 0, jnp.inf, uneven)
+    kept = best_different(found, uneven, settings.far_candidates, settings=settings)
+    half = settings.descriptor_weight
+    last = refine_hypotheses(
+        many, found[kept], half, ks=settings.final_ks, settings=settings
+    )
+    energy, score = oriented(energies(many, last, settings=settings), last)
+    return Candidates(last, energy, score)
+
+
+def refine_extremities(
+    pair: SamplePair,
+    geodesics_x: Float[Array, "s_x s_x"],
+    geodesics_y: Float[Array, "s_y s_y"],
+    *,
+    settings: SearchSettings,
+) -> Float[Array, "c k k"]:
+    """Maps that bring assigned extremities together, refined by ZoomOut.
+
+    The distances to the extremities are columns beside the eigenfunctions.
+
+    Args:
+        pair: the samples.
+        geodesics_x, geodesics_y: `sample_geodesics`.
+        settings: `assignment_ks`, `extremity_weight`, `descriptor_weight`, `zoomout`.
+    """
+    x, y, _ = pair
+    ks = settings.assignment_ks
+    coordinates = extremity_coordinates(
+        (x, geodesics_x), (y, geodesics_y), settings=settings
+    )
+
+    def start(x: Features, y: Features, T_xy):
+        evecs = x.spec.evecs[:, : ks[0]]
+        back = evecs.T * x.spec.mass[None]
+        gram = matmul(back, evecs)
+        return jnp.linalg.solve(gram, matmul(back, y.spec.evecs[:, : ks[0]][T_xy]))
+
+    def columns(side: Features, distances):
+        known = side.columns * settings.descriptor_weight
+        far = distances.astype(known.dtype) * settings.extremity_weight
+        return jnp.concatenate([known, far], 1)
+
+    def refine(sides):
+        maps = dense_nearest(*sides)
+        C_yx = (start(x, y, maps.T_xy) + start(y, x, maps.T_yx).T) / 2
+        return zoomout(
+            x.spec,
+            y.spec,
+            C_yx,
+            columns(x, sides[0]),
+            columns(y, sides[1]),
+            x.bracket_fields,
+            y.bracket_fields,
+            ks=ks,
+            converter=dense_nearest,
+            weighted=True,
+            bidirectional=True,
+            settings=settings.zoomout,
+        )
+
+    count = len(coordinates[0])
+    most = max(CACHED_ENTRIES // (len(x.spec.mass) * len(y.spec.mass)), 1)
+    batch_size = max(n for n in range(1, most + 1) if count % n == 0)
+    return jax.lax.map(refine, coordinates, batch_size=batch_size)
+
+
+def unevenness(
+    pair: SamplePair,
+    geodesics_x: Float[Array, "s_x s_x"],
+    geodesics_y: Float[Array, "s_y s_y"],
+    C_yx: Float[Array, "c k k"],
+) -> Float[Array, " c"]:
+    """How unevenly each map stretches short distances, both ways; 0 for similarities.
+
+    It is the standard deviation of the logarithm of the stretch between neighbouring
+    samples. A map that stretches a limb as a whole costs little, one that tears
+    neighbours apart or crumples much, whatever the proportions.
+    """
+    x, y, _ = pair
+    near_x, near_y = map_sides(_near, (geodesics_x,), (geodesics_y,))
+
+    def one(C):
+        embs = embeddings(C, x.spec.evecs, y.spec.evecs, space="direct")
+        maps = dense_nearest(*embs)
+        both = map_sides(
+            _uneven,
+            (geodesics_x, geodesics_y, near_x, maps.T_xy, x.spec.mass),
+            (geodesics_y, geodesics_x, near_y, maps.T_yx, y.spec.mass),
+        )
+        return jnp.minimum(*both)
+
+    return jax.lax.map(one, C_yx)
+
+
+def _near(geodesics):
+    """The nearest samples of each sample, without itself."""
+    return jax.lax.top_k(-geodesics, 1 + NEAR)[1][:, 1:]
+
+
+def _uneven(geodesics_x, geodesics_y, near, T_xy, mass):
+    before = jnp.take_along_axis(geodesics_x, near, 1)
+    after = geodesics_y[T_xy[:, None], T_xy[near]]
+    # Samples without mass are copies of others.
+    weight = (mass > 0)[:, None] & (mass[near] > 0) & (before > 0)
+    weight = weight.astype(mass.dtype)
+    weight /= jnp.maximum(weight.sum(), 1)
+    log = jnp.log(after / jnp.where(before > 0, before, 1) + COLLAPSED)
+    mean = jnp.sum(weight * log)
+    return jnp.sqrt(jnp.sum(weight * (log - mean) ** 2))

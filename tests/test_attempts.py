@@ -1,0 +1,72 @@
+"""Starts are tried until one is confident; on the host as under jit."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jfsf import Settings, matching, pipeline
+from jfsf.pipeline import InitialMap
+from jfsf.types import Certificate, Match
+
+
+def starts(values):
+    values = jnp.asarray(values, float)
+    return InitialMap(values[..., None, None], values, values)
+
+
+def attempt(start, tried=None):
+    """A match as confident as the number in its start."""
+    if tried is not None:
+        tried.append(float(start.gap))
+    figures = dict.fromkeys(Certificate._fields, jnp.zeros(()))
+    certificate = Certificate(**(figures | {"confidence": start.gap}))
+    maps = jnp.zeros(2, int)
+    return Match(maps, maps, start.C_yx, certificate)
+
+
+@pytest.mark.parametrize(
+    ("first", "others", "chosen", "tried"),
+    [
+        (0.9, [1.0, 1.0], 0.9, 1),  # confident: nothing else is tried
+        (0.5, [1.0, 1.0], 0.5, 1),
+        (0.2, [0.1, 0.6, 0.9], 0.6, 3),  # the first that is confident
+        (0.3, [0.1, 0.4, 0.2], 0.4, 4),  # none is: the most confident
+        (0.3, [0.1, 0.2], 0.3, 3),
+        (0.3, [np.nan, 0.4], 0.4, 3),
+        (0.0, [0.0], 0.0, 2),
+    ],
+)
+def test_the_most_confident_start_is_kept(first, others, chosen, tried):
+    count = []
+    options = starts(first), lambda: starts(others), 0.5
+    on_host = matching._most_confident(partial(attempt, tried=count), *options)
+    traced = jax.jit(lambda: pipeline._most_confident(attempt, *options))()
+    assert len(count) == tried
+    for found in (on_host, traced):
+        assert np.isclose(found.certificate.confidence, chosen)
+        assert np.isclose(found.C_yx[0, 0], chosen)
+
+
+def test_starts_are_chosen_under_vmap():
+    first, others = starts([0.9, 0.2]), starts([[1.0, 1.0], [0.3, 0.6]])
+
+    def choose(first, others):
+        return pipeline._most_confident(attempt, first, lambda: others, 0.5)
+
+    found = jax.vmap(choose)(first, others)
+    np.testing.assert_allclose(found.certificate.confidence, [0.9, 0.6])
+
+
+def test_a_first_map_of_unknown_confidence_is_kept():
+    options = starts(np.nan), lambda: starts([0.9]), 0.5
+    assert np.isnan(matching._most_confident(attempt, *options).certificate.confidence)
+    traced = pipeline._most_confident(attempt, *options)
+    assert np.isnan(traced.certificate.confidence)
+
+
+def test_confident_is_a_probability():
+    with pytest.raises(ValueError, match="confident is 2"):
+        Settings(confident=2)

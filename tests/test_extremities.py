@@ -1,0 +1,137 @@
+"""Geodesics between samples, extremities and their assignments, against plain numpy."""
+
+from itertools import permutations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from jfsf import testing
+from jfsf.array import pad
+from jfsf.initial import SearchSettings, far_candidates, search_samples
+from jfsf.initial._extremities import assignments, extremities, sample_geodesics
+from jfsf.initial._hypotheses import SamplePair
+from jfsf.initial._proportions import unevenness
+from jfsf.spectral import biharmonic, farthest_points, features, wks
+
+DEFAULT = SearchSettings()
+FEW = SearchSettings(assignments=20, far_candidates=3)
+SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
+SAMPLES = farthest_points(SPEC, num=40)
+
+
+def oracle(spec, samples):
+    points, faces = np.asarray(biharmonic(spec)), np.asarray(spec.faces)
+    gap = np.linalg.norm(points[:, None] - points[np.asarray(samples)][None], axis=2)
+    near = np.argsort(gap, axis=1)[:, :2]
+    at = np.asarray(spec.vertices)[np.asarray(samples)]
+    pairs = {tuple(pair) for pair in near}
+    for i, j, k in faces:
+        pairs |= {(near[a, 0], near[b, 0]) for a, b in ((i, j), (j, k), (k, i))}
+    i, j = np.array([pair for pair in pairs if pair[0] != pair[1]]).T
+    length = np.linalg.norm(at[i] - at[j], axis=1)
+    graph = coo_matrix((length, (i, j)), shape=(len(at), len(at))).tocsr()
+    graph = graph.maximum(graph.T)
+    mass = np.bincount(near[:, 0], np.asarray(spec.mass), len(at))
+    share = mass / mass.sum()
+    found = dijkstra(graph, directed=False)
+    return found / (share @ found @ share)
+
+
+def test_geodesics_are_those_of_dijkstra():
+    found = sample_geodesics(SPEC, SAMPLES)
+    np.testing.assert_allclose(found, oracle(SPEC, SAMPLES), rtol=1e-5, atol=1e-6)
+
+
+def test_geodesics_of_a_point_cloud():
+    cloud = SPEC._replace(faces=SPEC.faces[:0])
+    found = sample_geodesics(cloud, SAMPLES)
+    np.testing.assert_allclose(found, oracle(cloud, SAMPLES), rtol=1e-5, atol=1e-6)
+
+
+def test_geodesics_ignore_padding_signs_and_units():
+    found = sample_geodesics(SPEC, SAMPLES)
+    n, m = len(SPEC.mass), len(SPEC.faces)
+    padded = jax.tree.map(jnp.asarray, pad(SPEC, n + 9, m + 5))
+    flipped = SPEC._replace(evecs=-SPEC.evecs, vertices=3 * SPEC.vertices)
+    for other in (padded, flipped):
+        again = sample_geodesics(other, SAMPLES)
+        np.testing.assert_allclose(again, found, rtol=1e-5, atol=1e-6)
+
+
+def test_extremities_of_a_star_are_its_tips():
+    # Arms of unequal length from one middle: the tips, whatever their order.
+    lengths = (5, 4, 4, 3, 6)
+    length = np.concatenate([[0], *(np.arange(1, n + 1) for n in lengths)])
+    arm = np.concatenate([[-1], np.repeat(range(5), lengths)])
+    same = arm[:, None] == arm[None]
+    apart = length[:, None] + length[None]
+    geodesics = np.where(same, abs(length[:, None] - length[None]), apart)
+    mass = np.full(len(length), 1 / len(length))
+    found = extremities(jnp.asarray(geodesics, float), jnp.asarray(mass), num=5)
+    assert set(np.asarray(found)) == set(np.cumsum(lengths))
+    assert found[0] == len(length) - 1
+
+
+def test_every_assignment_is_listed_once():
+    of_x, of_y = assignments(4, 3)
+    found = [
+        frozenset(zip(*pair, strict=True)) for pair in zip(of_x, of_y, strict=True)
+    ]
+    partial_maps = {
+        frozenset((i, j) for i, j in enumerate(order) if i != left)
+        for order in permutations(range(4))
+        for left in range(4)
+    }
+    assert len(found) == len(set(found)) and set(found) == partial_maps
+
+
+def test_the_identity_is_the_least_uneven():
+    few = search_samples(features(SPEC), settings=FEW)
+    pair = SamplePair(few.few, few.few, False)
+    flipped = jnp.diag(jnp.where(jnp.arange(30) % 3 == 1, -1.0, 1.0))
+    maps = jnp.stack([jnp.eye(30), flipped]).astype(SPEC.evecs.dtype)
+    found = unevenness(pair, few.geodesics, few.geodesics, maps)
+    assert found[0] < 1e-3 < found[1]
+
+
+def far(spec_x, spec_y, **options):
+    """Candidates of two spectra that share the columns of `columns_of`."""
+    x, y = (
+        search_samples(features(spec, desc), settings=FEW)
+        for spec, desc in (spec_x, spec_y)
+    )
+    return far_candidates(x, y, settings=FEW, **options)
+
+
+def test_starts_from_extremities_find_the_identity():
+    desc = wks(SPEC, num=5)
+    found = far((SPEC, desc), (SPEC, desc))
+    size = FEW.final_ks[0]
+    lead = np.asarray(found.C_yx[:, :size, :size])
+    assert np.abs(lead - np.eye(size)).max((1, 2)).min() < 0.1
+    assert found.C_yx.shape == (3, FEW.final_ks[-1], FEW.final_ks[-1])
+
+
+def test_candidates_ignore_padding_and_units():
+    other = testing.blob_spectrum(1, DEFAULT.eigenpairs)
+    pair = [(SPEC, wks(SPEC, num=5)), (other, wks(other, num=5))]
+    found = far(*pair)
+    (x, desc), y = pair
+    padded = jax.tree.map(jnp.asarray, pad(x, len(x.mass) + 9, len(x.faces) + 5))
+    rows = jnp.pad(desc, ((0, 9), (0, 0)))
+    # A shape of area 1 has no unit left in its spectrum, only in its vertices.
+    for side in ((padded, rows), (x._replace(vertices=3 * x.vertices), desc)):
+        np.testing.assert_allclose(far(side, y).C_yx, found.C_yx, atol=1e-4)
+
+
+def test_numbers_that_do_not_fit_are_an_error():
+    with pytest.raises(ValueError, match="assigned is 8, extremities 7"):
+        SearchSettings(assigned=8)
+    with pytest.raises(ValueError, match="assignment_ks end at 20"):
+        SearchSettings(assignment_ks=(8, 20))
+    with pytest.raises(ValueError, match="far_candidates is 0"):
+        SearchSettings(far_candidates=0)
