@@ -46,7 +46,7 @@ def main() -> None:
         truth = gt_x[:points], gt_y[:points]
         options = {"truth": truth, "every": args.every, "only": ("error",)}
         error = evaluate(found, x, y, **options).error_mean
-        certificate = {k: float(v) for k, v in found.certificate._asdict().items()}
+        certificate = {k: float(v) for k, v in found.certificate.figures().items()}
         row = {"x": name_x, "y": name_y, "error": error, "seconds": seconds}
         rows.append({**row, "rival": float(rest[0]) if rest else None, **certificate})
         likely = certificate["confidence"]

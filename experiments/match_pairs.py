@@ -61,7 +61,7 @@ def _measure(x, y, args) -> dict:
     row = {"error": error(gt_y), "seconds": seconds}
     if sym_y is not None:
         row["mirrored"] = error(sym_y)
-    row.update({k: float(v) for k, v in found.certificate._asdict().items()})
+    row.update({k: float(v) for k, v in found.certificate.figures().items()})
     return row
 
 

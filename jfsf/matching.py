@@ -19,7 +19,7 @@ from jfsf.array import pad, padded_size
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, SearchSamples, ShapeTerms, orientation_sign
 from jfsf.mesh import MeshError, orient, validate
-from jfsf.pipeline import InitialMap, run_stages
+from jfsf.pipeline import InitialMap, misses_landmarks, run_stages
 from jfsf.settings import Settings
 from jfsf.spectral import Features, spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
@@ -61,7 +61,8 @@ def match(
             wound outward first), "reverse" for its mirror image, "any" for the best of
             both. Point clouds have no orientation: for them it is always "any".
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
-            a flip.
+            a flip. One that does not fit the others is not obeyed, see
+            `Certificate.landmarks`.
         descriptors: one matrix a shape, column i of X's corresponding to column i of
             Y's, any unit and sign. They replace the wave kernel signature, or stand
             beside it with `FeatureSettings(keep_wks=True)`; curvature stays.
@@ -222,17 +223,19 @@ def _first(attempt, first, *_) -> Match:
 def _most_confident(attempt, first, others, confident: float) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
-    if not found.certificate.confidence < confident:
-        return found  # nan too: there is nothing to compare
-    starts = jax.device_get(others())
-    for i in range(len(starts.gap)):
-        other = attempt(
-            jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
-        )
-        if other.certificate.confidence > found.certificate.confidence:
-            found = other
-        if found.certificate.confidence >= confident:
-            break
+    # Not so with nan: there is nothing to compare.
+    doubtful = found.certificate.confidence < confident
+    if not (doubtful or misses_landmarks(found)):
+        return found
+    for make in others:
+        starts = jax.device_get(make())
+        for i in range(len(starts.gap)):
+            start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
+            other = attempt(start)
+            if other.certificate.confidence > found.certificate.confidence:
+                found = other
+            if found.certificate.confidence >= confident:
+                return found
     return found
 
 

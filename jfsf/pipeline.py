@@ -6,6 +6,7 @@
 | `jfsf.initial.search_samples` | features | what the search reads of it |
 | `best_candidate` | these samples of both | the best map that the search finds |
 | `other_starts` | these samples of both | maps for shapes of other proportions |
+| `kept_landmarks` | features, a map | features without landmarks it misses |
 | `given_map` | features, a map of anyone | the same as the best, without a search |
 | `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `refinement_samples` | features | the same at samples, for large shapes |
@@ -25,7 +26,7 @@ All others do.
 This file is long because it has all stages one below the other.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -33,9 +34,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import map_sides
+from jfsf.array import map_sides, matmul
 from jfsf.convert import HasMaps, maps_of, with_options
-from jfsf.evaluate import certify
+from jfsf.evaluate import MISSED, certify, landmark_distances
 from jfsf.initial import (
     Orientation,
     SearchSamples,
@@ -137,18 +138,26 @@ def _inline(stage, *args):
 def _most_confident(
     attempt: Callable[[InitialMap], Match],
     first: InitialMap,
-    others: Callable[[], InitialMap],
+    others: Sequence[Callable[[], InitialMap]],
     confident: float,
 ) -> Match:
     """The first attempt that is confident enough, or the most confident of all.
 
+    If the first misses a landmark, the second is made too: the landmark or the map is
+    wrong.
+
     Args:
         attempt: makes a match of a start.
         first: the start that is tried first.
-        others: makes the further starts, along a leading axis.
+        others: each makes further starts, along a leading axis.
         confident: no further start is tried from this confidence on.
     """
-    later = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(others))
+
+    def made():
+        starts = [make() for make in others]
+        return jax.tree.map(lambda *values: jnp.concatenate(values), *starts)
+
+    later = jax.tree.map(lambda a: jnp.zeros(a.shape, a.dtype), jax.eval_shape(made))
     starts = jax.tree.map(lambda a, b: jnp.concatenate([a[None], b]), first, later)
     count = len(starts.gap)
     shapes = jax.eval_shape(attempt, first)
@@ -160,12 +169,14 @@ def _most_confident(
     )
 
     def with_others(starts):
-        return jax.tree.map(lambda a, b: a.at[1:].set(b), starts, others())
+        return jax.tree.map(lambda a, b: a.at[1:].set(b), starts, made())
 
     def goes_on(state):
         i, _, best = state
         # Not so with nan: there is nothing to compare.
-        return (i < count) & (best.certificate.confidence < confident)
+        more = best.certificate.confidence < confident
+        more |= (i == 1) & misses_landmarks(best)
+        return (i < count) & more
 
     def step(state):
         i, starts, best = state
@@ -179,6 +190,11 @@ def _most_confident(
         return i + 1, starts, best
 
     return jax.lax.while_loop(goes_on, step, (0, starts, best))[2]
+
+
+def misses_landmarks(match: Match) -> Bool[Array, ""]:
+    """Whether a landmark ends far from its partner."""
+    return jnp.any(match.certificate.landmarks > MISSED)
 
 
 def run_stages(
@@ -211,8 +227,8 @@ def run_stages(
     desc_x, desc_y = descriptors or (None, None)
     x, y = run_sides(
         partial(_features, settings=settings.features),
-        (spec_x, desc_x, at_x, self_map),
-        (spec_y, desc_y, at_y, self_map),
+        (spec_x, desc_x, None, self_map),
+        (spec_y, desc_y, None, self_map),
     )
     found = settings.search.final_ks[-1]
     if initial is None and settings.ks[0] > found:
@@ -220,25 +236,47 @@ def run_stages(
             f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
             f"of {found} functions; begin with {found} or fewer"
         )
-    stage = partial(search_samples, settings=settings.search)
-    samples = run_sides(stage, (x,), (y,))
+    sampled = partial(search_samples, settings=settings.search)
+    samples = run_sides(sampled, (x,), (y,))
+    # The first search does not know the landmarks, so it cannot be misled by them.
+    known = x, y
+    if landmarks is not None:
+        known = run_sides(
+            partial(_features, settings=settings.features),
+            (spec_x, desc_x, at_x, self_map),
+            (spec_y, desc_y, at_y, self_map),
+        )
 
     def attempt(start: InitialMap) -> Match:
-        C_yx, tiles = run(partial(_refined, settings=settings), x, y, start)
+        sides = known
+        if landmarks is not None:
+            stage = partial(kept_landmarks, settings=settings)
+            sides = run(stage, *known, start.C_yx, at_x, at_y)
+        C_yx, tiles = run(partial(_refined, settings=settings), *sides, start)
         finished = partial(_finished, settings=settings)
-        return run(finished, x.spec, y.spec, C_yx, start, tiles, samples, sign)
+        evidence = samples, sign, landmarks
+        return run(finished, x.spec, y.spec, C_yx, start, tiles, *evidence)
 
-    def others() -> InitialMap:
+    def candidate(samples) -> InitialMap:
+        stage = partial(best_candidate, settings=settings.search)
+        return run(stage, *samples, sign, self_map)
+
+    def guided() -> InitialMap:
+        return candidate(run_sides(sampled, *((side,) for side in known)))
+
+    def far() -> InitialMap:
         stage = partial(other_starts, settings=settings.search)
         return run(stage, *samples, sign, self_map)
 
+    others = [far]
+    if landmarks is not None:
+        others.insert(0, lambda: jax.tree.map(lambda a: a[None], guided()))
+
     if initial is not None:
         return attempt(run(partial(given_map, settings=settings), x, y, initial))
-    stage = partial(best_candidate, settings=settings.search)
-    first = run(stage, *samples, sign, self_map)
     if not settings.confident:
-        return attempt(first)
-    return most_confident(attempt, first, others, settings.confident)
+        return attempt(guided() if landmarks is not None else candidate(samples))
+    return most_confident(attempt, candidate(samples), others, settings.confident)
 
 
 def _features(spec, descriptors, landmarks, self_map, *, settings):
@@ -254,7 +292,16 @@ def _refined(x, y, start: InitialMap, *, settings):
 
 
 def _finished(
-    spec_x, spec_y, C_yx, start: InitialMap, tiles, samples, sign, *, settings
+    spec_x,
+    spec_y,
+    C_yx,
+    start: InitialMap,
+    tiles,
+    samples,
+    sign,
+    landmarks,
+    *,
+    settings,
 ):
     """The refined map, bent and converted, with its certificate."""
     embs = bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
@@ -270,6 +317,7 @@ def _finished(
         start.gap,
         samples,
         sign,
+        landmarks,
         oriented_functions=settings.features.oriented_functions,
         distance_pairs=settings.distance_pairs,
     )
@@ -329,7 +377,11 @@ def other_starts(
         settings=settings,
     )
     unknown = jnp.full_like(found.energy, jnp.nan)
-    return InitialMap(found.C_yx, found.orientation, unknown)
+    # The score of a rough map may have the wrong sign. The refinement then asks for
+    # the wanted one.
+    wanted = orientation * jnp.abs(found.orientation)
+    score = jnp.where(orientation == 0, found.orientation, wanted)
+    return InitialMap(found.C_yx, score, unknown)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -356,6 +408,41 @@ def given_map(
     pulled_back = settings.search.zoomout.pulled_back
     score = orientation_score(C_yx, x.brackets, y.brackets, pulled_back=pulled_back)
     return InitialMap(C_yx, jnp.asarray(score), jnp.full((), jnp.nan, C_yx.dtype))
+
+
+@partial(jax.jit, static_argnames="settings")
+def kept_landmarks(
+    x: Features,
+    y: Features,
+    C_yx: Float[Array, "k_x k_y"],
+    at_x: Int[Array, " l"],
+    at_y: Int[Array, " l"],
+    *,
+    settings: Settings = Settings(),
+) -> tuple[Features, Features]:
+    """Features without the columns of landmarks that a map misses.
+
+    One wrong landmark among several is so not obeyed.
+
+    Args:
+        x, y: features made with these landmarks.
+        C_yx: the map, with which the refinement starts.
+        at_x, at_y: vertices of X, and their partners.
+        settings: `distance_pairs`, `features`.
+    """
+    emb_x, emb_y = embeddings(C_yx, x.spec.evecs, y.spec.evecs, space="direct")
+    near = matmul(emb_x[at_x], emb_y.T) - jnp.sum(emb_y**2, 1)[None] / 2
+    real = y.spec.mass > 0
+    images = jnp.argmax(jnp.where(real[None], near, -jnp.inf), 1)
+    pairs = settings.distance_pairs
+    far = landmark_distances(images, at_y, y.spec, distance_pairs=pairs)
+    # The last descriptors are those of the landmarks, curvature follows them.
+    keep = jnp.repeat(far <= MISSED, settings.features.landmark_times)
+    end = x.descriptors.shape[1]
+    factor = jnp.ones(x.columns.shape[1], x.columns.dtype)
+    factor = factor.at[end - len(keep) : end].set(keep.astype(factor.dtype))
+    weighed_x, weighed_y = (side.columns * factor[None] for side in (x, y))
+    return x._replace(columns=weighed_x), y._replace(columns=weighed_y)
 
 
 @partial(jax.jit, static_argnames="settings")

@@ -178,7 +178,11 @@ class Certificate(NamedTuple):
         (`jfsf.initial.energies`); nan without samples.
     unevenness: how unevenly this map stretches (`jfsf.initial.unevenness`); likewise.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
-        `jfsf.evaluate.confidence`; nan without samples.
+        `jfsf.evaluate.confidence`; less if the map misses landmarks; nan without
+        samples.
+    landmarks: spectral distance between the image of each landmark and its partner,
+        relative to the mean distance of two random vertices; above
+        `jfsf.evaluate.MISSED` the map misses it. Empty without landmarks.
     """
 
     marginal_error: Float[Array, ""]
@@ -195,6 +199,14 @@ class Certificate(NamedTuple):
     energy: Float[Array, ""]
     unevenness: Float[Array, ""]
     confidence: Float[Array, ""]
+    landmarks: Float[Array, " l"]
+
+    def figures(self) -> dict[str, Array]:
+        """What is a single number, by name: all but the landmarks."""
+        return {name: getattr(self, name) for name in FIGURES}
+
+
+FIGURES = tuple(name for name in Certificate._fields if name != "landmarks")
 
 
 class Match(NamedTuple):

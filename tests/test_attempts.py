@@ -17,12 +17,13 @@ def starts(values):
     return InitialMap(values[..., None, None], values, values)
 
 
-def attempt(start, tried=None):
-    """A match as confident as the number in its start."""
+def attempt(start, tried=None, missed=0.0):
+    """A match as confident as the number in its start, with one landmark."""
     if tried is not None:
         tried.append(float(start.gap))
     figures = dict.fromkeys(Certificate._fields, jnp.zeros(()))
-    certificate = Certificate(**(figures | {"confidence": start.gap}))
+    figures |= {"confidence": start.gap, "landmarks": jnp.full(1, missed)}
+    certificate = Certificate(**figures)
     maps = jnp.zeros(2, int)
     return Match(maps, maps, start.C_yx, certificate)
 
@@ -41,7 +42,9 @@ def attempt(start, tried=None):
 )
 def test_the_most_confident_start_is_kept(first, others, chosen, tried):
     count = []
-    options = starts(first), lambda: starts(others), 0.5
+    half = len(others) // 2
+    makers = [lambda: starts(others[:half]), lambda: starts(others[half:])]
+    options = starts(first), makers, 0.5
     on_host = matching._most_confident(partial(attempt, tried=count), *options)
     traced = jax.jit(lambda: pipeline._most_confident(attempt, *options))()
     assert len(count) == tried
@@ -50,18 +53,30 @@ def test_the_most_confident_start_is_kept(first, others, chosen, tried):
         assert np.isclose(found.C_yx[0, 0], chosen)
 
 
+@pytest.mark.parametrize(("other", "chosen"), [(0.6, 0.7), (0.9, 0.9)])
+def test_a_missed_landmark_asks_for_another_map(other, chosen):
+    tried = []
+    options = starts(0.7), [lambda: starts([other]), lambda: starts([1.0])], 0.5
+    missing = partial(attempt, missed=1.0)
+    on_host = matching._most_confident(partial(missing, tried=tried), *options)
+    traced = jax.jit(lambda: pipeline._most_confident(missing, *options))()
+    np.testing.assert_allclose(tried, [0.7, other])
+    for found in (on_host, traced):
+        assert np.isclose(found.certificate.confidence, chosen)
+
+
 def test_starts_are_chosen_under_vmap():
     first, others = starts([0.9, 0.2]), starts([[1.0, 1.0], [0.3, 0.6]])
 
     def choose(first, others):
-        return pipeline._most_confident(attempt, first, lambda: others, 0.5)
+        return pipeline._most_confident(attempt, first, [lambda: others], 0.5)
 
     found = jax.vmap(choose)(first, others)
     np.testing.assert_allclose(found.certificate.confidence, [0.9, 0.6])
 
 
 def test_a_first_map_of_unknown_confidence_is_kept():
-    options = starts(np.nan), lambda: starts([0.9]), 0.5
+    options = starts(np.nan), [lambda: starts([0.9])], 0.5
     assert np.isnan(matching._most_confident(attempt, *options).certificate.confidence)
     traced = pipeline._most_confident(attempt, *options)
     assert np.isnan(traced.certificate.confidence)

@@ -24,7 +24,7 @@ from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import basis, match
 from jfsf.mesh import read
 from jfsf.spectral import truncate_pair
-from jfsf.types import Certificate, Mesh
+from jfsf.types import FIGURES, Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -36,6 +36,7 @@ VALUES = {
     "bijectivity_y": 0.01,
     "orientation": 0.97,
     "finite": True,
+    "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))
 
@@ -109,7 +110,7 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
     assert (folder / "map.png").read_bytes().startswith(b"\x89PNG")
     shown = (folder / "output.txt").read_text()
     assert "keeps left and right" in shown and "warning" not in shown
-    for name in Certificate._fields:
+    for name in FIGURES:
         assert name in shown
 
 
@@ -296,6 +297,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({"confidence": 0.02}, "preserve", "probably wrong, confidence 2%"),
         ({"confidence": np.nan}, "preserve", None),
         ({"finite": False}, "preserve", "not finite"),
+        ({"landmarks": [0.1, 0.9]}, "preserve", "landmark 2 ends far"),
         ({"empty": 3}, "preserve", "3 vertices"),
         ({"coverage_yx": 0.2}, "preserve", "20%"),
         ({"bijectivity_x": 0.4}, "preserve", "disagree"),

@@ -12,7 +12,8 @@ from scipy.sparse.csgraph import dijkstra
 from jfsf import testing
 from jfsf.array import pad
 from jfsf.initial import SearchSettings, far_candidates, search_samples
-from jfsf.initial._extremities import assignments, extremities, sample_geodesics
+from jfsf.initial._extremities import assignments, extremities
+from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._hypotheses import SamplePair
 from jfsf.initial._proportions import unevenness
 from jfsf.spectral import biharmonic, farthest_points, features, wks
@@ -21,6 +22,10 @@ DEFAULT = SearchSettings()
 FEW = SearchSettings(assignments=20, far_candidates=3)
 SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
 SAMPLES = farthest_points(SPEC, num=40)
+
+
+def geodesics(spec):
+    return sample_geodesics(spec, SAMPLES, sample_cells(spec, SAMPLES))
 
 
 def oracle(spec, samples):
@@ -42,23 +47,23 @@ def oracle(spec, samples):
 
 
 def test_geodesics_are_those_of_dijkstra():
-    found = sample_geodesics(SPEC, SAMPLES)
+    found = geodesics(SPEC)
     np.testing.assert_allclose(found, oracle(SPEC, SAMPLES), rtol=1e-5, atol=1e-6)
 
 
 def test_geodesics_of_a_point_cloud():
     cloud = SPEC._replace(faces=SPEC.faces[:0])
-    found = sample_geodesics(cloud, SAMPLES)
+    found = geodesics(cloud)
     np.testing.assert_allclose(found, oracle(cloud, SAMPLES), rtol=1e-5, atol=1e-6)
 
 
 def test_geodesics_ignore_padding_signs_and_units():
-    found = sample_geodesics(SPEC, SAMPLES)
+    found = geodesics(SPEC)
     n, m = len(SPEC.mass), len(SPEC.faces)
     padded = jax.tree.map(jnp.asarray, pad(SPEC, n + 9, m + 5))
     flipped = SPEC._replace(evecs=-SPEC.evecs, vertices=3 * SPEC.vertices)
     for other in (padded, flipped):
-        again = sample_geodesics(other, SAMPLES)
+        again = geodesics(other)
         np.testing.assert_allclose(again, found, rtol=1e-5, atol=1e-6)
 
 

@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 import jfsf
 from jfsf import matching, pipeline, testing
 from jfsf.convert import maps_of, sinkhorn
-from jfsf.evaluate import certify, geodesic_error
+from jfsf.evaluate import MISSED, certify, geodesic_error
 from jfsf.initial import SearchSettings, candidates, search_samples
 from jfsf.settings import Settings
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
@@ -268,6 +268,22 @@ def test_one_landmark_decides_a_flip():
         assert way * found.certificate.orientation > 0.8
         at = slice(None, None, 20)
         assert geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean() < 0.05
+
+
+def test_exchanged_landmarks_are_named_and_not_obeyed():
+    (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
+    points, _ = template()
+    left = points[:, 0] > 0
+    low = points[:, 1]
+    at = [points[:, 0].argmax(), points[:, 0].argmin(), low.argmax()]
+    at += [np.where(side, low, np.inf).argmin() for side in (left, ~left)]
+    known = np.stack([gt_x[at], gt_y[at]], 1)
+    known[:2, 1] = known[1::-1, 1]
+    found = jfsf.match(mesh_x, mesh_y, landmarks=known, cache=False)
+    missed = np.asarray(found.certificate.landmarks) > MISSED
+    np.testing.assert_array_equal(missed, [True, True, False, False, False])
+    at = slice(None, None, 20)
+    assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
 def test_a_point_cloud_is_matched_up_to_its_mirror_image():

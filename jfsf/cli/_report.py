@@ -51,7 +51,7 @@ def certificate_table(certificate: Certificate) -> Table:
     shown.add_column("figure")
     shown.add_column("value", justify="right")
     shown.add_column("reading")
-    for name, value in certificate._asdict().items():
+    for name, value in certificate.figures().items():
         value = np.asarray(value)
         form = "+.2f" if name == "orientation" else ".4g"
         text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
@@ -98,6 +98,11 @@ def warnings_of(certificate: Certificate, orientation: str) -> list[str]:
         ),
         f"{int(certificate.empty)} vertices got no mass": bool(certificate.empty),
     }
+    from jfsf.evaluate import MISSED
+
+    far = np.flatnonzero(np.asarray(certificate.landmarks) > MISSED)
+    for row in far:
+        found[f"landmark {row + 1} ends far from its partner: check that row"] = True
     return [line for line, wrong in found.items() if wrong]
 
 

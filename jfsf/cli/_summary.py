@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from jfsf.cli._report import warnings_of
-from jfsf.types import Certificate
+from jfsf.types import FIGURES
 
 
 def summary_row(outcome, orientation: str) -> dict[str, Any]:
@@ -31,13 +31,13 @@ def summary_row(outcome, orientation: str) -> dict[str, Any]:
         "n_x": None,
         "n_y": None,
         "warnings": [],
-        **dict.fromkeys(Certificate._fields),
+        **dict.fromkeys(FIGURES),
     }
     if outcome.reason is not None:
         return row
     found = read_match(outcome.job.out)
     certificate = found.certificate
-    figures = {name: value.item() for name, value in certificate._asdict().items()}
+    figures = {name: value.item() for name, value in certificate.figures().items()}
     return row | {
         "file": outcome.job.out.name,
         "n_x": len(found.T_xy),
@@ -59,7 +59,7 @@ def summary_table(rows: list[dict[str, Any]]) -> Table:
     )
     for name in ("figure", "min", "median", "max"):
         shown.add_column(name, justify="left" if name == "figure" else "right")
-    for name in ("seconds", *Certificate._fields):
+    for name in ("seconds", *FIGURES):
         values = [float(row[name]) for row in done if row[name] is not None]
         if values and name != "finite":
             spread = np.quantile(values, (0, 0.5, 1))

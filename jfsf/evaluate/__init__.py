@@ -5,6 +5,7 @@ Read in this order:
 - `_geodesics`: distances on a mesh, by the heat method or exact
 - `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
 - `_functional_metrics`: orthogonality, commutativity and energy of a functional map
+- `_landmarks`: whether it agrees with landmarks
 - `_confidence`: the probability that a map is right
 - `_certificate`: the evidence that `match` returns, without ground truth
 - `_evaluate`: all figures of one map in one call
@@ -25,6 +26,7 @@ from jfsf.evaluate._geodesics import (
     pair_distances,
     vertex_indices,
 )
+from jfsf.evaluate._landmarks import MISSED, landmark_distances
 from jfsf.evaluate._map_metrics import (
     auc,
     bijectivity,
@@ -36,6 +38,7 @@ from jfsf.evaluate._map_metrics import (
 
 __all__ = [
     "MEASURED",
+    "MISSED",
     "Figures",
     "Progress",
     "auc",
@@ -47,6 +50,7 @@ __all__ = [
     "evaluate",
     "geodesic_error",
     "geodesics",
+    "landmark_distances",
     "laplacian_commutativity",
     "orthogonality",
     "pair_distances",

@@ -8,6 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
+from jfsf.evaluate._landmarks import MISSED, landmark_distances, mean_distance
 from jfsf.evaluate._map_metrics import coverage
 from jfsf.initial import (
     SamplePair,
@@ -25,6 +26,9 @@ from jfsf.spectral import (
 )
 from jfsf.types import Certificate, Filtered, Maps, Spectrum
 
+# A map that misses all landmarks counts as so many doubtful ones more: that is little
+# against a map that is nearly certain, since a landmark may be wrong too.
+MISSED_WEIGHT = 3.0
 # Functions of a map whose energy and unevenness are read at samples.
 COMPARED = 40
 
@@ -40,6 +44,7 @@ def certify(
     gap: Float[Array, ""] | float = jnp.nan,
     samples: tuple[SearchSamples, SearchSamples] | None = None,
     sign: Int[Array, ""] | int = 1,
+    landmarks: tuple[Int[Array, " l"], Int[Array, " l"]] | None = None,
     *,
     oriented_functions: int = FUNCTIONS,
     distance_pairs: int = DISTANCE_PAIRS,
@@ -54,6 +59,7 @@ def certify(
         gap: `jfsf.pipeline.InitialMap.gap`, passed on.
         samples: both shapes at samples, for energy, unevenness and confidence.
         sign: of the wanted orientation, 0 for any; for the confidence.
+        landmarks: vertices of X and their partners on Y; for the confidence too.
         oriented_functions: eigenfunctions that the orientation score reads.
         distance_pairs: eigenpairs of the biharmonic distance.
     """
@@ -75,6 +81,15 @@ def certify(
     score = jnp.asarray(score)
     energy, uneven = _at_samples(C_yx, samples)
     agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
+    likely = confidence(agrees, energy, uneven)
+    missed = jnp.zeros(0, dtype)
+    if landmarks is not None:
+        at_x, at_y = landmarks
+        missed = landmark_distances(
+            T_xy[at_x], at_y, spec_y, distance_pairs=distance_pairs
+        ).astype(dtype)
+        share = jnp.mean((missed > MISSED).astype(dtype))
+        likely **= 1 + MISSED_WEIGHT * share
     return Certificate(
         marginal_error=error,
         empty=empty,
@@ -89,7 +104,8 @@ def certify(
         finite=finite,
         energy=energy,
         unevenness=uneven,
-        confidence=confidence(agrees, energy, uneven),
+        confidence=likely,
+        landmarks=missed,
     )
 
 
@@ -109,7 +125,4 @@ def _there_and_back(returned, spec: Spectrum, pairs: int):
     """Mean distance of a vertex from its image there and back; 1 for random images."""
     points = biharmonic(spec, pairs)
     moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
-    # The mean squared distance of two random vertices is twice the variance.
-    centre = spec.mass @ points
-    spread = jnp.sqrt(2 * spec.mass @ jnp.sum((points - centre[None]) ** 2, 1))
-    return spec.mass @ moved / spread
+    return spec.mass @ moved / mean_distance(points, spec.mass)

@@ -4,10 +4,12 @@ Read in this order:
 
 - `_fit`: descriptors to a functional map by linear least squares
 - `_settings`: the numbers of the search
-- `_extremities`: geodesics between samples, and starts from extremities
+- `_geodesics`: distances between samples
+- `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, and their energy
 - `_search`: the search among sign patterns, fits and flips, and the ranking
+- `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
 """
 

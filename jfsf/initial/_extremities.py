@@ -5,13 +5,13 @@ limb of the other. Extremities are the sample of the largest mean geodesic dista
 then the geodesically farthest from those before it. Every assignment of some of X's to
 some of Y's is a start; those that change the distances between extremities most evenly
 are tried. More are found than are assigned, so the fingers of a large hand or the
-horns of a head may stay without a partner.
-
-Distances are shortest paths on a graph of the samples, by Floyd and Warshall.
+horns of a head may stay without a partner. Beside the distances counts what an
+extremity looks like (`_ends`): hands are not feet, however long the arms.
 """
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import combinations, permutations
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,55 +19,9 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import map_sides
+from jfsf.initial._ends import looks
+from jfsf.initial._samples import SearchSamples
 from jfsf.initial._settings import SearchSettings
-from jfsf.neighbours import neighbours
-from jfsf.spectral import DISTANCE_PAIRS, Features, biharmonic
-from jfsf.types import Spectrum
-
-
-@partial(jax.jit, static_argnames="distance_pairs")
-def sample_geodesics(
-    spec: Spectrum, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
-) -> Float[Array, "s s"]:
-    """Geodesic distances between samples, the mean over the shape being 1.
-
-    Two samples are joined where a mesh edge runs from the cell of one to the cell of
-    the other, and where they are the two nearest samples of a vertex (the witness graph
-    of de Silva and Carlsson, 2004), which is all that a point cloud has.
-
-    Args:
-        spec: of the whole shape, with vertices; faces or none.
-        samples: vertices.
-        distance_pairs: of the biharmonic distance, by which a vertex has its cell.
-
-    Returns:
-        Distances, symmetric; a sample that no path reaches has the largest of all.
-    """
-    num = len(samples)
-    points = biharmonic(spec, distance_pairs)
-    near = neighbours(points, points[samples], k0=2).idx
-    faces, cell = spec.faces, near[:, 0]
-    ends = jnp.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    # Padded vertices lie at the origin of the biharmonic embedding.
-    witness = jnp.where((spec.mass > 0)[:, None], near, near[:, :1])
-    ends = jnp.concatenate([cell[ends], witness])
-    at = spec.vertices[samples]
-    length = jnp.linalg.norm(at[ends[:, 0]] - at[ends[:, 1]], axis=1)
-    graph = jnp.full((num, num), jnp.inf, length.dtype)
-    graph = graph.at[ends[:, 0], ends[:, 1]].min(length)
-    graph = jnp.minimum(graph, graph.T)
-    graph = jnp.where(jnp.eye(num, dtype=bool), 0, graph)
-
-    def through(k, found):
-        return jnp.minimum(found, found[:, k, None] + found[None, k])
-
-    found = jnp.asarray(jax.lax.fori_loop(0, num, through, graph))
-    longest = jnp.max(found, initial=0, where=jnp.isfinite(found))
-    found = jnp.minimum(found, longest)
-    mass = jnp.zeros(num, spec.mass.dtype).at[cell].add(spec.mass)
-    share = mass / mass.sum()
-    mean = share @ (found @ share)
-    return found / jnp.where(mean > 0, mean, 1)
 
 
 def extremities(
@@ -87,31 +41,42 @@ def extremities(
     return jnp.concatenate([first[None], others]).astype(jnp.int32)
 
 
-def extremity_coordinates(
-    x: tuple[Features, Float[Array, "s_x s_x"]],
-    y: tuple[Features, Float[Array, "s_y s_y"]],
-    *,
-    settings: SearchSettings,
-) -> tuple[Float[Array, "a s_x m"], Float[Array, "a s_y m"]]:
-    """Distances to assigned extremities, for the assignments that fit best.
+class Assignments(NamedTuple):
+    """Assigned extremities, the best first.
 
-    Args:
-        x, y: features at samples and `sample_geodesics` of each shape.
-        settings: `extremities`, `assigned` and `assignments`.
-
-    Returns:
-        For each assignment, the distances of all samples of X and of Y to its
+    from_x, from_y: for each assignment, the distances of all samples to its
         extremities, each divided by its mean over the shape. They are comparable where
         the proportions differ, since the mean of a long limb is long.
+    difference: how much assigned extremities differ in looks, see `looks`.
     """
 
-    def side(features, geodesics):
-        mass = features.spec.mass / features.spec.mass.sum()
-        at = extremities(geodesics, mass, num=settings.extremities)
-        mean = (geodesics @ mass)[at]
-        return geodesics[at][:, at], mean, geodesics[at] / mean[:, None]
+    from_x: Float[Array, "a s_x m"]
+    from_y: Float[Array, "a s_y m"]
+    difference: Float[Array, " a"]
 
-    (between_x, mean_x, from_x), (between_y, mean_y, from_y) = map_sides(side, x, y)
+
+def best_assignments(
+    x: SearchSamples, y: SearchSamples, *, settings: SearchSettings
+) -> Assignments:
+    """The assignments of extremities that fit best.
+
+    Args:
+        x, y: both shapes at samples.
+        settings: `extremities`, `assigned` and `assignments`.
+    """
+
+    def side(samples: SearchSamples):
+        geodesics, mass = samples.geodesics, samples.few.spec.mass
+        share = mass / mass.sum()
+        mean = geodesics @ share
+        at = extremities(geodesics, share, num=settings.extremities)
+        middle = jnp.argmin(jnp.where(mass > 0, mean, jnp.inf))
+        far = geodesics[at]
+        look = looks(far, far[:, middle], share, samples.curvedness)
+        return far[:, at], mean[at], far / mean[at][:, None], look
+
+    sides = map_sides(side, (x,), (y,))
+    (between_x, mean_x, from_x, look_x), (between_y, mean_y, from_y, look_y) = sides
     of_x, of_y = (
         jnp.asarray(ends)
         for ends in assignments(settings.extremities, settings.assigned)
@@ -125,10 +90,15 @@ def extremity_coordinates(
     uneven = jnp.mean(jnp.abs(change - jnp.median(change, 1, keepdims=True)), 1)
     change = jnp.log(mean_x[of_x] / mean_y[of_y])
     further = jnp.mean(jnp.abs(change - jnp.mean(change, 1, keepdims=True)), 1)
-    cost = uneven + further / 2
+    apart = jnp.mean(jnp.abs(look_x[:, None] - look_y[None]), 2)
+    difference = jnp.mean(apart[of_x, of_y], 1)
+    cost = uneven + further / 2 + difference
     _, best = jax.lax.top_k(-cost, min(settings.assignments, len(cost)))
-    coordinates_x = jnp.swapaxes(from_x[of_x[best]], 1, 2)
-    return coordinates_x, jnp.swapaxes(from_y[of_y[best]], 1, 2)
+    return Assignments(
+        jnp.swapaxes(from_x[of_x[best]], 1, 2),
+        jnp.swapaxes(from_y[of_y[best]], 1, 2),
+        difference[best],
+    )
 
 
 @lru_cache(maxsize=8)

@@ -2,8 +2,9 @@
 
 Where limbs differ in length, a wrong map may be closer to an isometry than the right
 one, so `candidates` may not hold the right map. These candidates come from extremities
-(`_extremities`) instead, and are ranked by `unevenness` instead of the energy. No
-measure of a coarse map tells right from wrong here: refine several and compare.
+(`_extremities`) instead, and are ranked by `unevenness`, and by how much assigned
+extremities differ, instead of the energy. No measure of a coarse map tells right from
+wrong here: refine several and compare.
 """
 
 from functools import partial
@@ -13,7 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import map_sides, matmul
-from jfsf.initial._extremities import extremity_coordinates
+from jfsf.initial._extremities import Assignments, best_assignments
 from jfsf.initial._hypotheses import (
     CACHED_ENTRIES,
     SamplePair,
@@ -48,7 +49,7 @@ def far_candidates(
     self_map: Bool[Array, ""] | bool = False,
     settings: SearchSettings = SearchSettings(),
 ) -> Candidates:
-    """Maps that bring extremities to extremities, the most even first.
+    """Maps that bring extremities to extremities; even ones, to similar ones, first.
 
     Args:
         x, y, orientation, self_map: as `candidates`.
@@ -73,11 +74,13 @@ def _far_candidates(x, y, sign, self_map, *, settings: SearchSettings) -> Candid
         sign=sign,
         settings=settings,
     )
-    found = refine_extremities(few, x.geodesics, y.geodesics, settings=settings)
-    uneven = unevenness(few, x.geodesics, y.geodesics, found)
-    _, score = oriented(uneven, found)
-    uneven = jnp.where(sign * score < 0, jnp.inf, uneven)
-    kept = best_different(found, uneven, settings.far_candidates, settings=settings)
+    assigned = best_assignments(x, y, settings=settings)
+    found = refine_extremities(few, assigned, settings=settings)
+    cost = unevenness(few, x.geodesics, y.geodesics, found)
+    cost += settings.difference_weight * assigned.difference
+    _, score = oriented(cost, found)
+    cost = jnp.where(sign * score < 0, jnp.inf, cost)
+    kept = best_different(found, cost, settings.far_candidates, settings=settings)
     half = settings.descriptor_weight
     last = refine_hypotheses(
         many, found[kept], half, ks=settings.final_ks, settings=settings
@@ -87,11 +90,7 @@ def _far_candidates(x, y, sign, self_map, *, settings: SearchSettings) -> Candid
 
 
 def refine_extremities(
-    pair: SamplePair,
-    geodesics_x: Float[Array, "s_x s_x"],
-    geodesics_y: Float[Array, "s_y s_y"],
-    *,
-    settings: SearchSettings,
+    pair: SamplePair, assigned: Assignments, *, settings: SearchSettings
 ) -> Float[Array, "c k k"]:
     """Maps that bring assigned extremities together, refined by ZoomOut.
 
@@ -99,14 +98,11 @@ def refine_extremities(
 
     Args:
         pair: the samples.
-        geodesics_x, geodesics_y: `sample_geodesics`.
+        assigned: `best_assignments`.
         settings: `assignment_ks`, `extremity_weight`, `descriptor_weight`, `zoomout`.
     """
     x, y, _ = pair
     ks = settings.assignment_ks
-    coordinates = extremity_coordinates(
-        (x, geodesics_x), (y, geodesics_y), settings=settings
-    )
 
     def start(x: Features, y: Features, T_xy):
         evecs = x.spec.evecs[:, : ks[0]]
@@ -137,9 +133,10 @@ def refine_extremities(
             settings=settings.zoomout,
         )
 
-    count = len(coordinates[0])
+    count = len(assigned.from_x)
     most = max(CACHED_ENTRIES // (len(x.spec.mass) * len(y.spec.mass)), 1)
     batch_size = max(n for n in range(1, most + 1) if count % n == 0)
+    coordinates = assigned.from_x, assigned.from_y
     return jax.lax.map(refine, coordinates, batch_size=batch_size)
 
 

@@ -6,8 +6,9 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array, Float
 
-from jfsf.initial._extremities import sample_geodesics
+from jfsf.initial._ends import curvedness
 from jfsf.initial._fit import ShapeTerms, shape_terms
+from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._settings import SearchSettings
 from jfsf.spectral import Features, farthest_points
 
@@ -19,12 +20,14 @@ class SearchSamples(NamedTuple):
     many: features at `SearchSettings.final_samples` vertices, likewise.
     fit: for the fits to descriptors.
     geodesics: distances between the few samples, see `sample_geodesics`.
+    curvedness: total curvatures of their cells.
     """
 
     few: Features
     many: Features
     fit: ShapeTerms
     geodesics: Float[Array, "s s"]
+    curvedness: Float[Array, "s 2"]
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -52,5 +55,6 @@ def search_samples(
     )
     fit = shape_terms(spec, features.descriptors, k=settings.fit_size)
     at = chosen[: settings.samples]
-    geodesics = sample_geodesics(spec, at, distance_pairs=pairs)
-    return SearchSamples(few, many, fit, geodesics)
+    cells = sample_cells(spec, at, distance_pairs=pairs)
+    geodesics = sample_geodesics(spec, at, cells)
+    return SearchSamples(few, many, fit, geodesics, curvedness(spec, at, cells))

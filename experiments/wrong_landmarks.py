@@ -1,0 +1,85 @@
+"""Five landmarks at extremities, two of them exchanged: is that found, does it harm?
+
+Data as for far.py, with a template as ground truth. Landmarks are template points that
+are geodesically far apart on X; of each pair, other two are exchanged on Y.
+
+    python experiments/wrong_landmarks.py --data FOLDER --pairs FILE --out FILE
+"""
+
+import argparse
+from itertools import combinations
+from pathlib import Path
+
+import jax
+import numpy as np
+import results_file
+from far import _load
+
+import jfsf
+from jfsf.evaluate import MISSED, evaluate, geodesics
+
+NUM = 5
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, action="append", required=True)
+    parser.add_argument("--pairs", type=Path, required=True)
+    parser.add_argument("--every", type=int, default=40, help="points of truth: 1 in N")
+    parser.add_argument("--step", type=int, default=1, help="only every Nth pair")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    lines = [line.split() for line in args.pairs.read_text().splitlines() if line]
+    exchanges = list(combinations(range(NUM), 2))
+    rows = []
+    for i, (name_x, name_y, *_) in enumerate(lines[:: args.step]):
+        (x, gt_x), (y, gt_y) = _load(args.data, name_x), _load(args.data, name_y)
+        points = min(len(gt_x), len(gt_y))
+        truth = gt_x[:points], gt_y[:points]
+        at = _far_apart(x, truth[0])
+        known = np.stack([truth[0][at], truth[1][at]], 1)
+        exchanged = list(exchanges[i % len(exchanges)])
+        wrong = known.copy()
+        wrong[exchanged, 1] = wrong[exchanged[::-1], 1]
+        row = {"x": name_x, "y": name_y, "exchanged": exchanged}
+        for name, landmarks in (("none", None), ("right", known), ("wrong", wrong)):
+            found = jfsf.match(x, y, landmarks=landmarks)
+            found = jax.block_until_ready(found)
+            options = {"truth": truth, "every": args.every, "only": ("error",)}
+            row[name] = evaluate(found, x, y, **options).error_mean
+            row[f"confidence_{name}"] = float(found.certificate.confidence)
+            missed = np.flatnonzero(np.asarray(found.certificate.landmarks) > MISSED)
+            row[f"missed_{name}"] = missed.tolist()
+        rows.append(row)
+        print(row, flush=True)
+    summary = {
+        "pairs": len(rows),
+        "found": sum(set(row["exchanged"]) <= set(row["missed_wrong"]) for row in rows),
+        "only_these": sum(row["exchanged"] == row["missed_wrong"] for row in rows),
+        "worse": sum(row["wrong"] > row["none"] + 0.01 for row in rows),
+        **{f"mean_{n}": float(np.mean([r[n] for r in rows])) for n in NAMES},
+    }
+    print(summary)
+    if args.out:
+        record = jfsf.Settings().as_record()
+        results_file.write(args.out, settings=record, summary=summary, pairs=rows)
+
+
+NAMES = ("none", "right", "wrong")
+
+
+def _far_apart(mesh, points) -> list[int]:
+    """Template points: the farthest of one, then the farthest from those before."""
+    start = geodesics(mesh, points[:1])[0][points]
+    at = [int(np.argmax(start))]
+    far = geodesics(mesh, points[at])[0][points]
+    while len(at) < NUM:
+        at.append(int(np.argmax(far)))
+        far = np.minimum(far, geodesics(mesh, points[at[-1:]])[0][points])
+    return at
+
+
+if __name__ == "__main__":
+    main()
