@@ -38,12 +38,10 @@ def main() -> None:
     lines = [line.split() for line in args.pairs.read_text().splitlines() if line]
     rows = []
     for name_x, name_y, *rest in lines[:: args.step]:
-        (x, gt_x), (y, gt_y) = _load(args.data, name_x), _load(args.data, name_y)
-        points = min(len(gt_x), len(gt_y))
+        x, y, truth = load_pair(args.data, name_x, name_y)
         start = time.perf_counter()
         found = jax.block_until_ready(jfsf.match(x, y, settings=settings))
         seconds = time.perf_counter() - start
-        truth = gt_x[:points], gt_y[:points]
         options = {"truth": truth, "every": args.every, "only": ("error",)}
         error = evaluate(found, x, y, **options).error_mean
         certificate = {k: float(v) for k, v in found.certificate.figures().items()}
@@ -58,6 +56,13 @@ def main() -> None:
     if args.out:
         record = settings.as_record()
         results_file.write(args.out, settings=record, summary=summary, pairs=rows)
+
+
+def load_pair(folders: list[Path], name_x: str, name_y: str):
+    """Both meshes, and the ground truth: vertices of X and their partners."""
+    (x, gt_x), (y, gt_y) = _load(folders, name_x), _load(folders, name_y)
+    points = min(len(gt_x), len(gt_y))
+    return x, y, (gt_x[:points], gt_y[:points])
 
 
 def _load(folders: list[Path], name: str):

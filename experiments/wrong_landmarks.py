@@ -13,12 +13,13 @@ from pathlib import Path
 import jax
 import numpy as np
 import results_file
-from far import _load
+from far import load_pair
 
 import jfsf
 from jfsf.evaluate import MISSED, evaluate, geodesics
 
 NUM = 5
+NAMES = ("none", "right", "wrong")
 
 
 def main() -> None:
@@ -35,9 +36,7 @@ def main() -> None:
     exchanges = list(combinations(range(NUM), 2))
     rows = []
     for i, (name_x, name_y, *_) in enumerate(lines[:: args.step]):
-        (x, gt_x), (y, gt_y) = _load(args.data, name_x), _load(args.data, name_y)
-        points = min(len(gt_x), len(gt_y))
-        truth = gt_x[:points], gt_y[:points]
+        x, y, truth = load_pair(args.data, name_x, name_y)
         at = _far_apart(x, truth[0])
         known = np.stack([truth[0][at], truth[1][at]], 1)
         exchanged = list(exchanges[i % len(exchanges)])
@@ -65,9 +64,6 @@ def main() -> None:
     if args.out:
         record = jfsf.Settings().as_record()
         results_file.write(args.out, settings=record, summary=summary, pairs=rows)
-
-
-NAMES = ("none", "right", "wrong")
 
 
 def _far_apart(mesh, points) -> list[int]:
