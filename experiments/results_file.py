@@ -11,7 +11,7 @@ import jax
 
 from jfsf.storage import write_text
 
-PACKAGES = ("jax", "jaxlib", "jaxopt", "lineax", "numpy", "scipy")
+PACKAGES = ("jax", "jaxlib", "jaxopt", "lineax", "optimistix", "numpy", "scipy")
 
 
 def provenance() -> dict:

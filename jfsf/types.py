@@ -130,8 +130,11 @@ class Filtered(NamedTuple):
     kernel: K, sparse.
     f, g: log scalings; 0 on padding.
     marginal_error: l1 gap of the plan's row and column sums, as a fraction of all mass;
-        0 is exact.
+        0 is exact, 2 the most.
     empty_x, empty_y: number of vertices that no mass can reach.
+    converged: whether the marginal error is at most the tolerance asked for; True where
+        a fixed number of updates was asked for.
+    num_iters: updates of each side that were made.
     """
 
     T_xy: Int[Array, " n_x"]
@@ -142,6 +145,8 @@ class Filtered(NamedTuple):
     marginal_error: Float[Array, ""]
     empty_x: Int[Array, ""]
     empty_y: Int[Array, ""]
+    converged: Bool[Array, ""]
+    num_iters: Int[Array, ""]
 
 
 class PreciseMap(NamedTuple):

@@ -125,9 +125,13 @@ def test_no_function_shadows_a_module(room):
     assert all(hasattr(module, name) for name in module.__all__)
 
 
-def test_only_one_file_imports_jaxopt():
-    found = [path.name for path in FILES if "jaxopt" in roots_imported(path)]
-    assert found == ["_fit.py"]
+@pytest.mark.parametrize(
+    "package, files",
+    [("jaxopt", ["_fit.py"]), ("optimistix", ["_tolerance.py"]), ("optax", [])],
+)
+def test_one_file_imports_a_solver(package, files):
+    found = [path.name for path in FILES if package in roots_imported(path)]
+    assert found == files
 
 
 def roots_imported(path: Path) -> set[str]:

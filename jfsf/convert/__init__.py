@@ -5,7 +5,9 @@ Read in this order:
 - `_converter`: what a converter is
 - `_kernel`: the sparse kernel (eq. 12) and the plan
 - `_nearest`: nearest neighbour (eqs. 5 and 6)
-- `_scaling`: Sinkhorn updates on the kernel, and the plan
+- `_updates`: Sinkhorn updates on the kernel
+- `_tolerance`: updates until the marginals are met, with implicit gradients
+- `_scaling`: updates of either kind, and the maps of the plan
 - `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2)
 - `_precise`: to points on triangles, in place of vertices
 """

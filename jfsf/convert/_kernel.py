@@ -12,6 +12,8 @@ from jaxtyping import Array, Float
 
 from jfsf.types import Kernel, Neighbours, Plan
 
+MOST = 60.0  # the log of a weight
+
 
 def build(
     near_xy: Neighbours,
@@ -61,10 +63,16 @@ def scaled(kernel: Kernel, f: Float[Array, " n_x"], g: Float[Array, " n_y"]) -> 
     """The plan S = diag(exp f) K diag(exp g)."""
     return Plan(
         kernel.idx_xy,
-        jnp.exp(kernel.log_xy + f[:, None] + g[kernel.idx_xy]),
+        _weight(kernel.log_xy + f[:, None] + g[kernel.idx_xy]),
         kernel.idx_yx,
-        jnp.exp(kernel.log_yx + g[:, None] + f[kernel.idx_yx]),
+        _weight(kernel.log_yx + g[:, None] + f[kernel.idx_yx]),
     )
+
+
+def _weight(log_weight: Array) -> Array:
+    # No plan that meets its marginals has a weight above 1. Logs of 1e8, in float32,
+    # have rounding errors that would make one infinite.
+    return jnp.exp(jnp.minimum(log_weight, MOST))
 
 
 def matvec(plan: Plan, values: Float[Array, " n_y *c"]) -> Float[Array, " n_x *c"]:

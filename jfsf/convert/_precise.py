@@ -23,6 +23,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.neighbours import neighbours
+from jfsf.spectral import coefficients
 from jfsf.types import PreciseMap, Spectrum
 
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
@@ -147,10 +148,7 @@ def functional_map_precise(
             f"functional_map_precise: pmap has {len(pmap.corners)} rows, X has "
             f"{len(spec_x.evecs)} vertices"
         )
-    weighted = spec_x.evecs * spec_x.mass[:, None]
-    right = matmul(weighted.T, pull_back_precise(pmap, spec_y.evecs))
-    gram = matmul(weighted.T, spec_x.evecs)
-    return jax.scipy.linalg.solve(gram, right, assume_a="pos")
+    return coefficients(pull_back_precise(pmap, spec_y.evecs), spec_x)
 
 
 def _surface(emb: Array, faces: Array):

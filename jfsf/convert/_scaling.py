@@ -2,11 +2,6 @@
 
 Updates are over-relaxed (Thibault et al., 2017; Lehmann et al., 2021): 24 of them reach
 what a hundred plain ones reach.
-
-In the paper's float64 the weights reach e^-500, but float32 has nothing below e^-103.
-Therefore scalings are kept in the log domain. The first pair of updates is a
-log-sum-exp. After it a few bounded updates at a time are safe, on a kernel that has
-absorbed the scalings so far.
 """
 
 from functools import partial
@@ -17,15 +12,19 @@ from jaxtyping import Array, Float
 
 from jfsf.array import map_sides, safe_divide
 from jfsf.convert import _kernel as kernels
+from jfsf.convert._updates import (
+    ABSORB_EVERY,
+    Problem,
+    error_of,
+    problem_of,
+    round_of_updates,
+    scaling_x,
+    scaling_y,
+)
 from jfsf.types import Filtered, Kernel, Plan
 
-ABSORB_EVERY = 4  # updates
-# The most that an update may change a scaling by, before relaxation: an infeasible
-# marginal sends scalings to infinity, and this keeps them inside float32 on the way.
-BOUND = 100.0
 
-
-@partial(jax.jit, static_argnames="num_iters")
+@partial(jax.jit, static_argnames=("num_iters", "max_iters"))
 def scale_kernel(
     kernel: Kernel,
     marginal_x: Float[Array, " n_x"],
@@ -33,6 +32,8 @@ def scale_kernel(
     *,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
+    tol: Float[Array, ""] | float | None = None,
+    max_iters: int = 10_000,
 ) -> Filtered:
     """Scale `kernel` to the marginals and read both maps off the plan.
 
@@ -40,50 +41,25 @@ def scale_kernel(
         kernel: entries only between vertices of positive marginal.
         marginal_x, marginal_y: each sums to 1; 0 on padding.
         num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
-        relax: as in `sinkhorn`.
+            Not used with `tol`.
+        relax, tol, max_iters: as in `sinkhorn`.
     """
+    problem = problem_of(kernel, marginal_x, marginal_y)
+    if tol is None:
+        f, g = _fixed_number(problem, num_iters, jnp.asarray(relax, marginal_x.dtype))
+        made = jnp.asarray(num_iters, jnp.int32)
+    else:
+        # The import takes as long as all others together.
+        from jfsf.convert._tolerance import scale_to_tolerance
+
+        f, g, made = scale_to_tolerance(problem, tol, relax, max_iters=max_iters)
+
     flipped = kernels.transpose(kernel)
-    log_x = jnp.log(jnp.where(marginal_x > 0, marginal_x, 1))
-    log_y = jnp.log(jnp.where(marginal_y > 0, marginal_y, 1))
-    f = jnp.zeros_like(marginal_x)
-    g = _minus(log_y, kernels.log_matvec(flipped, f))
-    f = _minus(log_x, kernels.log_matvec(kernel, g))
-
-    relax = jnp.asarray(relax, f.dtype)
-    rounds = -(-(num_iters - 1) // ABSORB_EVERY)
-    end = rounds * ABSORB_EVERY
-    # The first round is filled up with updates that change nothing, so that all rounds
-    # have one size and are one program.
-    begin = end - (num_iters - 1)
-
-    def absorbed(turn, fg):
-        f, g = fg
-        plan = kernels.scaled(kernel, f, g)
-        back = kernels.transpose_plan(plan)
-
-        def update(i, uv):
-            u, v = uv
-            slot = turn * ABSORB_EVERY + i
-            power = jnp.where(slot < end - 1, relax, 1)
-            power = jnp.where(slot < begin, 0, power)
-            v = v * _factor(marginal_y, v * kernels.matvec(back, u)) ** power
-            u = u * _factor(marginal_x, u * kernels.matvec(plan, v)) ** power
-            return u, v
-
-        ones = jnp.ones_like(f), jnp.ones_like(g)
-        u, v = jax.lax.fori_loop(0, ABSORB_EVERY, update, ones)
-        return f + jnp.log(u), g + jnp.log(v)
-
-    f, g = jax.lax.fori_loop(0, rounds, absorbed, (f, g))
-
     (T_xy, found_x), (T_yx, found_y) = map_sides(
         kernels.row_argmax, (kernel, g), (flipped, f)
     )
-    plan = kernels.scaled(kernel, f, g)
-    back = kernels.transpose_plan(plan)
-    ones = jnp.ones_like(g), jnp.ones_like(f)
-    rows, cols = map_sides(kernels.matvec, (plan, ones[0]), (back, ones[1]))
-    error = jnp.abs(rows - marginal_x).sum() + jnp.abs(cols - marginal_y).sum()
+    error = error_of(problem, f, g)
+    wanted = jnp.asarray(jnp.inf if tol is None else tol, error.dtype)
     return Filtered(
         T_xy.astype(jnp.int32),
         T_yx.astype(jnp.int32),
@@ -93,7 +69,36 @@ def scale_kernel(
         error,
         jnp.sum(~found_x & (marginal_x > 0)),
         jnp.sum(~found_y & (marginal_y > 0)),
+        error <= wanted,
+        made,
     )
+
+
+def _fixed_number(
+    problem: Problem, num_iters: int, relax: Array
+) -> tuple[Array, Array]:
+    """f and g after `num_iters` updates of each side; the last one is plain."""
+    g = scaling_y(problem, jnp.zeros_like(problem.log_x))
+    f = scaling_x(problem, g)
+    rounds = -(-(num_iters - 1) // ABSORB_EVERY)
+    end = rounds * ABSORB_EVERY
+    # The first round is filled up with updates that change nothing, so that all rounds
+    # have one size and are one program.
+    begin = end - (num_iters - 1)
+
+    def one_round(turn, fg):
+        def exponent(i):
+            slot = turn * ABSORB_EVERY + i
+            power = jnp.where(slot < end - 1, relax, 1)
+            return jnp.where(slot < begin, 0, power)
+
+        return round_of_updates(problem, fg[0], fg[1], exponent)
+
+    f, g = jax.lax.fori_loop(0, rounds, one_round, (f, g))
+    # Where bounded updates have not come near a row's marginal, no plan may have more
+    # mass than there is.
+    exact = scaling_x(problem, g)
+    return jnp.asarray(jnp.where(jnp.abs(f - exact) > 0.1, exact, f)), g
 
 
 @jax.jit
@@ -130,15 +135,3 @@ def plan_entries(filtered: Filtered):
 
 def _column(n: int, like):
     return jnp.arange(n, dtype=like.dtype)[:, None]
-
-
-def _minus(log_marginal: Array, log_sum: Array) -> Array:
-    # An empty row keeps scaling 1: it holds no entries, so nothing follows from it.
-    return jnp.where(jnp.isfinite(log_sum), log_marginal - log_sum, 0)
-
-
-def _factor(marginal: Array, total: Array) -> Array:
-    """What brings a total to its marginal."""
-    ok = (total > 0) & (marginal > 0)
-    factor = jnp.where(ok, marginal / jnp.where(ok, total, 1), 1)
-    return jnp.clip(factor, 1 / BOUND, BOUND)

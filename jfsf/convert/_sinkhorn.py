@@ -25,7 +25,9 @@ Scale = Literal["nearest", "max"]
     static_argnames=(
         "k0",
         "num_iters",
+        "max_iters",
         "scale",
+        "length_gradient",
         "power",
         "unilateral_weight",
         "min_recall",
@@ -42,7 +44,10 @@ def sinkhorn(
     k0: int = 20,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
+    tol: Float[Array, ""] | float | None = None,
+    max_iters: int = 10_000,
     scale: Scale = "nearest",
+    length_gradient: bool = False,
     power: float = 1.0,
     unilateral_weight: float = 1.0,
     tiles: tuple[Tiles, Tiles] | None = None,
@@ -63,10 +68,19 @@ def sinkhorn(
             and ten updates may do better.
         relax: factor of each update of a log scaling, in (0, 2); 1 is the plain
             algorithm. The last update is plain.
+        tol: marginal error to reach, in place of a fixed number of updates, by at most
+            `max_iters` of them; see `Filtered.converged`. Derivatives are then those of
+            the plan that meets the marginals exactly (the implicit function theorem),
+            and take memory that does not depend on the number of updates.
+        max_iters: updates of each side with `tol`, at most. They end before where the
+            error no longer falls: k0 neighbours may be too few to hold the mass,
+            above all with marginals other than uniform.
         scale: the length that lam is relative to. "nearest" is the median distance to
             the nearest neighbour, one for both directions. It does not depend on
             outliers, nor on the size of the mesh. "max" is the largest neighbour
             distance of each direction, as in the authors' code.
+        length_gradient: whether derivatives include that of this length; by default it
+            counts as constant. Which vertices are neighbours always does.
         power: p of d^p.
         unilateral_weight: factor of an entry whose vertices are neighbours in one
             direction only.
@@ -84,7 +98,7 @@ def sinkhorn(
     Raises:
         ValueError: shapes do not fit, or an option is out of range.
     """
-    _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale)
+    _check(emb_x, emb_y, marginal_x, marginal_y, k0, min(num_iters, max_iters), scale)
     if marginal_x is None:
         marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
     if marginal_y is None:
@@ -103,7 +117,7 @@ def sinkhorn(
     )
     near_xy, near_yx = found.near_xy, found.near_yx
     length_xy, length_yx = map_sides(
-        lambda near: length(near, scale), (near_xy,), (near_yx,)
+        lambda near: length(near, scale, length_gradient), (near_xy,), (near_yx,)
     )
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
@@ -117,7 +131,13 @@ def sinkhorn(
         unilateral_weight=unilateral_weight,
     )
     return scale_kernel(
-        kernel, marginal_x, marginal_y, num_iters=num_iters, relax=relax
+        kernel,
+        marginal_x,
+        marginal_y,
+        num_iters=num_iters,
+        relax=relax,
+        tol=tol,
+        max_iters=max_iters,
     )
 
 
@@ -139,16 +159,30 @@ authors_sinkhorn = partial(
 )
 
 
-def length(near: Neighbours, scale: Scale) -> Float[Array, ""]:
+def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
     """The length that lam is relative to, for one direction; see `sinkhorn`."""
-    known = jnp.isfinite(near.dist)
+    dist, known = near.dist, jnp.isfinite(near.dist)
+    if not gradient:
+        dist = jax.lax.stop_gradient(dist)
     if scale == "max":
-        length = jnp.max(jnp.where(known, near.dist, 0))
+        length = jnp.max(jnp.where(known, dist, 0))
     else:
+        ends = dist[:, (0, -1)], known[:, (0, -1)]
         # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
-        nearest, farthest = _medians(near.dist[:, (0, -1)], known[:, (0, -1)])
+        nearest, farthest = _medians(*ends)
+        if gradient:
+            nearest, farthest = _mean_of_equal(*ends, jnp.stack([nearest, farthest]))
         length = jnp.maximum(nearest, farthest / 100)
-    return jax.lax.stop_gradient(jnp.where(length > 0, length, 1))
+    return jnp.where(length > 0, length, 1)
+
+
+def _mean_of_equal(
+    dist: Float[Array, "n c"], known: Array, value: Float[Array, " c"]
+) -> Float[Array, " c"]:
+    """`value` again, as the mean of the entries equal to it, which has a slope."""
+    equal = known & (dist == value[None])
+    total = jnp.sum(jnp.where(equal, dist, 0), 0)
+    return total / jnp.maximum(jnp.sum(equal, 0), 1).astype(dist.dtype)
 
 
 def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
@@ -158,7 +192,7 @@ def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
     negative have the order of their bits.
     """
     integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
-    bits = jax.lax.bitcast_convert_type(dist, integer)
+    bits = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(dist), integer)
     before = (known.sum(0) - 1) // 2
 
     def settle(i, low):

@@ -4,11 +4,19 @@ Read in this order:
 
 - `_zoomout`: the basis grows (the method of `match`)
 - `_icp`: the functional map is made orthonormal each time
+- `_soft`: differentiable steps of both, for losses on pairs
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
 """
 
 from jfsf.refine._arap import ArapSettings, Surface, arap, deform, rotations, surface
 from jfsf.refine._icp import icp
+from jfsf.refine._soft import (
+    soft_functional_map,
+    soft_icp_step,
+    soft_map,
+    soft_sinkhorn,
+    soft_zoomout_step,
+)
 from jfsf.refine._zoomout import ZoomOutSettings, zoomout
 
 __all__ = [
@@ -19,6 +27,11 @@ __all__ = [
     "deform",
     "icp",
     "rotations",
+    "soft_functional_map",
+    "soft_icp_step",
+    "soft_map",
+    "soft_sinkhorn",
+    "soft_zoomout_step",
     "surface",
     "zoomout",
 ]

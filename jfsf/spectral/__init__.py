@@ -23,6 +23,7 @@ from jfsf.spectral._eigenpairs import spectrum, spectrum_of_valid
 from jfsf.spectral._features import Features, FeatureSettings, features
 from jfsf.spectral._functional_maps import (
     Space,
+    coefficients,
     embeddings,
     functional_map,
     polar,
@@ -64,6 +65,7 @@ __all__ = [
     "brackets",
     "carried_fields",
     "curvature",
+    "coefficients",
     "embeddings",
     "farthest_points",
     "features",

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import matmul
+from jfsf.array import matmul, safe_divide
 from jfsf.types import Spectrum
 
 Space = Literal["adjoint", "direct"]
@@ -37,11 +37,15 @@ def functional_map(
             f"functional_map: T_xy has shape {T_xy.shape}, X has "
             f"{len(spec_x.evecs)} vertices"
         )
-    weighted = spec_x.evecs * spec_x.mass[:, None]
-    right = matmul(weighted.T, spec_y.evecs[T_xy])
-    return jax.scipy.linalg.solve(
-        matmul(weighted.T, spec_x.evecs), right, assume_a="pos"
-    )
+    return coefficients(spec_y.evecs[T_xy], spec_x)
+
+
+@jax.jit
+def coefficients(values: Float[Array, "n c"], spec: Spectrum) -> Float[Array, "k c"]:
+    """Phi^+ values: functions in an eigenbasis, by weighted least squares."""
+    weighted = spec.evecs * spec.mass[:, None]
+    right = matmul(weighted.T, values)
+    return jax.scipy.linalg.solve(matmul(weighted.T, spec.evecs), right, assume_a="pos")
 
 
 @partial(jax.jit, static_argnames="space")
@@ -76,11 +80,28 @@ def embeddings(
     raise ValueError(f"embeddings: space is 'adjoint' or 'direct', not {space!r}")
 
 
+@jax.custom_jvp
 @jax.jit
 def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
     """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD."""
     u, _, vt = jnp.linalg.svd(C_yx, full_matrices=False)
     return matmul(u, vt)
+
+
+@polar.defjvp
+def _polar_slope(primals, tangents):
+    """Smooth where C has full rank; that of the SVD is not, where values repeat."""
+    (C,), (slope,) = primals, tangents
+    u, sizes, vt = jnp.linalg.svd(C, full_matrices=False)
+    inner = matmul(matmul(u.T, slope), vt.T)
+    turn = safe_divide(inner - inner.T, sizes[:, None] + sizes[None, :])
+    found = matmul(matmul(u, turn), vt)
+    # What leaves the span of the columns, or of the rows; one of the two is 0.
+    shrink = matmul(vt.T * safe_divide(jnp.ones_like(sizes), sizes)[None], vt)
+    found += matmul(slope - matmul(u, matmul(u.T, slope)), shrink)
+    shrink = matmul(u * safe_divide(jnp.ones_like(sizes), sizes)[None], u.T)
+    found += matmul(shrink, slope - matmul(matmul(slope, vt.T), vt))
+    return matmul(u, vt), found
 
 
 def truncate(spec: Spectrum, k: int) -> Spectrum:

@@ -1,0 +1,217 @@
+"""Sinkhorn scaling to a tolerance, with derivatives from the optimality condition.
+
+The scaling f of X is the fixed point of a pair of plain updates. optimistix runs
+over-relaxed updates until the marginals are met, and differentiates the fixed point by
+the implicit function theorem, so that no update is kept for the way back. With f times
+the root of X's marginal as unknown, the Jacobian is symmetric: conjugate gradients
+solve with it, and the kernel is only ever multiplied with.
+
+The relaxation grows while the error falls slowly, and shrinks when it rises. To sharpen
+a sharp kernel gradually (epsilon continuation: Schmitzer, 2019) was tried and left out:
+of 12 random problems at lam = 500, 5 then met 1e-4 before progress ended, 10 without.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import lineax
+import optimistix
+from jaxtyping import Array, Float, Int, PyTree
+
+from jfsf.convert._updates import (
+    ABSORB_EVERY,
+    Problem,
+    error_of,
+    round_of_updates,
+    scaling_x,
+    scaling_y,
+)
+
+# Rounds after which the relaxation is judged by how far the error has fallen, and how
+# many times in a row there may be no progress before the updates end: 2560 updates. On
+# a sharp kernel the error may rest for a thousand before it falls again.
+JUDGE_EVERY = 16
+PATIENCE = 40
+SLOW, PROGRESS = 0.5, 0.99
+# 2 minus the relaxation: factors when the error falls slowly and when it rises.
+LESS, MORE, LEAST = 0.7, 2.0, 0.02
+MAX_STEPS = 1000  # of conjugate gradients
+
+
+class Scaling(NamedTuple):
+    """f, g: log scalings of X and Y.
+
+    num_iters: updates of each side that were made.
+    """
+
+    f: Float[Array, " n_x"]
+    g: Float[Array, " n_y"]
+    num_iters: Int[Array, ""]
+
+
+def scale_to_tolerance(
+    problem: Problem,
+    tol: Float[Array, ""] | float,
+    relax: Float[Array, ""] | float,
+    *,
+    max_iters: int,
+) -> Scaling:
+    """Scale until the marginal error is at most `tol`, or no longer falls.
+
+    Derivatives of f and g are those of the exact fixed point.
+
+    Args:
+        problem: kernel and marginals.
+        tol: marginal error to reach.
+        relax: factor of each update to begin with, in (0, 2).
+        max_iters: updates of each side, at most.
+    """
+    dtype = problem.log_x.dtype
+    root = _root(problem)
+    start = scaling_x(problem, scaling_y(problem, jnp.zeros_like(problem.log_x)))
+    start = jax.lax.stop_gradient(start * root)
+    tol = jax.lax.stop_gradient(jnp.asarray(tol, dtype))
+    # The linear system is solved ten times as exactly as the marginals are met.
+    least = 1e-5 if dtype == jnp.float32 else 1e-10
+    exact = jnp.maximum(tol / 10, least)
+    solution = optimistix.fixed_point(
+        _plain_updates,
+        # A little less, as the last pair of updates has rounding errors of its own.
+        _Updates(atol=0.98 * tol, relax=jnp.asarray(relax, dtype)),
+        start,
+        problem,
+        max_steps=max(-(-max_iters // ABSORB_EVERY), 1),
+        adjoint=optimistix.ImplicitAdjoint(_ConjugateGradients(exact)),
+        throw=False,
+        tags=frozenset({lineax.negative_semidefinite_tag}),
+    )
+    # A last pair of plain updates makes the row sums exact.
+    g = scaling_y(problem, solution.value / root)
+    steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
+    return Scaling(scaling_x(problem, g), g, steps * ABSORB_EVERY + 2)
+
+
+def _root(problem: Problem) -> Array:
+    marginal = problem.marginal_x
+    return jnp.sqrt(jnp.where(marginal > 0, marginal, 1))
+
+
+def _plain_updates(scaled_f: Array, problem: Problem) -> Array:
+    """A plain update of each side; the mean of f, which no plan depends on, is 0."""
+    root = _root(problem)
+    f = scaling_x(problem, scaling_y(problem, scaled_f / root))
+    mean = jnp.sum(problem.marginal_x * f) / jnp.sum(problem.marginal_x)
+    return jnp.where(problem.marginal_x > 0, f - mean, 0) * root
+
+
+class _State(NamedTuple):
+    """Between two rounds of updates.
+
+    g: log scaling of Y.
+    gap: 2 minus the relaxation.
+    error: marginal error before the last round.
+    mark: error when the relaxation was last judged.
+    best: least error at such a time; `stalled`: how many of them ago.
+    rounds: so far.
+    """
+
+    g: Float[Array, " n_y"]
+    gap: Float[Array, ""]
+    error: Float[Array, ""]
+    mark: Float[Array, ""]
+    best: Float[Array, ""]
+    stalled: Int[Array, ""]
+    rounds: Int[Array, ""]
+
+
+class _Updates(optimistix.AbstractFixedPointSolver):
+    """Rounds of over-relaxed updates until the marginals are met to `atol`."""
+
+    atol: Any
+    relax: Any
+    rtol: Any = 0.0
+    norm: Callable[[PyTree], Array] = optimistix.max_norm
+
+    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+        """No round yet."""
+        inf, zero = jnp.asarray(jnp.inf, y.dtype), jnp.zeros((), jnp.int32)
+        g = scaling_y(args, y / _root(args))
+        return _State(g, 2 - self.relax, inf, inf, inf, zero, zero)
+
+    def step(self, fn, y, args, options, state: _State, tags):
+        """One round."""
+        f = y / _root(args)
+        # Over-relaxed updates overshoot: the error is that after a plain one of Y.
+        error = error_of(args, f, scaling_y(args, f))
+        state = self._judge(state, error)
+        f, g = round_of_updates(args, f, state.g, lambda _: 2 - state.gap)
+        # No more updates where the marginals were met before.
+        y = jnp.where(error <= self.atol, y, f * _root(args))
+        return y, state._replace(g=g), None
+
+    def _judge(self, state: _State, error: Array) -> _State:
+        """Adapt the relaxation, and note progress, every so many rounds."""
+        rounds = state.rounds + 1
+        due = rounds % JUDGE_EVERY == 0
+        slow, rises = error > SLOW * state.mark, error > state.mark
+        factor = jnp.where(rises, MORE, jnp.where(slow, LESS, 1)).astype(error.dtype)
+        gap = jnp.where(due, jnp.clip(state.gap * factor, LEAST, 1), state.gap)
+        better = error < PROGRESS * state.best
+        stalled = jnp.where(better, 0, state.stalled + 1)
+        return state._replace(
+            gap=gap,
+            error=error,
+            mark=jnp.where(due, error, state.mark),
+            best=jnp.where(due, jnp.minimum(error, state.best), state.best),
+            stalled=jnp.where(due, stalled, state.stalled),
+            rounds=rounds,
+        )
+
+    def terminate(self, fn, y, args, options, state: _State, tags):
+        """Whether the marginals are met, or the error no longer falls."""
+        bad = jnp.isnan(state.error) | (state.stalled >= PATIENCE)
+        result = optimistix.RESULTS.where(
+            bad,
+            optimistix.RESULTS.nonlinear_divergence,
+            optimistix.RESULTS.successful,
+        )
+        return bad | (state.error <= self.atol), result
+
+    def postprocess(self, fn, y, aux, args, options, state, tags, result):
+        """A plain update, whose mean is 0: derivatives are taken at a fixed point."""
+        return fn(y, args)[0], aux, {}
+
+
+class _ConjugateGradients(lineax.AbstractLinearSolver):
+    """jax's, for a symmetric negative operator; `tol` is relative to the right side.
+
+    lineax's own gives up, with nan, where pieces of the plan hardly exchange mass.
+    """
+
+    tol: Any
+
+    def init(self, operator, options):
+        """The operator, ready to be applied many times."""
+        return lineax.linearise(operator)
+
+    def compute(self, state, vector, options):
+        """The solution; where steps run out, the scaling has not converged either."""
+        minus = lambda v: -state.mv(v)
+        value, _ = jax.scipy.sparse.linalg.cg(
+            minus, -vector, tol=self.tol, maxiter=MAX_STEPS
+        )
+        return value, lineax.RESULTS.successful, {}
+
+    def transpose(self, state, options):
+        """Symmetric."""
+        return state, options
+
+    def conj(self, state, options):
+        """Real."""
+        return state, options
+
+    def assume_full_rank(self) -> bool:
+        """But for constants on pieces that exchange no mass, which no plan sees."""
+        return True

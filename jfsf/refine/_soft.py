@@ -1,0 +1,94 @@
+"""Soft steps of ZoomOut and ICP: differentiable, for losses on pairs of shapes.
+
+A soft map sends a vertex of X to its row of a transport plan, in place of the row's
+largest entry. Its functional map pulls back functions as averages over that row. A
+chain of such steps is differentiable in the spectra, the functional map and the
+filter's arguments; `Filtered` at its end also holds the point-to-point maps.
+
+Soft maps are those of the learned functional maps, as in Marin et al. (Correspondence
+Learning via Linearly-invariant Embedding, 2020), with the plan of algorithm 2 of Pai et
+al. (CVPR 2021) in place of a softmax.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import jax
+from jaxtyping import Array, Float
+
+from jfsf.convert import pull_back, sinkhorn
+from jfsf.spectral import Space, coefficients, embeddings, polar, truncate, uniform
+from jfsf.types import Filtered, Spectrum
+
+# Ten neighbours, and so soft that a row of the plan has a slope.
+soft_sinkhorn = partial(sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0)
+
+
+@partial(jax.jit, static_argnames=("space", "converter"))
+def soft_map(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "k_x k_y"],
+    *,
+    space: Space = "direct",
+    converter: Callable[..., Filtered] = soft_sinkhorn,
+) -> Filtered:
+    """The plan between the embeddings that C_yx aligns, with uniform marginals.
+
+    Args:
+        spec_x, spec_y: as many eigenpairs as C_yx has rows and columns, or more.
+        C_yx: functions on Y pulled back to X.
+        space: see `jfsf.spectral.embeddings`.
+        converter: `jfsf.convert.sinkhorn` with any arguments, also with tol=.
+
+    Raises:
+        ValueError: C_yx is larger than a basis.
+    """
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space=space)
+    return converter(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+
+
+@jax.jit
+def soft_functional_map(
+    filtered: Filtered, spec_x: Spectrum, spec_y: Spectrum
+) -> Float[Array, "k_x k_y"]:
+    """C_yx of a plan: Phi_X^+ S Phi_Y, the rows of S divided by their sums."""
+    return coefficients(pull_back(filtered, spec_y.evecs), spec_x)
+
+
+@partial(jax.jit, static_argnames=("k", "space", "converter"))
+def soft_zoomout_step(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "l m"],
+    *,
+    k: int,
+    space: Space = "direct",
+    converter: Callable[..., Filtered] = soft_sinkhorn,
+) -> Float[Array, "k k"]:
+    """The functional map with k eigenfunctions of the soft map of C_yx.
+
+    Arguments and errors as for `soft_map`; ValueError if there are fewer than k
+    eigenpairs.
+    """
+    found = soft_map(spec_x, spec_y, C_yx, space=space, converter=converter)
+    return soft_functional_map(found, truncate(spec_x, k), truncate(spec_y, k))
+
+
+@partial(jax.jit, static_argnames=("space", "converter"))
+def soft_icp_step(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    C_yx: Float[Array, "k_x k_y"],
+    *,
+    space: Space = "adjoint",
+    converter: Callable[..., Filtered] = soft_sinkhorn,
+) -> Float[Array, "k_x k_y"]:
+    """The functional map of the soft map of C_yx at its own size, made orthonormal.
+
+    Arguments and errors as for `soft_map`.
+    """
+    k_x, k_y = C_yx.shape
+    found = soft_map(spec_x, spec_y, C_yx, space=space, converter=converter)
+    C_yx = soft_functional_map(found, truncate(spec_x, k_x), truncate(spec_y, k_y))
+    return polar(C_yx)
