@@ -6,6 +6,7 @@ only from those above its own:
 
 - `types`: the records that travel between functions
 - `array`: precise products, top-k, both sides in one program, padding
+- `solvers`: fixed points and least squares to a tolerance
 - `storage`: files written whole, the disk cache, compiled programs
 - `mesh`: files to meshes; check, repair, measure
 - `neighbours`: nearest neighbours, exhaustive or among tiles
@@ -65,7 +66,7 @@ __all__ = [
 __version__ = "0.1.0"
 
 # Not needed by `match`: imported on first use.
-_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "testing")
+_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "solvers", "testing")
 
 
 def __getattr__(name: str) -> Any:

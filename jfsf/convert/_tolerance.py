@@ -11,14 +11,11 @@ a sharp kernel gradually (epsilon continuation: Schmitzer, 2019) was tried and l
 of 12 random problems at lam = 500, 5 then met 1e-4 before progress ended, 10 without.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import lineax
-import optimistix
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, Int
 
 from jfsf.convert._updates import (
     ABSORB_EVERY,
@@ -28,6 +25,7 @@ from jfsf.convert._updates import (
     scaling_x,
     scaling_y,
 )
+from jfsf.solvers import fixed_point
 
 # Rounds after which the relaxation is judged by how far the error has fallen, and how
 # many times in a row there may be no progress before the updates end: 2560 updates. On
@@ -37,7 +35,6 @@ PATIENCE = 40
 SLOW, PROGRESS = 0.5, 0.99
 # 2 minus the relaxation: factors when the error falls slowly and when it rises.
 LESS, MORE, LEAST = 0.7, 2.0, 0.02
-MAX_STEPS = 1000  # of conjugate gradients
 
 
 class Scaling(NamedTuple):
@@ -76,21 +73,19 @@ def scale_to_tolerance(
     # The linear system is solved ten times as exactly as the marginals are met.
     least = 1e-5 if dtype == jnp.float32 else 1e-10
     exact = jnp.maximum(tol / 10, least)
-    solution = optimistix.fixed_point(
+    solution = fixed_point(
         _plain_updates,
         # A little less, as the last pair of updates has rounding errors of its own.
-        _Updates(atol=0.98 * tol, relax=jnp.asarray(relax, dtype)),
+        _Updates(0.98 * tol, jnp.asarray(relax, dtype)),
         start,
         problem,
         max_steps=max(-(-max_iters // ABSORB_EVERY), 1),
-        adjoint=optimistix.ImplicitAdjoint(_ConjugateGradients(exact)),
-        throw=False,
-        tags=frozenset({lineax.negative_semidefinite_tag}),
+        linear_tol=exact,
     )
     # A last pair of plain updates makes the row sums exact.
     g = scaling_y(problem, solution.value / root)
-    steps = jnp.asarray(solution.stats["num_steps"], jnp.int32)
-    return Scaling(scaling_x(problem, g), g, steps * ABSORB_EVERY + 2)
+    num_iters = solution.num_steps * ABSORB_EVERY + 2
+    return Scaling(scaling_x(problem, g), g, num_iters)
 
 
 def _root(problem: Problem) -> Array:
@@ -126,92 +121,52 @@ class _State(NamedTuple):
     rounds: Int[Array, ""]
 
 
-class _Updates(optimistix.AbstractFixedPointSolver):
-    """Rounds of over-relaxed updates until the marginals are met to `atol`."""
+class _Updates(NamedTuple):
+    """Rounds of over-relaxed updates until the marginals are met to `atol`.
 
-    atol: Any
-    relax: Any
-    rtol: Any = 0.0
-    norm: Callable[[PyTree], Array] = optimistix.max_norm
+    relax: factor of each update to begin with.
+    """
 
-    def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> _State:
+    atol: Float[Array, ""]
+    relax: Float[Array, ""]
+
+    def begin(self, y: Array, args: Problem) -> _State:
         """No round yet."""
         inf, zero = jnp.asarray(jnp.inf, y.dtype), jnp.zeros((), jnp.int32)
         g = scaling_y(args, y / _root(args))
         return _State(g, 2 - self.relax, inf, inf, inf, zero, zero)
 
-    def step(self, fn, y, args, options, state: _State, tags):
+    def step(self, y: Array, args: Problem, state: _State) -> tuple[Array, _State]:
         """One round."""
         f = y / _root(args)
         # Over-relaxed updates overshoot: the error is that after a plain one of Y.
         error = error_of(args, f, scaling_y(args, f))
-        state = self._judge(state, error)
+        state = _judge(state, error)
         f, g = round_of_updates(args, f, state.g, lambda _: 2 - state.gap)
         # No more updates where the marginals were met before.
         y = jnp.where(error <= self.atol, y, f * _root(args))
-        return y, state._replace(g=g), None
+        return y, state._replace(g=g)
 
-    def _judge(self, state: _State, error: Array) -> _State:
-        """Adapt the relaxation, and note progress, every so many rounds."""
-        rounds = state.rounds + 1
-        due = rounds % JUDGE_EVERY == 0
-        slow, rises = error > SLOW * state.mark, error > state.mark
-        factor = jnp.where(rises, MORE, jnp.where(slow, LESS, 1)).astype(error.dtype)
-        gap = jnp.where(due, jnp.clip(state.gap * factor, LEAST, 1), state.gap)
-        better = error < PROGRESS * state.best
-        stalled = jnp.where(better, 0, state.stalled + 1)
-        return state._replace(
-            gap=gap,
-            error=error,
-            mark=jnp.where(due, error, state.mark),
-            best=jnp.where(due, jnp.minimum(error, state.best), state.best),
-            stalled=jnp.where(due, stalled, state.stalled),
-            rounds=rounds,
-        )
-
-    def terminate(self, fn, y, args, options, state: _State, tags):
+    def ended(self, state: _State) -> Array:
         """Whether the marginals are met, or the error no longer falls."""
-        bad = jnp.isnan(state.error) | (state.stalled >= PATIENCE)
-        result = optimistix.RESULTS.where(
-            bad,
-            optimistix.RESULTS.nonlinear_divergence,
-            optimistix.RESULTS.successful,
-        )
-        return bad | (state.error <= self.atol), result
-
-    def postprocess(self, fn, y, aux, args, options, state, tags, result):
-        """A plain update, whose mean is 0: derivatives are taken at a fixed point."""
-        return fn(y, args)[0], aux, {}
+        hopeless = jnp.isnan(state.error) | (state.stalled >= PATIENCE)
+        return hopeless | (state.error <= self.atol)
 
 
-class _ConjugateGradients(lineax.AbstractLinearSolver):
-    """jax's, for a symmetric negative operator; `tol` is relative to the right side.
-
-    lineax's own gives up, with nan, where pieces of the plan hardly exchange mass.
-    """
-
-    tol: Any
-
-    def init(self, operator, options):
-        """The operator, ready to be applied many times."""
-        return lineax.linearise(operator)
-
-    def compute(self, state, vector, options):
-        """The solution; where steps run out, the scaling has not converged either."""
-        minus = lambda v: -state.mv(v)
-        value, _ = jax.scipy.sparse.linalg.cg(
-            minus, -vector, tol=self.tol, maxiter=MAX_STEPS
-        )
-        return value, lineax.RESULTS.successful, {}
-
-    def transpose(self, state, options):
-        """Symmetric."""
-        return state, options
-
-    def conj(self, state, options):
-        """Real."""
-        return state, options
-
-    def assume_full_rank(self) -> bool:
-        """But for constants on pieces that exchange no mass, which no plan sees."""
-        return True
+def _judge(state: _State, error: Array) -> _State:
+    """Adapt the relaxation, and note progress, every so many rounds."""
+    rounds = state.rounds + 1
+    due = rounds % JUDGE_EVERY == 0
+    slow, rises = error > SLOW * state.mark, error > state.mark
+    factor = jnp.where(rises, MORE, jnp.where(slow, LESS, 1)).astype(error.dtype)
+    gap = jnp.where(due, jnp.clip(state.gap * factor, LEAST, 1), state.gap)
+    better = error < PROGRESS * state.best
+    stalled = jnp.where(better, 0, state.stalled + 1)
+    return state._replace(
+        gap=gap,
+        error=error,
+        mark=jnp.where(due, error, state.mark),
+        best=jnp.where(due, jnp.minimum(error, state.best), state.best),
+        stalled=jnp.where(due, stalled, state.stalled),
+        rounds=rounds,
+    )

@@ -2,7 +2,10 @@
 
 Read in this order:
 
-- `_fit`: descriptors to a functional map by linear least squares
+- `_terms`: both shapes' terms of the energy that a fit to descriptors minimises
+- `_linear`: its minimum, by jaxopt or lineax
+- `_nonlinear`: robust losses and orthogonality, by optimistix
+- `_fit`: descriptors to a functional map by any of these
 - `_settings`: the numbers of the search
 - `_geodesics`: distances between samples
 - `_ends`: what the ends of limbs look like
@@ -13,18 +16,10 @@ Read in this order:
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
 """
 
-from jfsf.initial._fit import (
-    Fit,
-    ShapeTerms,
-    Terms,
-    Weights,
-    combine,
-    fit,
-    shape_terms,
-    solve,
-    terms,
-)
+from jfsf.initial._fit import fit
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._linear import Fit, solve
+from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._proportions import far_candidates, unevenness
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._search import (
@@ -36,6 +31,7 @@ from jfsf.initial._search import (
     search,
 )
 from jfsf.initial._settings import SearchSettings
+from jfsf.initial._terms import ShapeTerms, Terms, Weights, combine, shape_terms, terms
 
 __all__ = [
     "Candidates",
@@ -59,6 +55,7 @@ __all__ = [
     "search_samples",
     "shape_terms",
     "solve",
+    "solve_nonlinear",
     "terms",
     "unevenness",
 ]

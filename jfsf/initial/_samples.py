@@ -7,9 +7,9 @@ import jax
 from jaxtyping import Array, Float
 
 from jfsf.initial._ends import curvedness
-from jfsf.initial._fit import ShapeTerms, shape_terms
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._settings import SearchSettings
+from jfsf.initial._terms import ShapeTerms, shape_terms
 from jfsf.spectral import Features, farthest_points
 
 

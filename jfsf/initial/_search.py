@@ -24,10 +24,11 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import map_sides, matmul
-from jfsf.initial._fit import combine, solve
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._linear import solve
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._settings import SearchSettings
+from jfsf.initial._terms import combine
 from jfsf.spectral import Features, FeatureSettings, features, orientation_score
 from jfsf.types import Spectrum
 

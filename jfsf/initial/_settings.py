@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from jfsf.initial._fit import Weights
+from jfsf.initial._terms import Weights
 from jfsf.refine import ZoomOutSettings
 from jfsf.spectral import DISTANCE_PAIRS
 
