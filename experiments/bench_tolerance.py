@@ -32,7 +32,7 @@ PAIRS = (
 )
 KERNELS = ((20, 120.0), (100, 120.0), (100, 20.0))  # k0, lam
 TOL, K = 1e-3, 100
-LAM, TOLS = 20.0, (0.1, 0.05, 0.02, 0.01, 0.003, 0.001)  # for gradients
+LAM, TOLS = 20.0, (0.1, 0.04, 0.03, 0.02, 0.01, 0.001)  # for gradients
 MASS = 10**7  # of all vertices, in whole numbers
 
 

@@ -9,12 +9,14 @@ together, functions import this file when they are called.
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import lineax
 import optimistix
 from jaxtyping import Array, Int, PyTree
+
+# Of the linear system of one step of least squares, which need not be exact.
+STEP_TOL, STEP_ITERATIONS = 1e-3, 30
 
 
 class Solution(NamedTuple):
@@ -93,14 +95,12 @@ def least_squares(
         residuals: the map (y, args) -> arrays, with y scaled to a curvature of order 1.
         start: where to begin.
         args: whatever `residuals` needs.
-        tol: relative change of y and of the sum of squares at which to stop.
+        tol: relative change of y at which to stop.
         max_steps: evaluations of the residuals, at most.
     """
-    solver = optimistix.LevenbergMarquardt(tol, tol)
-    descent = _Descent(_ConjugateGradients(tol, 0))
     found = optimistix.least_squares(
         residuals,
-        eqx.tree_at(lambda s: s.descent, solver, descent),
+        _LevenbergMarquardt(tol),
         start,
         args,
         max_steps=max_steps,
@@ -133,6 +133,25 @@ class _FixedPointSolver(optimistix.AbstractFixedPointSolver):
     def postprocess(self, fn, y, aux, args, options, state, tags, result):
         """The update itself: derivatives are taken at a fixed point."""
         return fn(y, args)[0], aux, {}
+
+
+class _LevenbergMarquardt(optimistix.LevenbergMarquardt):
+    """Ends where a step is too small to matter, taken or not.
+
+    optimistix ends at steps that are taken only. Near a minimum rounding hides whether
+    the sum of squares falls, and steps are refused for ever.
+    """
+
+    def __init__(self, tol: float):
+        super().__init__(tol, tol)
+        inner = _ConjugateGradients(STEP_TOL, 0, STEP_ITERATIONS)
+        self.descent = _Descent(inner)
+
+    def terminate(self, fn, y, args, options, state, tags):
+        """Whether to stop."""
+        step = self.norm(state.y_eval - y)
+        large = step > self.rtol * self.norm(y)  # and not nan
+        return state.terminate | ~(large | state.first_step), state.result
 
 
 class _Descent(optimistix.DampedNewtonDescent):

@@ -70,9 +70,9 @@ def scale_to_tolerance(
     start = scaling_x(problem, scaling_y(problem, jnp.zeros_like(problem.log_x)))
     start = jax.lax.stop_gradient(start * root)
     tol = jax.lax.stop_gradient(jnp.asarray(tol, dtype))
-    # The linear system is solved ten times as exactly as the marginals are met.
+    # The linear system is solved as exactly as the marginals are met.
     least = 1e-5 if dtype == jnp.float32 else 1e-10
-    exact = jnp.maximum(tol / 10, least)
+    exact = jnp.maximum(tol, least)
     solution = fixed_point(
         _plain_updates,
         # A little less, as the last pair of updates has rounding errors of its own.
