@@ -31,10 +31,10 @@ SOLVERS = ("jaxopt", "lineax")
 solvers = pytest.mark.parametrize("solver", SOLVERS)
 
 
-def fit(x, y, desc_x, desc_y, weights=DEFAULT, *, k, solver="jaxopt"):
+def fit(x, y, desc_x, desc_y, weights=DEFAULT, *, k, solver="jaxopt", **options):
     # Weights of one type, defaults included, compile once.
     weights = Weights(*(jnp.asarray(w, x.mass.dtype) for w in weights))
-    return initial.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver)
+    return initial.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver, **options)
 
 
 def blob(seed=0, subdivisions=2):
@@ -240,6 +240,17 @@ def test_strength_and_offset_of_a_descriptor_do_not_matter(seed):
     assert jnp.allclose(other, plain, atol=1e-6)
 
 
+@given(seed=seeds)
+def test_a_columns_weight_counts_it(seed):
+    """0 leaves a descriptor out, the root of 2 is that descriptor twice."""
+    times = np.random.default_rng(seed).permutation(np.arange(24) % 3)
+    index = np.repeat(np.arange(24), times)
+    counted = fit(X, Y, DESC_X[:, index], DESC_Y[:, index], k=K).C_yx
+    weights = 0.3 * jnp.sqrt(jnp.asarray(times, float))
+    weighted = fit(X, Y, DESC_X, DESC_Y, k=K, column_weights=weights).C_yx
+    assert jnp.allclose(weighted, counted, atol=1e-6)
+
+
 @pytest.mark.parametrize("value, dtype", [(0.0, "float32"), (3.7, "float32")])
 def test_a_constant_descriptor_has_no_effect(value, dtype):
     x, y = cast(X, dtype), cast(Y, dtype)
@@ -380,6 +391,7 @@ def test_weights_of_any_type(cast):
         ({"desc_y": DESC_X}, r"desc_y is \(162, 24\), the shape has 42 vertices"),
         ({"desc_y": DESC_Y[:, 0]}, r"desc_y is \(42,\), the shape has 42"),
         ({"desc_y": DESC_Y[:, 1:]}, "desc_x has 24 columns, desc_y 23"),
+        ({"column_weights": jnp.ones(23)}, r"column_weights are \(23,\), there are 24"),
         ({"k": 21}, "k is 21, spec_y has 20 eigenpairs"),
         ({"k": 1}, "k is 1, spec_x has 30 eigenpairs"),
         ({"solver": "lbfgs"}, "solver is 'jaxopt' or 'lineax', not 'lbfgs'"),

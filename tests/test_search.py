@@ -11,14 +11,15 @@ from jfsf.initial import (
     Candidates,
     SearchSettings,
     best_different,
+    candidates,
     orientation_sign,
     search,
     search_samples,
 )
-from jfsf.initial._search import _flips, _sign_patterns
+from jfsf.initial._starts import fits, flips, sign_patterns
 from jfsf.spectral import features, wks
 
-DEFAULT = SearchSettings()
+DEFAULT, SMALL = SearchSettings(), SearchSettings(hypotheses=61)
 SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
 DESC = wks(SPEC, num=5)
 
@@ -45,13 +46,24 @@ def test_orientations_have_signs():
 
 
 def test_the_smallest_budget_finds_the_identity():
-    settings = SearchSettings(hypotheses=61)
-    assert settings.parents == 1
-    found = search(SPEC, SPEC, DESC, DESC, settings=settings, num=3)
+    assert SMALL.parents == 1
+    found = search(SPEC, SPEC, DESC, DESC, settings=SMALL, num=3)
     assert isinstance(found, Candidates)
     assert np.array_equal(found.energy, np.sort(found.energy))
     identity = np.eye(DEFAULT.eigenpairs)
     np.testing.assert_allclose(found.C_yx[0], identity, atol=0.05)
+
+
+def test_orthogonal_fits_join_the_starts():
+    settings = SearchSettings(hypotheses=63, orthogonal_fits=DEFAULT.fits)
+    assert (settings.starts, settings.parents) == (52, 1)
+    specs = SPEC, testing.blob_spectrum(1, DEFAULT.eigenpairs)
+    x, y = (search_samples(features(spec), settings=settings) for spec in specs)
+    found = np.asarray(fits(x, y, 1, settings))
+    gaps = [np.linalg.norm(C.T @ C - np.eye(16)) for C in found]
+    assert max(gaps[2:]) < min(gaps[:2])
+    energy = [candidates(x, y, settings=s).energy[0] for s in (SMALL, settings)]
+    assert np.isfinite(energy).all()
 
 
 def test_the_default_budget():
@@ -105,7 +117,7 @@ def test_settings_that_do_not_fit_each_other_are_an_error(options, message):
 
 @pytest.mark.parametrize("functions", [1, 2, 5])
 def test_sign_patterns_are_all_and_each_once(functions):
-    found = _sign_patterns(functions)
+    found = sign_patterns(functions)
     assert found.shape == (2 ** (functions - 1), functions, functions)
     # Pattern i has the binary digits of i, after the constant, which keeps its sign.
     for i, pattern in enumerate(found):
@@ -120,7 +132,7 @@ def test_flips_change_none_or_one_sign(first, end):
     truth = [[1] * end]
     for flipped in range(first, end):
         truth.append([-1 if i == flipped else 1 for i in range(end)])
-    assert np.array_equal(_flips(first, end), truth)
+    assert np.array_equal(flips(first, end), truth)
 
 
 def plain_choice(C_yx, energy, num, group, groups, settings):

@@ -11,7 +11,8 @@ Read in this order:
 - `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, and their energy
-- `_search`: the search among sign patterns, fits and flips, and the ranking
+- `_starts`: sign patterns, fits to descriptors, and flips
+- `_search`: the search among these, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
 """

@@ -22,6 +22,7 @@ def fit(
     k: int = 30,
     solver: Solver = "jaxopt",
     gamma: float = GAMMA,
+    column_weights: Float[Array, " d"] | None = None,
     loss: Loss = "square",
     scale: Float[Array, ""] | float = SCALE,
     orthogonality: Float[Array, ""] | float | None = None,
@@ -37,6 +38,7 @@ def fit(
         k: size of the map.
         solver: conjugate gradients by "jaxopt", or the same by "lineax".
         gamma: exponent of the resolvent mask.
+        column_weights: of the descriptors relative to each other; None for equal ones.
         loss, scale: of descriptors that do not agree, see `solve_nonlinear`.
         orthogonality: weight of |C^T C - I|_F^2, with the squared norms of the other
             terms of the order of k; None leaves the term out.
@@ -45,13 +47,23 @@ def fit(
         The minimum, and how far from it the solver stopped (about 1e-10 in float64,
         1e-5 in float32). With "square" and no orthogonality the problem is linear and
         the minimum unique; else it is a local one near that of the linear problem.
-        Gradients flow through spectra, descriptors and weights.
+        Gradients flow through spectra, descriptors and all weights.
 
     Raises:
-        ValueError: the descriptors do not fit the shapes or each other, k is below 2 or
-            more than the eigenpairs there are, or `solver` or `loss` is unknown.
+        ValueError: the descriptors do not fit the shapes, each other or their weights,
+            k is below 2 or more than the eigenpairs there are, or `solver` or `loss`
+            is unknown.
     """
-    problem = terms(spec_x, spec_y, desc_x, desc_y, weights, k=k, gamma=gamma)
+    problem = terms(
+        spec_x,
+        spec_y,
+        desc_x,
+        desc_y,
+        weights,
+        k=k,
+        gamma=gamma,
+        column_weights=column_weights,
+    )
     if loss == "square" and orthogonality is None:
         return solve(problem, solver=solver)
     weight = 0.0 if orthogonality is None else orthogonality

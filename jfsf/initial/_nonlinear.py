@@ -21,13 +21,14 @@ Loss = Literal["square", "huber", "geman-mcclure"]
 SCALE = 0.3
 
 
-@partial(jax.jit, static_argnames=("loss", "solver"))
+@partial(jax.jit, static_argnames=("loss", "max_steps", "solver"))
 def solve_nonlinear(
     problem: Terms,
     orthogonality: Float[Array, ""] | float = 0.0,
     scale: Float[Array, ""] | float = SCALE,
     *,
     loss: Loss = "square",
+    max_steps: int = 200,
     solver: Solver = "jaxopt",
 ) -> Fit:
     """A local minimum near that of `solve`, from which Levenberg-Marquardt starts.
@@ -41,6 +42,7 @@ def solve_nonlinear(
             its two operators. "square" is r^2; "huber" goes on with the same slope from
             r = scale; "geman-mcclure" is r^2 / (1 + r^2 / scale^2), which forgets a
             descriptor that is far off.
+        max_steps: of Levenberg-Marquardt. Ten are enough for the start of a search.
         solver: of the linear start.
 
     Returns:
@@ -74,6 +76,7 @@ def solve_nonlinear(
         jax.lax.stop_gradient(start),
         args,
         tol=1e-5 if dtype == jnp.float32 else 1e-10,
+        max_steps=max_steps,
     )
 
     @jax.grad

@@ -15,20 +15,17 @@ al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
 from functools import partial
-from itertools import product
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import map_sides, matmul
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
-from jfsf.initial._linear import solve
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._settings import SearchSettings
-from jfsf.initial._terms import combine
+from jfsf.initial._starts import fits, flips, sign_patterns
 from jfsf.spectral import Features, FeatureSettings, features, orientation_score
 from jfsf.types import Spectrum
 
@@ -175,11 +172,11 @@ def _candidates(
     dtype, half = x.few.spec.evecs.dtype, settings.descriptor_weight
     flip_from, flip_to = settings.flip_range
 
-    signs = jnp.asarray(_sign_patterns(settings.sign_functions), dtype)
+    signs = jnp.asarray(sign_patterns(settings.sign_functions), dtype)
     weights = jnp.asarray(settings.descriptor_weights, dtype)
     start_weights = jnp.repeat(weights, len(signs))
     starts = jnp.tile(signs, (len(weights), 1, 1))
-    fitted = _fits(x, y, sign, settings).astype(dtype)
+    fitted = fits(x, y, sign, settings).astype(dtype)
     parents = jnp.concatenate(
         [
             refine(few, starts, start_weights, ks=settings.start_ks),
@@ -188,14 +185,14 @@ def _candidates(
     )
     # Every other parent has columns of full weight. By energy alone few would have: it
     # does not see what they are good for.
-    start_weights = jnp.pad(start_weights, (0, len(settings.fits)), constant_values=1)
+    start_weights = jnp.pad(start_weights, (0, len(fitted)), constant_values=1)
     group = jnp.where(start_weights < 1, 1, 0)
     chosen = best_different(
         parents, energy_of(few, parents), settings.parents, group, 2, settings=settings
     )
 
-    flips = jnp.asarray(_flips(flip_from, flip_to), dtype)
-    children = parents[chosen][:, None, :flip_to, :flip_to] * flips[None, :, None, :]
+    flipped = jnp.asarray(flips(flip_from, flip_to), dtype)
+    children = parents[chosen][:, None, :flip_to, :flip_to] * flipped[None, :, None, :]
     children = children.reshape(-1, flip_to, flip_to)
     children = refine(few, children, half, ks=settings.flip_ks)
     brackets = x.few.brackets, y.few.brackets
@@ -272,28 +269,3 @@ def with_orientation(
     half = settings.half_mirrored_energy * (1 - agrees)
     wrong = jnp.where(agrees < 0, settings.wrong_orientation_energy, half)
     return energy + jnp.where(asked, wrong, 0), orientation
-
-
-def _fits(x: SearchSamples, y: SearchSamples, sign, settings: SearchSettings):
-    """Functional maps by fits to descriptors, cut to the size that refinement needs."""
-    dtype = x.fit.coef.dtype
-    sign = jnp.asarray(jnp.where(jnp.asarray(sign) < 0, -1, 1))
-    weights = [w._replace(orientation=sign * w.orientation) for w in settings.fits]
-    fitted = jax.lax.map(
-        lambda w: solve(combine(x.fit, y.fit, w)).C_yx,
-        jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights),
-    )
-    size = settings.fit_ks[0]
-    return fitted[:, :size, :size]
-
-
-def _sign_patterns(functions: int) -> np.ndarray:
-    patterns = product((1, -1), repeat=functions - 1)
-    return np.stack([np.diag((1, *pattern)) for pattern in patterns])
-
-
-def _flips(first: int, end: int) -> np.ndarray:
-    """Rows of signs: none flipped, then each of `first` to `end` - 1."""
-    flips = np.ones((1 + end - first, end))
-    flips[np.arange(1, len(flips)), np.arange(first, end)] = -1
-    return flips

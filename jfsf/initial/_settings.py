@@ -24,6 +24,9 @@ class SearchSettings:
     start_ks: sizes of the basis for the starts, see `zoomout`.
     fits: weights of the fits to descriptors, which are starts too.
     fit_size: size of these functional maps.
+    orthogonal_fits: weights of further fits, with orthogonality as a term.
+    orthogonality: weight of that term.
+    orthogonal_steps: of Levenberg-Marquardt.
     fit_ks: sizes of the basis for these starts; they end where `start_ks` ends.
     flip_range: the eigenfunctions whose signs are flipped one at a time in the best
         starts: functions that are odd from front to back are among them.
@@ -63,6 +66,9 @@ class SearchSettings:
         Weights(1.0, 1.0, 1.0, 1.0),
     )
     fit_size: int = 30
+    orthogonal_fits: tuple[Weights, ...] = ()
+    orthogonality: float = 1.0
+    orthogonal_steps: int = 10
     fit_ks: tuple[int, ...] = (16, 20)
     flip_range: tuple[int, int] = (6, 16)
     flip_ks: tuple[int, ...] = (16, 18, 21, 24, 28, 33, 40)
@@ -132,7 +138,8 @@ class SearchSettings:
     def starts(self) -> int:
         """Maps that the search begins with."""
         patterns = 2 ** (self.sign_functions - 1)
-        return len(self.descriptor_weights) * patterns + len(self.fits)
+        fits = len(self.fits) + len(self.orthogonal_fits)
+        return len(self.descriptor_weights) * patterns + fits
 
     @property
     def flips(self) -> int:

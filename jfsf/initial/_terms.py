@@ -83,6 +83,7 @@ def terms(
     *,
     k: int = 30,
     gamma: float = GAMMA,
+    column_weights: Float[Array, " d"] | None = None,
 ) -> Terms:
     """The problem that `fit` solves; arguments and errors as there."""
     for name, desc, spec in (("x", desc_x, spec_x), ("y", desc_y, spec_y)):
@@ -101,7 +102,7 @@ def terms(
         )
     of_shape = partial(shape_terms, k=k)
     sides = map_sides(of_shape, (spec_x, desc_x), (spec_y, desc_y))
-    return combine(*sides, weights, gamma=gamma)
+    return combine(*sides, weights, column_weights, gamma=gamma)
 
 
 @partial(jax.jit, static_argnames="k")
@@ -120,21 +121,34 @@ def shape_terms(
 
 @partial(jax.jit, static_argnames="gamma")
 def combine(
-    x: ShapeTerms, y: ShapeTerms, weights: Weights = DEFAULT, *, gamma: float = GAMMA
+    x: ShapeTerms,
+    y: ShapeTerms,
+    weights: Weights = DEFAULT,
+    column_weights: Float[Array, " d"] | None = None,
+    *,
+    gamma: float = GAMMA,
 ) -> Terms:
-    """The problem of two shapes; weights are traced."""
-    dtype = x.coef.dtype
+    """The problem of two shapes; weights are traced. See `fit` for the arguments."""
+    dtype, number = x.coef.dtype, x.coef.shape[1]
+    if column_weights is not None and column_weights.shape != (number,):
+        raise ValueError(
+            f"fit: column_weights are {column_weights.shape}, there are {number} "
+            "descriptors"
+        )
     # Descriptors get mean square 1 over both shapes, by one factor for both, so that
     # their strength stays comparable.
     limits = jnp.finfo(dtype)
     # A constant column leaves rounding errors, which must not be scaled up.
     noise = (100 * limits.eps) ** 2 * (x.mean**2 + y.mean**2)
     norm = jnp.sqrt(x.variance / 2 + y.variance / 2 + noise + limits.tiny)
+    ones = jnp.ones(number, dtype)
+    strength = ones if column_weights is None else column_weights.astype(dtype)
 
     def operators(side: ShapeTerms):
-        coef = side.coef / norm[None]
+        coef = side.coef / norm[None] * strength[None]
         turn = einsum("cab,ad->cdb", side.brackets, coef)
-        return coef, side.times / norm[None, :, None], turn
+        times = side.times / norm[None, :, None] * strength[None, :, None]
+        return coef, times, turn
 
     (coef_x, times_x, turn_x), (coef_y, times_y, turn_y) = map_sides(
         operators, (x,), (y,)
@@ -145,7 +159,6 @@ def combine(
     sign = jnp.where(w.orientation < 0, -1, 1).astype(dtype)
     w = Weights(*(jnp.where(w < 0, -w, w) for w in w))
     mask = _resolvent_gap(x.evals, y.evals, gamma)
-    ones = jnp.ones(coef_x.shape[1], dtype)
     return Terms(
         coef_x,
         coef_y,
