@@ -8,7 +8,7 @@ import potpourri3d
 import pytest
 import scipy.sparse as sp
 import trimesh
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
@@ -34,8 +34,8 @@ def blob(seed=0, subdivisions=2):
     return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], mesh.faces)
 
 
-def fresh(mesh, k, **options):
-    return spectrum(mesh, k, cache=False, **options)
+def fresh(mesh, k, tol=1e-10, **options):
+    return spectrum(mesh, k, cache=False, tol=tol, **options)
 
 
 def projector(spec, k):
@@ -75,6 +75,14 @@ def test_eigenpairs_match_the_dense_solver(k):
     assert np.isclose(spec.mass.sum(), 1)
     assert spec.faces.dtype == np.int32 and np.array_equal(spec.faces, mesh.faces)
     assert all(a.dtype == np.float64 for a in spec[:3])
+
+
+@pytest.mark.parametrize("k", [1, 2, 3, 4])
+def test_the_smallest_mesh(k):
+    shape = trimesh.creation.icosahedron()
+    mesh = Mesh(np.asarray(shape.vertices), np.asarray(shape.faces))
+    evals, _ = oracles.eigenpairs(*oracles.cotan(*mesh), k)
+    assert np.allclose(fresh(mesh, k).evals, evals, atol=1e-9)
 
 
 def test_the_sphere_has_its_known_eigenvalues():
@@ -148,13 +156,52 @@ def test_nested_dissection_gives_the_same_eigenpairs(metis, monkeypatch):
     elif sys.platform != "win32":
         assert sorted(order) == list(range(matrix.shape[0]))
     plain, found, again = (
-        _eigenpairs._shift_invert(matrix, 30, dissection_above=above)
+        _eigenpairs._shift_invert(matrix, 30, 1e-10, dissection_above=above)
         for above in (10**9, 1000, 1000)
     )
     np.testing.assert_allclose(found[0], plain[0], rtol=1e-9, atol=1e-9)
     same = np.abs(found[1].T @ plain[1])
     np.testing.assert_allclose(same, np.eye(30), atol=1e-6)
     assert np.array_equal(found[1], again[1])
+
+
+def test_the_tolerance_bounds_the_error_of_all_pairs():
+    mesh = jfsf.data.load("man_walk").mesh
+    exact = fresh(mesh, 130)
+    for tol, error in ((1e-2, 1e-3), (1e-3, 1e-5), (1e-6, 1e-9)):
+        spec = fresh(mesh, 128, tol)
+        assert np.allclose(spec.evals, exact.evals[:128], rtol=error)
+        low = spec.evecs[:, :100]
+        mixed = low - exact.evecs @ ((exact.evecs.T * exact.mass) @ low)
+        assert np.sqrt(exact.mass @ mixed**2).max() < max(10 * error, 1e-5)
+
+
+@given(k=st.integers(1, 150), seed=st.integers(0, 10**6))
+@settings(max_examples=10)
+def test_all_copies_of_an_eigenvalue_are_found(k, seed):
+    # As many as 21 lie close together, more than a block holds.
+    mesh, rng = sphere(4), np.random.default_rng(seed)
+    order = rng.permutation(len(mesh.vertices))
+    mesh = Mesh(mesh.vertices[order], np.argsort(order)[mesh.faces].astype(np.int32))
+    spec = fresh(mesh, k, tol=_eigenpairs.TOL)
+    exact = np.concatenate([[4 * np.pi * l * (l + 1)] * (2 * l + 1) for l in range(13)])
+    assert np.allclose(spec.evals, exact[:k], rtol=0.07)
+
+
+def test_arpack_answers_where_one_sweep_does_not_converge(monkeypatch):
+    matrix = symmetric(jfsf.data.load("man_walk").mesh)
+    evals, evecs = _eigenpairs._shift_invert(matrix, 30, 1e-10)
+    asked = []
+
+    def gives_up(apply, start, k, *, tol):
+        asked.append(k)
+
+    monkeypatch.setattr(_eigenpairs, "largest_eigenpairs", gives_up)
+    other_evals, other_evecs = _eigenpairs._shift_invert(matrix, 30, 1e-10)
+    assert asked == [30]
+    np.testing.assert_allclose(other_evals, evals, rtol=1e-9, atol=1e-9)
+    same = np.abs(other_evecs.T @ evecs)
+    np.testing.assert_allclose(same, np.eye(30), atol=1e-6)
 
 
 def test_it_is_deterministic_and_leaves_the_mesh_alone():
@@ -269,8 +316,10 @@ def test_a_vertex_without_area_is_an_error():
 
 
 def test_no_convergence_is_an_error():
+    matrix = symmetric(blob(subdivisions=3))
+    start = np.random.default_rng(0).normal(size=matrix.shape[0])
     with pytest.raises(MeshError, match=r"only \d+ of 40 eigenpairs converged"):
-        _eigenpairs._shift_invert(symmetric(blob(subdivisions=3)), 40, max_restarts=1)
+        _eigenpairs._arpack(lambda b: matrix @ b, 40, start, max_restarts=1)
 
 
 @pytest.mark.parametrize("function", [spectrum, operators])
@@ -278,6 +327,12 @@ def test_no_convergence_is_an_error():
 def test_unknown_options_are_errors(function, option):
     with pytest.raises(ValueError, match=f"{option} is .* not 'fem'"):
         function(blob(), **{option: "fem"})
+
+
+@pytest.mark.parametrize("tol", [0, -1e-3, np.nan])
+def test_a_tolerance_that_cannot_be_met_is_an_error(tol):
+    with pytest.raises(ValueError, match=f"tol is {tol}"):
+        spectrum(blob(), 5, tol=tol)
 
 
 def test_k_below_one_is_an_error():

@@ -3,6 +3,7 @@
 Read in this order:
 
 - `_laplacian`: stiffness and mass of a mesh
+- `_lanczos`: the largest eigenpairs of an operator, many at a time
 - `_eigenpairs`: `Mesh` to `Spectrum`, on the host
 - `_descriptors`: wave and heat kernel signatures, curvature
 - `_functional_maps`: point maps to functional maps and to aligned embeddings

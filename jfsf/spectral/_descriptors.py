@@ -111,8 +111,8 @@ def standardise(
     desc: Float[Array, "n d"], mass: Float[Array, " n"]
 ) -> Float[Array, "n d"]:
     """Each column with mean 0 and mean square 1 over the shape; 0 on padding."""
-    centred = desc - (mass @ desc)[None, :]
-    size = jnp.sqrt(mass @ centred**2)
+    centred = desc - matmul(mass, desc)[None, :]
+    size = jnp.sqrt(matmul(mass, centred**2))
     found = size > 0
     scaled = centred * jnp.where(found, 1 / jnp.where(found, size, 1), 0)[None, :]
     return jnp.where((mass > 0)[:, None], scaled, 0)

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import einsum
+from jfsf.array import einsum, matmul
 from jfsf.types import Spectrum
 
 FUNCTIONS = 20  # eigenfunctions in which brackets are expressed
@@ -146,7 +146,7 @@ def carried_fields(
     on_x = einsum("nij,ia,jb->nab", field_x[:, :rows, :rows], low, low)
     a, b = jnp.triu_indices(end - 1, 1)
     on_x, on_y = on_x[:, a, b], field_y[:, 1:end, 1:end][:, a, b]
-    square = mass_y @ on_y**2
+    square = matmul(mass_y, on_y**2)
     known = (b + 1 < size) & (square > 0)
     scale = jnp.where(known, weight / jnp.sqrt(jnp.where(known, square, 1)), 0)
     return on_x * scale[None], on_y * scale[None]

@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import argmax
+from jfsf.array import argmax, einsum
 from jfsf.neighbours import neighbours, spectral_tiles
 from jfsf.types import Spectrum
 
@@ -57,7 +57,10 @@ def farthest_points(
 def tile_points(
     spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
 ) -> Int[Array, " s"]:
-    """The middle vertex of each of num to 2 num tiles, as many as there are vertices.
+    """The middle vertex of each of `num` tiles, if that is a power of two below n.
+
+    Otherwise there are as many tiles as halving the shape makes: more than num / 2 and
+    fewer than 2 num. A tile with nothing but padding gives padding, or a vertex again.
 
     Less even than `farthest_points`, but the time does not grow with `num`: use it for
     thousands of samples of large meshes.
@@ -68,11 +71,11 @@ def tile_points(
     n = len(spec.mass)
     if not 1 <= num <= n:
         raise ValueError(f"tile_points: num is {num}, the shape has {n} vertices")
-    held = spectral_tiles(spec, size=n // num)
+    held = spectral_tiles(spec, size=-(-n // num))
     points = biharmonic(spec, distance_pairs)[held.member]
     weight = held.valid.astype(points.dtype)
     share = weight / jnp.maximum(weight.sum(1), 1)[:, None]
-    centre = jnp.einsum("tsd,ts->td", points, share)
+    centre = einsum("tsd,ts->td", points, share)
     gap = jnp.sum((points - centre[:, None]) ** 2, 2)
     at = jnp.argmin(jnp.where(held.valid, gap, jnp.inf), 1)
     return jnp.take_along_axis(held.member, at[:, None], 1)[:, 0]
