@@ -79,12 +79,11 @@ def main() -> None:
         "search on samples",
         lambda: pipeline.best_candidate(*map(search_samples, sides[0])),
     )
-    few = step("samples", lambda: pipeline.refinement_samples(*sides[0]))
+    few = step("samples", lambda: tuple(map(pipeline.refinement_samples, sides[0])))
     sides.clear()  # gigabytes, of which only the samples are read below
 
     def refined():
-        few_x, few_y, tiles_of_few = few
-        return pipeline.refine(few_x, few_y, start.C_yx, start.sign, tiles_of_few)
+        return pipeline.refine(*few, start.C_yx, start.sign)
 
     C_yx = step("ZoomOut on samples", refined)
     tiles = step("tiles", lambda: pipeline.pair_tiles(*pair))

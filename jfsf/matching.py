@@ -17,25 +17,13 @@ from threadpoolctl import threadpool_limits
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
 from jfsf.array import pad, padded_size
 from jfsf.convert import HasMaps
-from jfsf.initial import Orientation, SearchSamples, ShapeTerms, orientation_sign
+from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import MeshError, orient, validate
-from jfsf.pipeline import InitialMap, misses_landmarks, run_stages
+from jfsf.pipeline import misses_landmarks, run_stages
 from jfsf.settings import Settings
-from jfsf.spectral import Features, spectrum_of_valid, truncate
+from jfsf.spectral import spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
-from jfsf.types import ArrayLike, Certificate, Match, Mesh, Spectrum, Tiles
-
-# The arguments and results of stages.
-RECORDS = (
-    Spectrum,
-    Features,
-    SearchSamples,
-    ShapeTerms,
-    InitialMap,
-    Tiles,
-    Match,
-    Certificate,
-)
+from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
 
 def match(
@@ -71,8 +59,7 @@ def match(
             search. Its own orientation is kept, whatever `orientation` says. Of C_yx
             the leading block of `Settings.ks[0]` functions counts: 30 by default.
         settings: how each stage works, converters included.
-        cache: keep spectra on disk between calls, and the program where jax keeps its
-            own (`JAX_COMPILATION_CACHE_DIR`).
+        cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
 
     Returns:
         T_xy, T_yx, C_yx and the certificate, in jax's default precision.
@@ -269,9 +256,7 @@ def _run(stage: partial, *args: Any, **options: Any) -> Any:
 
 def _program(stage: partial, *args, **options) -> Program:
     """The compiled stage for arguments of these shapes."""
-    return compile_ahead(
-        stage.func, *args, records=RECORDS, **stage.keywords, **options
-    )
+    return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
 def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
@@ -287,7 +272,7 @@ def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes)
     # A closed surface has twice as many faces as vertices, so one number serves both.
     wanted = [max(len(m.vertices), -(-len(m.faces) // 2)) for m in meshes]
-    sizes = [padded_size(n) for n in wanted]
+    sizes = [padded_size(n, per_doubling=4) for n in wanted]
     # One size for both is half the program. For very different shapes it would be
     # twice the work.
     if max(sizes) <= 2 * min(sizes):

@@ -8,9 +8,9 @@
 | `other_starts` | these samples of both | maps for shapes of other proportions |
 | `kept_landmarks` | features, a map | features without landmarks it misses |
 | `given_map` | features, a map of anyone | the same as the best, without a search |
-| `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `refinement_samples` | features | the same at samples, for large shapes |
 | `refine` | features, C_yx | C_yx in a larger basis |
+| `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `bend` | spectra, C_yx | aligned embeddings |
 | `convert` | aligned embeddings | maps both ways, with their plan |
 | `jfsf.spectral.functional_map` | T_xy, spectra | C_yx of the final map |
@@ -20,7 +20,7 @@
 the others of this module the whole `Settings`. `run_stages` has all in order.
 
 `best_candidate` always reads equally many samples, so its program does not depend on
-the number of vertices, and nor does the refinement's above `Settings.samples_above`.
+the number of vertices, nor does the refinement's above `Settings.samples_above`.
 All others do.
 
 This file is long because it has all stages one below the other.
@@ -252,10 +252,20 @@ def run_stages(
         if landmarks is not None:
             stage = partial(kept_landmarks, settings=settings)
             sides = run(stage, *known, start.C_yx, at_x, at_y)
-        C_yx, tiles = run(partial(_refined, settings=settings), *sides, start)
-        finished = partial(_finished, settings=settings)
-        evidence = samples, sign, landmarks
-        return run(finished, x.spec, y.spec, C_yx, start, tiles, *evidence)
+        if max(len(side.spec.mass) for side in sides) > settings.samples_above:
+            stage = partial(refinement_samples, settings=settings)
+            sides = run_sides(stage, *((side,) for side in sides))
+        C_yx = run(partial(_refined, settings=settings), *sides, start)
+        return finish(C_yx, start)
+
+    def finish(C_yx, start: InitialMap) -> Match:
+        pair = x.spec, y.spec
+        tiles = run(partial(pair_tiles, settings=settings), *pair)
+        embs = run(partial(_bent, settings=settings), *pair, C_yx, start, tiles)
+        maps = run(partial(convert, settings=settings), *embs, *pair, tiles)
+        certified = partial(_certified, settings=settings)
+        evidence = start.gap, samples, sign, landmarks
+        return run(certified, maps, *embs, *pair, *evidence)
 
     def candidate(samples) -> InitialMap:
         stage = partial(best_candidate, settings=settings.search)
@@ -284,40 +294,19 @@ def _features(spec, descriptors, landmarks, self_map, *, settings):
 
 
 def _refined(x, y, start: InitialMap, *, settings):
-    """The refined map, and the tiles of the pair."""
-    tiles = pair_tiles(x.spec, y.spec, settings=settings)
-    few_x, few_y, few_tiles = refinement_samples(x, y, tiles, settings=settings)
-    C_yx = refine(few_x, few_y, start.C_yx, start.sign, few_tiles, settings=settings)
-    return C_yx, tiles
+    return refine(x, y, start.C_yx, start.sign, settings=settings)
 
 
-def _finished(
-    spec_x,
-    spec_y,
-    C_yx,
-    start: InitialMap,
-    tiles,
-    samples,
-    sign,
-    landmarks,
-    *,
-    settings,
-):
-    """The refined map, bent and converted, with its certificate."""
-    embs = bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
-    maps = convert(*embs, spec_x, spec_y, tiles, settings=settings)
+def _bent(spec_x, spec_y, C_yx, start: InitialMap, tiles, *, settings):
+    return bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
+
+
+def _certified(maps, emb_x, emb_y, spec_x, spec_y, *evidence, settings) -> Match:
     k = min(len(spec_x.evals), len(spec_y.evals))
     C_yx = functional_map(maps.T_xy, truncate(spec_x, k), spec_y)
     certificate = certify(
-        maps,
-        *embs,
-        C_yx,
-        spec_x,
-        spec_y,
-        start.gap,
-        samples,
-        sign,
-        landmarks,
+        *(maps, emb_x, emb_y, C_yx, spec_x, spec_y),
+        *evidence,
         oriented_functions=settings.features.oriented_functions,
         distance_pairs=settings.distance_pairs,
     )
@@ -457,24 +446,18 @@ def pair_tiles(
 
 @partial(jax.jit, static_argnames="settings")
 def refinement_samples(
-    x: Features,
-    y: Features,
-    tiles: Pair | None = None,
-    *,
-    settings: Settings = Settings(),
-) -> tuple[Features, Features, Pair | None]:
-    """Features that the refinement reads, and tiles: of samples if a shape is large."""
-    if max(len(x.spec.mass), len(y.spec.mass)) <= settings.samples_above:
-        return x, y, tiles
+    features: Features, *, settings: Settings = Settings()
+) -> Features:
+    """Features that the refinement reads: of samples if the shape is large.
 
-    def sampled(side: Features) -> Features:
-        pairs = settings.distance_pairs
-        num = min(settings.samples, len(side.spec.mass))
-        chosen = tile_points(side.spec, num=num, distance_pairs=pairs)
-        return side.at(chosen, distance_pairs=pairs)
-
-    few_x, few_y = sampled(x), sampled(y)
-    return few_x, few_y, pair_tiles(few_x.spec, few_y.spec, settings=settings)
+    As many whatever the size, so the refinement is one program for all large shapes.
+    """
+    spec, pairs = features.spec, settings.distance_pairs
+    if len(spec.mass) <= settings.samples_above:
+        return features
+    num = min(settings.samples, len(spec.mass))
+    chosen = tile_points(spec, num=num, distance_pairs=pairs)
+    return features.at(chosen, distance_pairs=pairs)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -483,7 +466,6 @@ def refine(
     y: Features,
     C_yx: Float[Array, "k_x k_y"],
     orientation: Float[Array, ""] | float = 1.0,
-    tiles: Pair | None = None,
     *,
     settings: Settings = Settings(),
 ) -> Float[Array, "k k"]:
@@ -493,7 +475,6 @@ def refine(
         x, y: features, whole or at samples.
         C_yx: the start; its leading block of `ks[0]` functions, if it has more.
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
-        tiles: of these features.
         settings: `ks`, `refine_converter`, `zoomout`. Sizes beyond the eigenpairs
             there are are cut; a smaller start adds its own size in front.
     """
@@ -512,7 +493,7 @@ def refine(
         ks=ks,
         converter=settings.refine_converter,
         weighted=True,
-        tiles=tiles,
+        tiles=pair_tiles(x.spec, y.spec, settings=settings),
         settings=settings.zoomout,
         neighbour_settings=settings.neighbours,
     )
@@ -593,7 +574,7 @@ def convert(
 
 def _min_recall(spec_x: Spectrum, spec_y: Spectrum, settings: Settings) -> float:
     """To compare a million points with all others would take hours."""
-    large = max(len(spec_x.mass), len(spec_y.mass)) > settings.samples_above
+    large = max(len(spec_x.mass), len(spec_y.mass)) > settings.exhaustive_up_to
     return 0.0 if large else settings.min_recall
 
 

@@ -44,12 +44,14 @@ class Settings:
     tiles_above: vertices of the larger shape, padding included, above which neighbours
         are searched among tiles, at a cost that grows like n
         (`experiments/bench_large.py`).
-    samples_above: likewise, above which the functional map is refined on samples, and
-        all points are never compared with all.
-    samples: of these; up to twice as many are taken.
+    samples_above: vertices of a shape, padding included, above which the functional map
+        is refined on samples.
+    samples: of these; a power of two.
+    exhaustive_up_to: vertices of the larger shape, padding included, above which all
+        points are never compared with all.
     min_recall: recall among tiles below which the last conversion compares all points,
-        up to `samples_above` vertices. For a converter that declares `min_recall`, and
-        a bending converter that leaves it open.
+        up to `exhaustive_up_to` vertices. For a converter that declares `min_recall`,
+        and a bending converter that leaves it open.
     distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
     """
 
@@ -66,8 +68,9 @@ class Settings:
     converter: Converter = sinkhorn
     neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
     tiles_above: int = 2000
-    samples_above: int = 20_000
-    samples: int = 4000
+    samples_above: int = 4096
+    samples: int = 4096
+    exhaustive_up_to: int = 20_000
     min_recall: float = 0.95
     distance_pairs: int = DISTANCE_PAIRS
 
@@ -87,6 +90,10 @@ class Settings:
             raise ValueError(
                 f"Settings: bend_rounds is {self.bend_rounds} and samples "
                 f"{self.samples}; give 0 or more, and 1 or more"
+            )
+        if self.samples & (self.samples - 1):
+            raise ValueError(
+                f"Settings: samples is {self.samples}; give a power of two"
             )
         if not 0 <= self.confident <= 1:
             raise ValueError(

@@ -59,4 +59,7 @@ def free_programs():
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and len(maps.read_bytes().splitlines()) > 25_000:
+        from jfsf.storage import _programs
+
+        _programs.known.clear()
         jax.clear_caches()

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given, settings
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
@@ -21,6 +22,8 @@ from jfsf.spectral import biharmonic, farthest_points, features, wks
 DEFAULT = SearchSettings()
 FEW = SearchSettings(assignments=20, far_candidates=3)
 SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
+OTHER = testing.blob_spectrum(1, DEFAULT.eigenpairs)
+DESC, OTHER_DESC = (wks(spec, num=5) for spec in (SPEC, OTHER))
 SAMPLES = farthest_points(SPEC, num=40)
 
 
@@ -113,8 +116,7 @@ def far(spec_x, spec_y, **options):
 
 
 def test_starts_from_extremities_find_the_identity():
-    desc = wks(SPEC, num=5)
-    found = far((SPEC, desc), (SPEC, desc))
+    found = far((SPEC, DESC), (SPEC, DESC))
     size = FEW.final_ks[0]
     lead = np.asarray(found.C_yx[:, :size, :size])
     assert np.abs(lead - np.eye(size)).max((1, 2)).min() < 0.1
@@ -122,15 +124,79 @@ def test_starts_from_extremities_find_the_identity():
 
 
 def test_candidates_ignore_padding_and_units():
-    other = testing.blob_spectrum(1, DEFAULT.eigenpairs)
-    pair = [(SPEC, wks(SPEC, num=5)), (other, wks(other, num=5))]
-    found = far(*pair)
-    (x, desc), y = pair
+    (x, desc), y = (SPEC, DESC), (OTHER, OTHER_DESC)
+    found = far((x, desc), y)
     padded = jax.tree.map(jnp.asarray, pad(x, len(x.mass) + 9, len(x.faces) + 5))
     rows = jnp.pad(desc, ((0, 9), (0, 0)))
     # A shape of area 1 has no unit left in its spectrum, only in its vertices.
     for side in ((padded, rows), (x._replace(vertices=3 * x.vertices), desc)):
         np.testing.assert_allclose(far(side, y).C_yx, found.C_yx, atol=1e-4)
+
+
+def mirrored(spec):
+    image = spec.vertices * jnp.array([-1.0, 1.0, 1.0])[None]
+    return spec._replace(vertices=image, faces=spec.faces[:, ::-1])
+
+
+@given(testing.permutations(162), testing.permutations(162))
+@settings(max_examples=3)
+def test_candidates_ignore_the_order_of_vertices(by_x, by_y):
+    sides = (SPEC, DESC, by_x), (OTHER, OTHER_DESC, by_y)
+    turned = [(testing.relabel_spectrum(s, by), d[by]) for s, d, by in sides]
+    plain = far((SPEC, DESC), (OTHER, OTHER_DESC)).C_yx
+    np.testing.assert_allclose(far(*turned).C_yx, plain, atol=1e-6)
+
+
+@given(testing.signs(DEFAULT.eigenpairs), testing.signs(DEFAULT.eigenpairs))
+@settings(max_examples=3)
+def test_candidates_follow_the_signs_of_eigenvectors(by_x, by_y):
+    flipped = testing.flip_signs(SPEC, by_x), testing.flip_signs(OTHER, by_y)
+    plain = far((SPEC, DESC), (OTHER, OTHER_DESC)).C_yx
+    found = far((flipped[0], DESC), (flipped[1], OTHER_DESC)).C_yx
+    wanted = jax.vmap(lambda C: testing.flip_map(C, by_x, by_y))(plain)
+    np.testing.assert_allclose(found, wanted, atol=1e-6)
+
+
+@given(testing.motions())
+@settings(max_examples=3)
+def test_candidates_ignore_motion(motion):
+    turn, shift = map(jnp.asarray, motion)
+    moved = SPEC._replace(vertices=SPEC.vertices @ turn.T + shift[None])
+    plain = far((SPEC, DESC), (OTHER, OTHER_DESC)).C_yx
+    found = far((moved, DESC), (OTHER, OTHER_DESC)).C_yx
+    np.testing.assert_allclose(found, plain, atol=1e-5)
+
+
+def test_candidates_of_mirror_images():
+    x, y = (SPEC, DESC), (OTHER, OTHER_DESC)
+    image_x, image_y = (mirrored(SPEC), DESC), (mirrored(OTHER), OTHER_DESC)
+    for plain, same in (
+        (far(x, y), far(image_x, image_y)),
+        (far(x, y), far(image_x, y, orientation="reverse")),
+        (far(x, y, orientation="reverse"), far(x, image_y)),
+    ):
+        np.testing.assert_allclose(same.C_yx, plain.C_yx, atol=1e-6)
+        np.testing.assert_allclose(same.energy, plain.energy, atol=1e-6)
+
+
+def test_candidates_under_vmap():
+    pairs = ((SPEC, DESC), (OTHER, OTHER_DESC)), ((OTHER, OTHER_DESC), (SPEC, DESC))
+    together = jax.vmap(far)(
+        *(testing.stack(list(sides)) for sides in zip(*pairs, strict=True))
+    )
+    for i, pair in enumerate(pairs):
+        np.testing.assert_allclose(together.C_yx[i], far(*pair).C_yx, atol=1e-5)
+
+
+def test_exchanged_shapes_have_transposed_candidates():
+    """Each way finds the other's best map, if shapes are alike."""
+    near = testing.blob_spectrum(0, DEFAULT.eigenpairs)
+    near = near._replace(vertices=near.vertices * jnp.array([1.0, 1.0, 1.02])[None])
+    there, back = far((SPEC, DESC), (near, DESC)), far((near, DESC), (SPEC, DESC))
+    best_there, best_back = (
+        found.C_yx[jnp.argmin(found.energy), :20, :20] for found in (there, back)
+    )
+    np.testing.assert_allclose(best_there, best_back.T, atol=0.05)
 
 
 def test_numbers_that_do_not_fit_are_an_error():

@@ -55,24 +55,21 @@ def run(function, *args, **options):
 
 def ask(scale=4.0, at=2):
     halves = Halves(jnp.arange(5.0), None)
-    return run(split, halves, scale, records=(Halves,), at=at)
+    return run(split, halves, scale, at=at)
 
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
     """Programs are kept in this folder, and none is known yet."""
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
-    before = jax.config.values["jax_compilation_cache_dir"]
-    jax.config.update("jax_compilation_cache_dir", str(tmp_path / "xla"))
-    _programs._lowered.cache_clear()
+    _programs.known.clear()
     traced.clear()
     yield tmp_path / "jfsf"
-    jax.config.update("jax_compilation_cache_dir", before)
-    _programs._lowered.cache_clear()
+    _programs.known.clear()
 
 
 def another_process():
-    _programs._lowered.cache_clear()
+    _programs.known.clear()
     traced.clear()
 
 
@@ -120,7 +117,7 @@ def test_settings_are_part_of_the_name(kept):
     x = jnp.ones(2)
     for _ in range(2):
         for settings in (Settings(), Settings(bend_rounds=3)):
-            storage.compile_ahead(described, x, records=(), settings=settings)
+            storage.compile_ahead(described, x, settings=settings)
         another_process()
     assert len(list(kept.iterdir())) == 2
 
@@ -132,11 +129,11 @@ def described(x, *, settings):
 def test_a_program_with_code_from_elsewhere_is_not_kept(kept):
     # Its name could not tell when that code has changed.
     settings = Settings(converter=doubled)
-    assert run(with_settings, jnp.ones(()), records=(), settings=settings) == 2
+    assert run(with_settings, jnp.ones(()), settings=settings) == 2
     assert not kept.exists()
 
 
-def test_a_damaged_program_is_lowered_again(kept):
+def test_a_damaged_program_is_compiled_again(kept):
     ask()
     (file,) = kept.iterdir()
     whole = bytearray(file.read_bytes())
@@ -153,31 +150,41 @@ def loud(x):
 
 
 def test_what_cannot_be_kept_runs(kept):
-    assert run(loud, jnp.ones(()), records=()) == 2
+    assert run(loud, jnp.ones(())) == 2
     assert not kept.exists()
 
 
 def test_it_keeps_nothing_unasked(kept):
     halves = Halves(jnp.arange(5.0), None)
-    run(split, halves, 4.0, records=(Halves,), keep=False, at=2)
+    run(split, halves, 4.0, keep=False, at=2)
     assert not kept.exists()
 
 
-def test_nothing_is_kept_where_jax_keeps_nothing(tmp_path, monkeypatch):
-    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
-    assert not jax.config.values["jax_compilation_cache_dir"]
+def test_what_jax_prints_or_keeps_is_no_part_of_the_name(kept, monkeypatch):
+    ask()
+    for name, value in (
+        ("jax_compilation_cache_dir", str(kept.parent / "xla")),
+        ("jax_logging_level", "ERROR"),
+    ):
+        monkeypatch.setitem(jax.config.values, name, value)
+    another_process()
+    ask()
+    assert not traced and len(list(kept.iterdir())) == 1
+
+
+def test_a_folder_that_cannot_be_made_is_no_error(kept, monkeypatch):
+    (kept.parent / "file").write_text("")
+    monkeypatch.setenv("JFSF_CACHE", str(kept.parent / "file" / "jfsf"))
     np.testing.assert_allclose(ask().low, [0, 2])
-    assert not (tmp_path / "jfsf").exists()
 
 
-def test_a_new_process_runs_what_another_lowered(tmp_path, monkeypatch):
+def test_a_new_process_runs_what_another_compiled(tmp_path, monkeypatch):
     # In one that has not lowered any, a factorisation would crash.
     script = f"""
 import sys
 from pathlib import Path
 import jax
 jax.config.update("jax_enable_x64", True)
-jax.config.update("jax_compilation_cache_dir", {str(tmp_path / "xla")!r})
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 import test_programs
 print(test_programs.ask().low, test_programs.traced)

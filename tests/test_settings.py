@@ -26,6 +26,7 @@ def test_each_field_counts(name):
         "features": FeatureSettings(wks_step=4),
         "search": SearchSettings(samples=200),
         "ks": (30, 60),
+        "samples": 512,
         "zoomout": jfsf.ZoomOutSettings(slack=0.1),
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(beam=32),
@@ -71,6 +72,7 @@ def test_every_number_is_explained():
         ({"k": 100}, "k is 100, but ks ends at 128"),
         ({"bend_rounds": -1}, "bend_rounds is -1"),
         ({"samples": 0}, "samples 0"),
+        ({"samples": 4000}, "samples is 4000; give a power of two"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),
     ],
 )

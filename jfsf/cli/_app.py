@@ -3,8 +3,6 @@
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
 """
 
-import os
-import warnings
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -108,7 +106,7 @@ def demo(
     """
     from jfsf.cli._demo import measure, table, write
 
-    _keep_compiled(ctx, True)
+    _hush_xla(ctx)
     out.mkdir(parents=True, exist_ok=True)
     with _status("starting ...") as status:
         result = measure(*pair, lambda step: status.update(f"{step} ..."))
@@ -170,7 +168,7 @@ def match(
     pairs = None
     if landmarks is not None:
         pairs = read_landmarks(landmarks, (index_x, index_y))
-    _keep_compiled(ctx, not no_cache)
+    _hush_xla(ctx)
     with _status("matching (the first time, this compiles) ...") as status:
         found = match_meshes(
             mesh_x,
@@ -235,22 +233,14 @@ def info(
     console.print(f"can be matched{notes}", soft_wrap=True)
 
 
-def _keep_compiled(ctx: typer.Context, cache: bool) -> None:
+def _hush_xla(ctx: typer.Context) -> None:
     # Only `main` sets obj. Anyone else who runs `app` keeps their settings of jax.
-    if not cache or ctx.find_root().obj is None:
-        return
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
+    if ctx.find_root().obj is None:
         return
     import jax
 
-    from jfsf.storage import folder
-
-    jax.config.update("jax_compilation_cache_dir", str(folder() / "xla"))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
-    # XLA logs an error about its own tuning flags for each program it loads.
+    # XLA logs a warning for each program that it loads.
     jax.config.update("jax_logging_level", "CRITICAL")
-    # If the cache cannot be read or written, the command runs without it.
-    warnings.filterwarnings("ignore", "Error (reading|writing) persistent compilation")
 
 
 def _status(text: str):

@@ -1,7 +1,6 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
 import json
-import os
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -21,6 +20,7 @@ from jfsf.cli._summary import (
 )
 
 SETTINGS = "settings.json"
+QUIET = {"JAX_LOGGING_LEVEL": "CRITICAL"}  # XLA logs a line for each program it loads
 
 
 def batch(
@@ -79,7 +79,7 @@ def batch(
         "largest_component": largest_component,
     }
     rows = {}
-    with connect(scheduler, workers=workers, env=_environment()) as client:
+    with connect(scheduler, workers=workers, env=QUIET) as client:
         _begin(out, options)
         with _bars() as bars:
             shapes = bars.add_task("spectra", total=None)
@@ -165,19 +165,6 @@ def _begin(out: Path, options: dict) -> None:
     for part in out.glob("*.tmp"):
         part.unlink(missing_ok=True)
     write_text(path, json.dumps(options, indent=2) + "\n")
-
-
-def _environment() -> dict[str, str]:
-    """Of the workers, so that they keep compiled programs as `jfsf match` does."""
-    if "JAX_COMPILATION_CACHE_DIR" in os.environ:
-        return {}
-    from jfsf.storage import folder
-
-    return {
-        "JAX_COMPILATION_CACHE_DIR": str(folder() / "xla"),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0.1",
-        "JAX_LOGGING_LEVEL": "CRITICAL",
-    }
 
 
 def _bars() -> Progress:

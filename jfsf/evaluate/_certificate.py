@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.array import matmul
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
 from jfsf.evaluate._landmarks import MISSED, landmark_distances, mean_distance
@@ -125,4 +126,4 @@ def _there_and_back(returned, spec: Spectrum, pairs: int):
     """Mean distance of a vertex from its image there and back; 1 for random images."""
     points = biharmonic(spec, pairs)
     moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
-    return spec.mass @ moved / mean_distance(points, spec.mass)
+    return matmul(spec.mass, moved) / mean_distance(points, spec.mass)

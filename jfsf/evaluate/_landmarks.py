@@ -3,6 +3,7 @@
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.array import matmul
 from jfsf.spectral import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Spectrum
 
@@ -32,5 +33,5 @@ def landmark_distances(
 
 def mean_distance(points: Float[Array, "n d"], mass: Float[Array, " n"]) -> Array:
     """Root mean squared distance of two random vertices: twice the variance."""
-    centre = mass @ points
-    return jnp.sqrt(2 * mass @ jnp.sum((points - centre[None]) ** 2, 1))
+    centre = matmul(mass, points)
+    return jnp.sqrt(2 * matmul(mass, jnp.sum((points - centre[None]) ** 2, 1)))

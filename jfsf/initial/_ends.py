@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.array import matmul
 from jfsf.refine import surface
 from jfsf.types import Spectrum
 
@@ -78,5 +79,5 @@ def looks(
     tiny = jnp.finfo(geodesics.dtype).tiny
     border = REACH * jnp.maximum(reach, tiny)[:, None]
     inside = jax.nn.sigmoid(SHARPNESS * (1 - geodesics / border))
-    slender = jnp.log(inside @ mass[:, None] + LEAST_AREA) - 2 * jnp.log(border)
-    return jnp.concatenate([slender, jnp.log(1 + inside @ curvedness)], 1)
+    slender = jnp.log(matmul(inside, mass[:, None]) + LEAST_AREA) - 2 * jnp.log(border)
+    return jnp.concatenate([slender, jnp.log(1 + matmul(inside, curvedness))], 1)

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import map_sides
+from jfsf.array import map_sides, matmul
 from jfsf.initial._ends import looks
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._settings import SearchSettings
@@ -28,7 +28,7 @@ def extremities(
     geodesics: Float[Array, "s s"], mass: Float[Array, " s"], *, num: int
 ) -> Int[Array, " num"]:
     """`num` samples far out: the largest mean distance, then farthest points."""
-    mean = geodesics @ mass
+    mean = matmul(geodesics, mass)
     real = mass > 0
     first = jnp.argmax(jnp.where(real, mean, -1))
 
@@ -68,7 +68,7 @@ def best_assignments(
     def side(samples: SearchSamples):
         geodesics, mass = samples.geodesics, samples.few.spec.mass
         share = mass / mass.sum()
-        mean = geodesics @ share
+        mean = matmul(geodesics, share)
         at = extremities(geodesics, share, num=settings.extremities)
         middle = jnp.argmin(jnp.where(mass > 0, mean, jnp.inf))
         far = geodesics[at]

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.array import matmul
 from jfsf.neighbours import neighbours
 from jfsf.spectral import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Spectrum
@@ -65,5 +66,5 @@ def sample_geodesics(
     found = jnp.minimum(found, longest)
     mass = jnp.zeros(num, spec.mass.dtype).at[cell].add(spec.mass)
     share = mass / mass.sum()
-    mean = share @ (found @ share)
+    mean = matmul(share, matmul(found, share))
     return found / jnp.where(mean > 0, mean, 1)

@@ -110,7 +110,7 @@ def _mismatch(x: Features, y: Features, T_xy, curvature_energy: float):
     size = jnp.maximum(size, jnp.finfo(other.dtype).tiny)
     mismatch = jnp.mean(jnp.abs(x.descriptors - other) / size, 1)
     curvature = jnp.mean((x.curvature - y.curvature[T_xy]) ** 2, 1)
-    return x.spec.mass @ (mismatch + curvature_energy * curvature)
+    return matmul(x.spec.mass, mismatch + curvature_energy * curvature)
 
 
 def dense_nearest(emb_x, emb_y, *_) -> Maps:

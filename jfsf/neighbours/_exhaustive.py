@@ -134,7 +134,7 @@ def valid_rows(points: Array, valid: Array | None) -> tuple[Array, Array]:
     # A product, because XLA does not vectorise a reduction along rows on a CPU. Any
     # precision will do.
     ones = jnp.ones(points.shape[1], points.dtype)
-    finite = jnp.matmul(0 * points, ones) == 0
+    finite = matmul(0 * points, ones) == 0
     valid = finite if valid is None else valid & finite
     return jnp.where(valid[:, None], points, 0), valid
 

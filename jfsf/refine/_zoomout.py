@@ -231,7 +231,7 @@ def _step(
         weight = jnp.ones(emb_x.shape[1], emb_x.dtype)
         weight = weight.at[width:].set(columns.extra_weight)
         if weighted:
-            differ = spec_x.mass @ (emb_x - emb_y[T_xy]) ** 2
+            differ = matmul(spec_x.mass, (emb_x - emb_y[T_xy]) ** 2)
             known = 1 / jnp.sqrt(differ + settings.slack)
             weight *= jnp.where(T_xy[0] < 0, 1, known)
         emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]

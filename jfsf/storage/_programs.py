@@ -1,20 +1,23 @@
 """Compile large programs early and in less time, and keep them on disk."""
 
+import hashlib
+import os
+import pickle
+import platform as machine
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
-from contextlib import suppress
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jax import export
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from jfsf.array import describe
-from jfsf.storage._cache import fetch, key
+from jfsf.storage._atomic import write_atomically
+from jfsf.storage._cache import folder, key
 
 PACKAGE = Path(__file__).parents[1]
 # All code that is traced, as it is at import: a file may have changed when a program is
@@ -29,6 +32,8 @@ CPU_OPTIONS = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
 }
+# The programs of this process.
+known: dict[tuple, "Program"] = {}
 
 
 @cache
@@ -40,34 +45,30 @@ def large_jit(function: Callable, platform: str, **static: Any) -> jax.stages.Wr
         platform: that it will run on; there are options for "cpu" only.
         static: `static_argnames` and `static_argnums`.
     """
-    options = _cpu_options() if platform == "cpu" else {}
-    return jax.jit(function, compiler_options=options, **static)
+    return jax.jit(function, compiler_options=_compiler_options(platform), **static)
 
 
-class Program(NamedTuple):
-    """A function lowered for arguments of some shapes.
+class Program:
+    """A function for arguments of some shapes, compiled or being compiled.
 
-    run: the function.
-    lowered: by jax, to be compiled.
+    Attributes:
+        result: shapes and types of what it returns, as `jax.ShapeDtypeStruct`.
     """
 
-    run: Callable
-    lowered: Any
-
-    @property
-    def result(self) -> Any:
-        """Shapes and types of what it returns."""
-        return self.lowered.out_info
+    def __init__(self, result: Any, compiled: Callable[[], Callable]) -> None:
+        """`compiled` waits for a function from leaves to leaves."""
+        self.result = result
+        self._compiled = compiled
 
     def __call__(self, *args: Any) -> Any:
         """What the function returns."""
-        return self.run(*args)
+        found = self._compiled()(*jax.tree.leaves(args))
+        return jax.tree.structure(self.result).unflatten(found)
 
 
 def compile_ahead(
     function: Callable,
     *args: Any,
-    records: tuple[type, ...],
     keep: bool = True,
     pool: Executor | None = None,
     **options: Any,
@@ -76,38 +77,33 @@ def compile_ahead(
 
     So a program can be compiled while its arguments are still being computed.
 
-    Where jax keeps compiled programs on disk (`jax_compilation_cache_dir`), a new
-    process still traces and lowers for seconds to find out which of them it needs. So
-    the lowered program is kept too, in the folder of `jfsf.storage.folder`. It is found
-    again by all that it depends on: the code of this package, the versions of jax, its
-    settings, the options and the shapes of the arguments. On a CPU only.
+    A compiled program is kept in the folder of `jfsf.storage.folder`: a new process
+    neither traces nor compiles it. It is found again by all that it depends on: the
+    code of this package, the versions of jax, its settings, the machine's processor,
+    the options and the shapes of the arguments. On one CPU device only.
 
     Args:
         function: of this package; the same object in each call.
         args: arrays, numbers, and records of them, or `jax.ShapeDtypeStruct` for
             arrays. Only shapes and types count.
-        records: the classes of NamedTuple among arguments and results.
         keep: False leaves the cache folder alone. So do options that hold a function
             from outside this package, whose code is not known.
-        pool: compiles it, beside the caller; it is ready when the pool is shut down.
+        pool: compiles it, beside the caller.
         options: static.
     """
-    platform = jax.default_backend()
-    config = jax.config.values
-    text = _describe_own(options)
-    keep = keep and platform == "cpu" and bool(config["jax_compilation_cache_dir"])
     leaves, tree = jax.tree.flatten(args)
-    shapes = tuple(map(jax.typeof, leaves))
-    static, named = (tuple(sorted(d.items())) for d in (options, config))
-    kept = None
-    if keep and text is not None:
-        kept = records, program_key(function, text, str(tree), shapes, repr(named))
-    found = _lowered(function, static, tree, shapes, kept, platform, repr(named))
-    if pool is None:
-        _compile(found.lowered)
-    else:
-        pool.submit(_compile, found.lowered)
-    return found
+    shapes = tuple(map(_shape, leaves))
+    static = tuple(sorted(options.items()))
+    config = _config()
+    text = _describe_own(options)
+    path = None
+    if keep and text is not None and [d.platform for d in jax.devices()] == ["cpu"]:
+        name = program_key(function, text, str(tree), shapes, config, _processor())
+        path = folder() / f"{name}.program"
+    asked = function, static, tree, shapes, config
+    if asked not in known:
+        known[asked] = _compiled(partial(function, **options), tree, shapes, path, pool)
+    return known[asked]
 
 
 def program_key(function: Callable, *parts: Any, code: str = CODE) -> str:
@@ -129,55 +125,91 @@ def supported(options: Mapping[str, Any]) -> dict[str, Any]:
     return known
 
 
-class _Lowered(NamedTuple):
-    program: np.ndarray  # bytes
+@cache
+def _compiler_options(platform: str) -> dict[str, Any]:
+    return supported(CPU_OPTIONS) if platform == "cpu" else {}
 
 
 @cache
-def _cpu_options() -> dict[str, Any]:
-    return supported(CPU_OPTIONS)
-
-
-@cache
-def _lowered(function, options, tree, shapes, kept, platform, _config) -> Program:
-    args = jax.tree.unflatten(tree, shapes)
-    program = partial(function, **dict(options))
-    if kept is not None:
-        program = _kept(program, args, *kept)
-    run = large_jit(program, platform)
-    return Program(run, run.lower(*args))
-
-
-@cache
-def _compile(lowered) -> None:
-    # jax finds what it compiled here when the program is called.
-    lowered.compile()
-
-
-def _kept(function, args, records, name) -> Callable:
-    """`function` as the first process that needed it has lowered it."""
-    for record in records:
-        _register(record)
-
-    def lower():
-        program = export.export(jax.jit(function))(*args)
-        return _Lowered(np.frombuffer(program.serialize(), np.uint8))
-
+def _processor() -> str:
+    """What machine code depends on beside XLA."""
     try:
-        found = fetch(name, _Lowered, lower)
-    except NotImplementedError:  # it cannot be exported: it prints, say
-        return function
-    # A program that was not lowered in this process has no LAPACK, and crashes (jax
-    # issue 29610).
-    jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
-    return export.deserialize(bytearray(found.program)).call
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        features = {line for line in lines if line.startswith(("flags", "Features"))}
+    except OSError:
+        features = {machine.processor()}
+    return repr((machine.machine(), sorted(features), os.environ.get("XLA_FLAGS")))
 
 
-def _register(record: type) -> None:
-    """Tell jax under which name a program on disk holds this record."""
-    name = f"{record.__module__}.{record.__qualname__}"
-    with suppress(ValueError):  # it has a name already
-        export.register_namedtuple_serialization(record, serialized_name=name)
+def _config() -> str:
+    """jax's settings, but for those of its own cache and of what it prints."""
+    other = "jax_compilation_cache", "jax_persistent_cache", "jax_log"
+    values = sorted(jax.config.values.items())
+    return repr([pair for pair in values if not pair[0].startswith(other)])
+
+
+def _shape(leaf) -> jax.ShapeDtypeStruct:
+    aval = jax.typeof(leaf)
+    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
+
+
+def _compiled(function, tree, shapes, path, pool) -> Program:
+    kept = None if path is None else _load(path, len(shapes))
+    if kept is not None:
+        return kept
+    trees = []
+
+    def flat(*leaves):
+        found, out = jax.tree.flatten(function(*jax.tree.unflatten(tree, leaves)))
+        trees.append(out)
+        return tuple(found)
+
+    options = _compiler_options(jax.default_backend())
+    lowered = jax.jit(flat, compiler_options=options).lower(*shapes)
+    result = trees[-1].unflatten(map(_shape, lowered.out_info))
+
+    def build():
+        compiled = lowered.compile()
+        if path is not None:
+            _save(path, result, compiled)
+        return compiled
+
+    if pool is None:
+        compiled = build()
+        return Program(result, lambda: compiled)
+    return Program(result, pool.submit(build).result)
+
+
+def _save(path: Path, result, compiled) -> None:
+    try:
+        payload = pickle.dumps((serialize(compiled)[0], result))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(path, lambda file: file.write(_digest(payload) + payload))
+    except Exception:  # not writable; or it calls Python, which jax refuses variously
+        pass
+
+
+def _load(path: Path, num: int) -> Program | None:
+    """The program of `num` arrays in the file; None for none, or a damaged one."""
+    try:
+        whole = path.read_bytes()
+        head = len(_digest(b""))
+        if whole[:head] != _digest(whole[head:]):
+            return None
+        # A process that has lowered no program has no LAPACK, and one that it loads
+        # crashes (jax issue 29610).
+        jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
+        payload, result = pickle.loads(whole[head:])
+        into = jax.tree.structure(((0,) * num, {}))
+        out = jax.tree.structure((0,) * len(jax.tree.leaves(result)))
+        compiled = deserialize_and_load(payload, into, out)
+    except Exception:  # of another version, whatever the name says
+        return None
+    return Program(result, lambda: compiled)
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
 
 
 def _describe_own(options: dict[str, Any]) -> str | None:
