@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -144,6 +145,30 @@ def test_a_damaged_program_is_compiled_again(kept):
     assert traced == [2]
 
 
+@pytest.mark.parametrize("ends_well", [True, False])
+def test_two_processes_compile_a_program_once(kept, monkeypatch, ends_well):
+    ask()
+    (path,) = kept.iterdir()
+    whole = path.read_bytes()
+    path.unlink()
+    another_process()
+    # The other process compiles, and this one waits for it; but not for ever.
+    monkeypatch.setattr(_programs, "PATIENCE", 60 if ends_well else 1)
+    release = _programs._lock(path)
+    with ThreadPoolExecutor(1) as pool:
+        found = pool.submit(ask)
+        with pytest.raises(TimeoutError):
+            found.result(timeout=0.5)
+        assert not traced
+        if ends_well:
+            path.write_bytes(whole)
+            release()
+        np.testing.assert_allclose(found.result().low, [0, 2])
+    assert traced == ([] if ends_well else [2])
+    release()
+    assert [path.suffix for path in kept.iterdir()] == [".program"]
+
+
 def loud(x):
     jax.debug.print("{}", x)
     return 2 * x
@@ -151,7 +176,7 @@ def loud(x):
 
 def test_what_cannot_be_kept_runs(kept):
     assert run(loud, jnp.ones(())) == 2
-    assert not kept.exists()
+    assert not list(kept.iterdir())
 
 
 def test_it_keeps_nothing_unasked(kept):

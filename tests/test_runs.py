@@ -194,8 +194,7 @@ def test_a_killed_worker_is_replaced(tmp_path):
     jobs = jobs_of(tmp_path, ["ab", "ac", "ad", "dd"], **texts)
     # Each death costs seconds: one is enough to suspect a job.
     once = dask.config.set({"distributed.scheduler.allowed-failures": 0})
-    with once, connect(workers=2, env={"JFSF_TEST": "1"}) as client:
-        assert client.submit(os.getenv, "JFSF_TEST").result() == "1"
+    with once, connect(workers=2) as client:
         found = outcomes(jobs, client)
     assert "KilledWorker: Attempted to run" in str(found["ab"].reason)
     for name in ("ac", "ad", "dd"):
@@ -229,7 +228,8 @@ def test_pairs_are_read(tmp_path):
     path = tmp_path / "pairs.csv"
     path.write_text(
         '\ufeffX, Y\n# both of one person\na.off, sub/b.off\n\n"c,d.off",/e/f.obj\n'
-        "a.off,sub/b.off\n../g.off,a.off\n",
+        "a.off,sub/b.off\n../g.off,a.off\n"
+        f"{tmp_path}/sub/b.off,{tmp_path.parent}/other/g.off\n",
         encoding="utf-8",
     )
     found = read_pairs(path)
@@ -237,11 +237,13 @@ def test_pairs_are_read(tmp_path):
         (tmp_path / "a.off", tmp_path / "sub/b.off"),
         (tmp_path / "c,d.off", Path("/e/f.obj")),
         (tmp_path / "../g.off", tmp_path / "a.off"),
+        (tmp_path / "sub/b.off", tmp_path.parent / "other/g.off"),
     ]
     assert [pair.name for pair in found] == [
         "a.off__sub-b.off",
         "c,d.off__e-f.obj",
         "g.off__a.off",
+        "sub-b.off__other-g.off",
     ]
 
 

@@ -16,7 +16,6 @@ def connect(
     scheduler: str | None = None,
     *,
     workers: int | None = None,
-    env: dict[str, str] | None = None,
     timeout: float = 20,
 ) -> "Iterator[Client]":
     """A dask client, closed on exit, together with its cluster if that is local.
@@ -26,7 +25,6 @@ def connect(
             started.
         workers: processes of the local cluster, each with one task at a time. When
             absent one a core, but no more than memory allows.
-        env: environment variables of the local workers, set before they start.
         timeout: seconds to wait for the scheduler.
 
     Raises:
@@ -68,7 +66,6 @@ def connect(
         # No limit for each: results are small, so there is nothing to spill to disk,
         # and a large mesh may need more than an equal part of the memory.
         memory_limit=0,
-        env=env or {},
     )
     with cluster, distributed.Client(cluster) as client:
         yield client

@@ -1,6 +1,7 @@
 """Lists of pairs: a CSV file with two mesh paths a line."""
 
 import csv
+import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ class Pair(NamedTuple):
     """Two meshes to match.
 
     x, y: the files.
-    name: made of both paths as they are written; unique in its list.
+    name: made of both paths, relative to the list's folder; unique in its list.
     """
 
     x: Path
@@ -51,7 +52,7 @@ def read_pairs(path: Path) -> list[Pair]:
         if not lines and all(cell.lower() in TITLES for cell in cells):
             continue
         x, y = cells
-        name = f"{_plain(x)}__{_plain(y)}"
+        name = "__".join(_plain(cell, path.parent) for cell in (x, y))
         found = Pair(path.parent / x, path.parent / y, name)
         first = lines.setdefault(found.name, number)
         if pairs.setdefault(found.name, found) != found:
@@ -64,7 +65,12 @@ def read_pairs(path: Path) -> list[Pair]:
     return list(pairs.values())
 
 
-def _plain(cell: str) -> str:
-    """A path as part of a file name; its folders keep equal file names apart."""
+def _plain(cell: str, folder: Path) -> str:
+    """A path as part of a file name; its folders keep equal file names apart.
+
+    Those that the path shares with the list's folder are left out.
+    """
+    if Path(cell).is_absolute() and cell[:1] == str(folder.absolute())[:1]:  # one drive
+        cell = os.path.relpath(cell, folder.absolute())
     parts = [part for part in Path(cell).parts if part not in ("..", "/", "\\")]
     return "-".join(part.replace(":", "") for part in parts)

@@ -66,8 +66,8 @@ UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture."
 
 
 def main() -> None:
-    """The entry point: `app`, which keeps compiled programs between processes."""
-    app(obj="keep compiled programs")
+    """The entry point."""
+    app()
 
 
 def _version(asked: bool) -> None:
@@ -92,7 +92,6 @@ def _options(
 
 @app.command()
 def demo(
-    ctx: typer.Context,
     pair: Annotated[
         tuple[str, str], typer.Option(help="Two embedded shapes, X and Y.")
     ] = ("man_walk", "man_up"),
@@ -106,7 +105,6 @@ def demo(
     """
     from jfsf.cli._demo import measure, table, write
 
-    _hush_xla(ctx)
     out.mkdir(parents=True, exist_ok=True)
     with _status("starting ...") as status:
         result = measure(*pair, lambda step: status.update(f"{step} ..."))
@@ -120,7 +118,6 @@ def demo(
 
 @app.command()
 def match(
-    ctx: typer.Context,
     x: MeshX,
     y: MeshY,
     out: Annotated[Path, typer.Option(help="The .npz to write.")],
@@ -168,7 +165,6 @@ def match(
     pairs = None
     if landmarks is not None:
         pairs = read_landmarks(landmarks, (index_x, index_y))
-    _hush_xla(ctx)
     with _status("matching (the first time, this compiles) ...") as status:
         found = match_meshes(
             mesh_x,
@@ -231,16 +227,6 @@ def info(
     elif one_sided(mesh):
         notes = "; it cannot be wound consistently, so left and right may be swapped"
     console.print(f"can be matched{notes}", soft_wrap=True)
-
-
-def _hush_xla(ctx: typer.Context) -> None:
-    # Only `main` sets obj. Anyone else who runs `app` keeps their settings of jax.
-    if ctx.find_root().obj is None:
-        return
-    import jax
-
-    # XLA logs a warning for each program that it loads.
-    jax.config.update("jax_logging_level", "CRITICAL")
 
 
 def _status(text: str):

@@ -20,7 +20,6 @@ from jfsf.cli._summary import (
 )
 
 SETTINGS = "settings.json"
-QUIET = {"JAX_LOGGING_LEVEL": "CRITICAL"}  # XLA logs a line for each program it loads
 
 
 def batch(
@@ -79,7 +78,7 @@ def batch(
         "largest_component": largest_component,
     }
     rows = {}
-    with connect(scheduler, workers=workers, env=QUIET) as client:
+    with connect(scheduler, workers=workers) as client:
         _begin(out, options)
         with _bars() as bars:
             shapes = bars.add_task("spectra", total=None)

@@ -4,13 +4,15 @@ import hashlib
 import os
 import pickle
 import platform as machine
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from contextlib import contextmanager, suppress
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import filelock
 import jax
 import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
@@ -32,6 +34,8 @@ CPU_OPTIONS = {
     "xla_cpu_use_fusion_emitters": False,
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
 }
+# Seconds to wait for another process that compiles the same program.
+PATIENCE = 120
 # The programs of this process.
 known: dict[tuple, "Program"] = {}
 
@@ -78,9 +82,10 @@ def compile_ahead(
     So a program can be compiled while its arguments are still being computed.
 
     A compiled program is kept in the folder of `jfsf.storage.folder`: a new process
-    neither traces nor compiles it. It is found again by all that it depends on: the
-    code of this package, the versions of jax, its settings, the machine's processor,
-    the options and the shapes of the arguments. On one CPU device only.
+    neither traces nor compiles it, and of several processes that ask for it at a time
+    one compiles. It is found again by all that it depends on: the code of this package,
+    the versions of jax, its settings, the machine's processor, the options and the
+    shapes of the arguments. On one CPU device only.
 
     Args:
         function: of this package; the same object in each call.
@@ -157,6 +162,12 @@ def _compiled(function, tree, shapes, path, pool) -> Program:
     kept = None if path is None else _load(path, len(shapes))
     if kept is not None:
         return kept
+    release = _lock(path) if path is not None else lambda: None
+    # Another process may have compiled it by now.
+    kept = None if path is None else _load(path, len(shapes))
+    if kept is not None:
+        release()
+        return kept
     trees = []
 
     def flat(*leaves):
@@ -165,19 +176,48 @@ def _compiled(function, tree, shapes, path, pool) -> Program:
         return tuple(found)
 
     options = _compiler_options(jax.default_backend())
-    lowered = jax.jit(flat, compiler_options=options).lower(*shapes)
+    try:
+        lowered = jax.jit(flat, compiler_options=options).lower(*shapes)
+    except BaseException:
+        release()
+        raise
     result = trees[-1].unflatten(map(_shape, lowered.out_info))
 
     def build():
-        compiled = lowered.compile()
-        if path is not None:
-            _save(path, result, compiled)
+        try:
+            compiled = lowered.compile()
+            if path is not None:
+                _save(path, result, compiled)
+        finally:
+            release()
         return compiled
 
     if pool is None:
         compiled = build()
         return Program(result, lambda: compiled)
     return Program(result, pool.submit(build).result)
+
+
+def _lock(path: Path) -> Callable[[], None]:
+    """Wait until no other process compiles this program; returns what lets them go on.
+
+    In a folder without locks several compile the same: slower, and no less right.
+    """
+    at = path.with_suffix(".lock")
+    # Another thread than this one may release it.
+    lock = filelock.FileLock(at, timeout=PATIENCE, thread_local=False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except (OSError, NotImplementedError):  # `filelock.Timeout` is an OSError
+        return lambda: None
+
+    def release():
+        with suppress(OSError):
+            at.unlink()  # who waits for it will find the program
+        lock.release()
+
+    return release
 
 
 def _save(path: Path, result, compiled) -> None:
@@ -202,10 +242,27 @@ def _load(path: Path, num: int) -> Program | None:
         payload, result = pickle.loads(whole[head:])
         into = jax.tree.structure(((0,) * num, {}))
         out = jax.tree.structure((0,) * len(jax.tree.leaves(result)))
-        compiled = deserialize_and_load(payload, into, out)
+        with _without_messages():
+            compiled = deserialize_and_load(payload, into, out)
     except Exception:  # of another version, whatever the name says
         return None
     return Program(result, lambda: compiled)
+
+
+@contextmanager
+def _without_messages() -> Iterator[None]:
+    """XLA logs two long lines for each program that it loads, which mean nothing."""
+    name = "jax_logging_level"
+    before = jax.config.values[name]
+    levels = dict(enumerate(("INFO", "WARNING", "ERROR", "CRITICAL")))
+    # jax sets nothing back to "not set", so first to what it had from the environment.
+    cpp = levels.get(int(os.environ.get("TF_CPP_MIN_LOG_LEVEL") or 1), "WARNING")
+    jax.config.update(name, "CRITICAL")
+    try:
+        yield
+    finally:
+        jax.config.update(name, cpp)
+        jax.config.update(name, before)
 
 
 def _digest(data: bytes) -> bytes:
