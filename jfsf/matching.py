@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
-from jfsf.array import pad, padded_size
+from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import MeshError, orient, validate
@@ -267,15 +267,15 @@ def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
 
 
 def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
-    """Few sizes, so few programs; `jfsf.batch.padded_pair` has still fewer."""
+    """Few sizes, so few programs."""
     meshes = list(meshes)
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes)
     # A closed surface has twice as many faces as vertices, so one number serves both.
     wanted = [max(len(m.vertices), -(-len(m.faces) // 2)) for m in meshes]
-    sizes = [padded_size(n, per_doubling=4) for n in wanted]
-    # One size for both is half the program. For very different shapes it would be
-    # twice the work.
-    if max(sizes) <= 2 * min(sizes):
+    sizes = list(map(common_size, wanted))
+    # One size for both is half the program, and fewer programs over many pairs. For
+    # very different shapes it would be far more work.
+    if max(sizes) <= 4 * min(sizes):
         sizes = [max(sizes)] * len(sizes)
     # Beside a mesh, a point cloud is padded with faces as meshes are: one program.
     faces = any(len(mesh.faces) for mesh in meshes)

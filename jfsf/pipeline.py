@@ -7,8 +7,8 @@
 | `best_candidate` | these samples of both | the best map that the search finds |
 | `other_starts` | these samples of both | maps for shapes of other proportions |
 | `kept_landmarks` | features, a map | features without landmarks it misses |
-| `given_map` | features, a map of anyone | the same as the best, without a search |
-| `refinement_samples` | features | the same at samples, for large shapes |
+| `given_map` | spectra, a map of anyone | the same as the best, without a search |
+| `refinement_samples` | features | what the refinement reads of it |
 | `refine` | features, C_yx | C_yx in a larger basis |
 | `pair_tiles` | spectra | tiles for the search of neighbours in large shapes |
 | `bend` | spectra, C_yx | aligned embeddings |
@@ -17,11 +17,10 @@
 | `jfsf.evaluate.certify` | all of these | evidence |
 
 `features` takes `Settings.features`, the two stages of the search `Settings.search`,
-the others of this module the whole `Settings`. `run_stages` has all in order.
-
-`best_candidate` always reads equally many samples, so its program does not depend on
-the number of vertices, nor does the refinement's above `Settings.samples_above`.
-All others do.
+the others of this module the whole `Settings`. `run_stages` has all in order, as few
+programs: `ShapeSamples` is all that search and refinement read of a shape, equally many
+samples whatever its size. So their programs, most of what is compiled, serve all sizes.
+Two others are compiled for each size: the one before these, and all that follows.
 
 This file is long because it has all stages one below the other.
 """
@@ -51,6 +50,7 @@ from jfsf.refine import arap, zoomout
 from jfsf.settings import Settings
 from jfsf.spectral import (
     Features,
+    brackets,
     embeddings,
     features,
     functional_map,
@@ -62,6 +62,17 @@ from jfsf.spectral import (
 from jfsf.types import Filtered, Maps, Match, Spectrum, Tiles
 
 Pair = tuple[Tiles, Tiles]
+
+
+class ShapeSamples(NamedTuple):
+    """All that is read of a shape before its map is bent.
+
+    search: see `search_samples`.
+    refinement: see `refinement_samples`.
+    """
+
+    search: SearchSamples
+    refinement: Features
 
 
 class InitialMap(NamedTuple):
@@ -225,54 +236,41 @@ def run_stages(
     """
     at_x, at_y = landmarks or (None, None)
     desc_x, desc_y = descriptors or (None, None)
-    x, y = run_sides(
-        partial(_features, settings=settings.features),
-        (spec_x, desc_x, None, self_map),
-        (spec_y, desc_y, None, self_map),
-    )
     found = settings.search.final_ks[-1]
     if initial is None and settings.ks[0] > found:
         raise ValueError(
             f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
             f"of {found} functions; begin with {found} or fewer"
         )
-    sampled = partial(search_samples, settings=settings.search)
-    samples = run_sides(sampled, (x,), (y,))
-    # The first search does not know the landmarks, so it cannot be misled by them.
-    known = x, y
-    if landmarks is not None:
-        known = run_sides(
-            partial(_features, settings=settings.features),
+    pair = spec_x, spec_y
+
+    def samples_of_both(at_x, at_y):
+        return run_sides(
+            partial(shape_samples, settings=settings),
             (spec_x, desc_x, at_x, self_map),
             (spec_y, desc_y, at_y, self_map),
         )
 
+    x, y = samples_of_both(None, None)
+    samples = x.search, y.search
+    # The first search does not know the landmarks, so it cannot be misled by them.
+    known_x, known_y = (x, y) if landmarks is None else samples_of_both(at_x, at_y)
+
     def attempt(start: InitialMap) -> Match:
-        sides = known
+        sides = known_x.refinement, known_y.refinement
         if landmarks is not None:
             stage = partial(kept_landmarks, settings=settings)
-            sides = run(stage, *known, start.C_yx, at_x, at_y)
-        if max(len(side.spec.mass) for side in sides) > settings.samples_above:
-            stage = partial(refinement_samples, settings=settings)
-            sides = run_sides(stage, *((side,) for side in sides))
+            sides = run(stage, *sides, *pair, start.C_yx, at_x, at_y)
         C_yx = run(partial(_refined, settings=settings), *sides, start)
-        return finish(C_yx, start)
+        finish = partial(_finished, settings=settings)
+        return run(finish, *pair, C_yx, start, samples, sign, landmarks)
 
-    def finish(C_yx, start: InitialMap) -> Match:
-        pair = x.spec, y.spec
-        tiles = run(partial(pair_tiles, settings=settings), *pair)
-        embs = run(partial(_bent, settings=settings), *pair, C_yx, start, tiles)
-        maps = run(partial(convert, settings=settings), *embs, *pair, tiles)
-        certified = partial(_certified, settings=settings)
-        evidence = start.gap, samples, sign, landmarks
-        return run(certified, maps, *embs, *pair, *evidence)
-
-    def candidate(samples) -> InitialMap:
+    def candidate(*samples) -> InitialMap:
         stage = partial(best_candidate, settings=settings.search)
         return run(stage, *samples, sign, self_map)
 
     def guided() -> InitialMap:
-        return candidate(run_sides(sampled, *((side,) for side in known)))
+        return candidate(known_x.search, known_y.search)
 
     def far() -> InitialMap:
         stage = partial(other_starts, settings=settings.search)
@@ -283,34 +281,59 @@ def run_stages(
         others.insert(0, lambda: jax.tree.map(lambda a: a[None], guided()))
 
     if initial is not None:
-        return attempt(run(partial(given_map, settings=settings), x, y, initial))
+        return attempt(run(partial(given_map, settings=settings), *pair, initial))
     if not settings.confident:
-        return attempt(guided() if landmarks is not None else candidate(samples))
-    return most_confident(attempt, candidate(samples), others, settings.confident)
-
-
-def _features(spec, descriptors, landmarks, self_map, *, settings):
-    return features(spec, descriptors, landmarks, self_map=self_map, settings=settings)
+        return attempt(guided())
+    return most_confident(attempt, candidate(*samples), others, settings.confident)
 
 
 def _refined(x, y, start: InitialMap, *, settings):
     return refine(x, y, start.C_yx, start.sign, settings=settings)
 
 
-def _bent(spec_x, spec_y, C_yx, start: InitialMap, tiles, *, settings):
-    return bend(spec_x, spec_y, C_yx, start.sign, tiles, settings=settings)
-
-
-def _certified(maps, emb_x, emb_y, spec_x, spec_y, *evidence, settings) -> Match:
+def _finished(
+    spec_x, spec_y, C_yx, start: InitialMap, *evidence, settings: Settings
+) -> Match:
+    pair = spec_x, spec_y
+    tiles = pair_tiles(*pair, settings=settings)
+    embs = bend(*pair, C_yx, start.sign, tiles, settings=settings)
+    maps = convert(*embs, *pair, tiles, settings=settings)
     k = min(len(spec_x.evals), len(spec_y.evals))
     C_yx = functional_map(maps.T_xy, truncate(spec_x, k), spec_y)
     certificate = certify(
-        *(maps, emb_x, emb_y, C_yx, spec_x, spec_y),
+        *(maps, *embs, C_yx, *pair, start.gap),
         *evidence,
         oriented_functions=settings.features.oriented_functions,
         distance_pairs=settings.distance_pairs,
     )
     return Match(*maps_of(maps), C_yx, certificate)
+
+
+@partial(jax.jit, static_argnames="settings")
+def shape_samples(
+    spec: Spectrum,
+    descriptors: Float[Array, "n d"] | None = None,
+    landmarks: Int[Array, " l"] | None = None,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: Settings = Settings(),
+) -> ShapeSamples:
+    """`features`, `search_samples` and `refinement_samples` of one shape.
+
+    Args:
+        spec, descriptors, landmarks, self_map: as `jfsf.spectral.features`.
+        settings: of all three.
+
+    Raises:
+        ValueError: as they do.
+    """
+    whole = features(
+        spec, descriptors, landmarks, self_map=self_map, settings=settings.features
+    )
+    return ShapeSamples(
+        search_samples(whole, settings=settings.search),
+        refinement_samples(whole, settings=settings),
+    )
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -375,8 +398,8 @@ def other_starts(
 
 @partial(jax.jit, static_argnames="settings")
 def given_map(
-    x: Features,
-    y: Features,
+    spec_x: Spectrum,
+    spec_y: Spectrum,
     initial: Float[Array, "k_x k_y"] | Int[Array, " n_x"],
     *,
     settings: Settings = Settings(),
@@ -384,7 +407,7 @@ def given_map(
     """A map of anyone, in place of the search's.
 
     Args:
-        x, y: features of both shapes, whole.
+        spec_x, spec_y: both shapes.
         initial: C_yx, or T_xy as integers.
         settings: C_yx is cut to as many functions as the search finds, or as `ks`
             begin with: so all starts share the program of the refinement.
@@ -393,9 +416,11 @@ def given_map(
         ValueError: an initial map that does not fit the shapes.
     """
     size = max(settings.ks[0], settings.search.final_ks[-1])
-    C_yx = _functional_map_of(initial, x.spec, y.spec, size)[:size, :size]
+    C_yx = _functional_map_of(initial, spec_x, spec_y, size)[:size, :size]
     pulled_back = settings.search.zoomout.pulled_back
-    score = orientation_score(C_yx, x.brackets, y.brackets, pulled_back=pulled_back)
+    k = min(settings.features.oriented_functions, len(spec_x.evals), len(spec_y.evals))
+    on_x, on_y = (brackets(spec, k=k) for spec in (spec_x, spec_y))
+    score = orientation_score(C_yx, on_x, on_y, pulled_back=pulled_back)
     return InitialMap(C_yx, jnp.asarray(score), jnp.full((), jnp.nan, C_yx.dtype))
 
 
@@ -403,6 +428,8 @@ def given_map(
 def kept_landmarks(
     x: Features,
     y: Features,
+    spec_x: Spectrum,
+    spec_y: Spectrum,
     C_yx: Float[Array, "k_x k_y"],
     at_x: Int[Array, " l"],
     at_y: Int[Array, " l"],
@@ -414,17 +441,18 @@ def kept_landmarks(
     One wrong landmark among several is so not obeyed.
 
     Args:
-        x, y: features made with these landmarks.
+        x, y: features made with these landmarks, whole or at samples.
+        spec_x, spec_y: both shapes, whole.
         C_yx: the map, with which the refinement starts.
         at_x, at_y: vertices of X, and their partners.
         settings: `distance_pairs`, `features`.
     """
-    emb_x, emb_y = embeddings(C_yx, x.spec.evecs, y.spec.evecs, space="direct")
+    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     near = matmul(emb_x[at_x], emb_y.T) - jnp.sum(emb_y**2, 1)[None] / 2
-    real = y.spec.mass > 0
+    real = spec_y.mass > 0
     images = jnp.argmax(jnp.where(real[None], near, -jnp.inf), 1)
     pairs = settings.distance_pairs
-    far = landmark_distances(images, at_y, y.spec, distance_pairs=pairs)
+    far = landmark_distances(images, at_y, spec_y, distance_pairs=pairs)
     # The last descriptors are those of the landmarks, curvature follows them.
     keep = jnp.repeat(far <= MISSED, settings.features.landmark_times)
     end = x.descriptors.shape[1]
@@ -450,13 +478,18 @@ def refinement_samples(
 ) -> Features:
     """Features that the refinement reads: of samples if the shape is large.
 
-    As many whatever the size, so the refinement is one program for all large shapes.
+    As many whatever the size, so the refinement is one program for all large shapes. A
+    shape that has fewer vertices is there whole, with padding.
     """
     spec, pairs = features.spec, settings.distance_pairs
     if len(spec.mass) <= settings.samples_above:
         return features
     num = min(settings.samples, len(spec.mass))
+    real = spec.mass > 0
+    every = jnp.argsort(~real)[:num].astype(jnp.int32)
     chosen = tile_points(spec, num=num, distance_pairs=pairs)
+    if len(chosen) == num:
+        chosen = jnp.asarray(jnp.where(real.sum() <= num, every, chosen))
     return features.at(chosen, distance_pairs=pairs)
 
 

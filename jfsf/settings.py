@@ -70,7 +70,7 @@ class Settings:
     tiles_above: int = 2000
     samples_above: int = 4096
     samples: int = 4096
-    exhaustive_up_to: int = 20_000
+    exhaustive_up_to: int = 20_480
     min_recall: float = 0.95
     distance_pairs: int = DISTANCE_PAIRS
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.array import pad, padded_size
+from jfsf.array import common_size, pad
 from jfsf.convert import nearest, sinkhorn
 from jfsf.pipeline import match_spectra
 from jfsf.refine import zoomout
@@ -273,7 +273,7 @@ def test_match_spectra_is_the_loop(batch_size):
     quick = Settings(search=SearchSettings(hypotheses=61))
     found = batch.match_spectra(xs, ys, settings=quick, batch_size=batch_size)
     for x, y, ours in zip(xs, ys, found, strict=True):
-        size = padded_size(max(len(x.mass), len(y.mass)), per_doubling=2)
+        size = common_size(max(len(x.mass), len(y.mass)))
         padded = (pad(spec, size, 2 * size) for spec in truncate_pair(x, y))
         theirs = match_spectra(*padded, settings=quick)
         # Sums under vmap round otherwise, which decides ties between near vertices.

@@ -32,7 +32,7 @@ def test_columns_of_a_missed_landmark_are_dropped():
     at_y = at_x.at[1].set(jnp.argmax(square))
     x, y = features(SPEC, landmarks=at_x), features(SPEC, landmarks=at_y)
     C_yx = jnp.eye(SETTINGS.search.final_ks[-1])
-    kept = kept_landmarks(x, y, C_yx, at_x, at_y, settings=SETTINGS)
+    kept = kept_landmarks(x, y, SPEC, SPEC, C_yx, at_x, at_y, settings=SETTINGS)
     times = SETTINGS.features.landmark_times
     end = x.descriptors.shape[1]
     missed = slice(end - 2 * times, end - times)

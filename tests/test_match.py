@@ -247,12 +247,41 @@ def test_the_orientation_may_be_traced():
     assert compiled() == before
 
 
-def test_the_program_of_the_search_serves_all_sizes():
+def test_the_programs_of_search_and_refinement_serve_all_sizes():
     def samples(n):
         shape = matching._spectrum_like(matching._Size(128, n, 2 * n))
-        return jax.eval_shape(lambda spec: search_samples(features(spec)), shape)
+        return jax.eval_shape(pipeline.shape_samples, shape)
 
-    assert samples(5120) == samples(8192)
+    assert samples(5120) == samples(10240)
+
+
+def test_a_folder_of_many_sizes_needs_twelve_programs():
+    rng = np.random.default_rng(0)
+    programs = {}
+
+    def run(stage, *args):
+        leaves, tree = jax.tree.flatten(args)
+        shapes = [(x.shape, x.dtype) for x in map(jax.typeof, leaves)]
+        asked = stage.func, tree, *shapes
+        if asked not in programs:
+            programs[asked] = jax.eval_shape(stage, *args)
+        return programs[asked]
+
+    def all_starts(attempt, first, others, confident):
+        for make in others:
+            make()
+        return attempt(first)
+
+    settings = Settings()
+    given = matching._Given(None, None, None, 1, False)
+    for _ in range(100):
+        n = rng.integers(2600, 25_600, 2)
+        if max(n) > 4 * min(n):
+            continue
+        meshes = [Mesh(np.zeros((m, 3)), np.zeros((2 * m - 4, 3), int)) for m in n]
+        pair = map(matching._spectrum_like, matching._padded_sizes(meshes, settings))
+        matching._run_stages(*pair, given, settings, run, all_starts)
+    assert 9 <= len(programs) <= 12
 
 
 def test_a_cloud_has_no_left_and_right():
@@ -460,7 +489,7 @@ def test_stage_by_stage_is_match():
     spec_x, spec_y = specs()
     x, y, found = searched()
     assert found.energy[0] <= found.energy[1]
-    start = pipeline.given_map(x, y, found.C_yx[0])
+    start = pipeline.given_map(spec_x, spec_y, found.C_yx[0])
     assert start.sign == 1
     np.testing.assert_allclose(start.orientation, found.orientation[0], atol=1e-6)
     few = map(pipeline.refinement_samples, (x, y))

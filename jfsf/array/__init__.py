@@ -10,7 +10,7 @@ Read in this order:
 - `_padding`: common sizes, so that one compiled program serves many meshes
 """
 
-from jfsf.array._padding import pad, padded_size
+from jfsf.array._padding import common_size, pad, padded_size
 from jfsf.array._precision import HIGHEST, einsum, matmul, safe_divide
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
@@ -21,6 +21,7 @@ __all__ = [
     "HIGHEST",
     "TOP_K_LIMIT",
     "argmax",
+    "common_size",
     "describe",
     "einsum",
     "map_sides",

@@ -1,6 +1,6 @@
 """Conversion, refinement, search and the whole pipeline over many pairs of shapes.
 
-Pairs of unequal sizes are padded to a few common ones (`jfsf.array.padded_size`), so a
+Pairs of unequal sizes are padded to a few common ones (`jfsf.array.common_size`), so a
 hundred pairs of mixed sizes cost a handful of compilations. Results come back unpadded,
 as numpy arrays in the order of the pairs: those of a loop over the pairs, up to ties.
 """
@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from jfsf.array import pad, padded_size
+from jfsf.array import common_size, pad
 from jfsf.batch._map_pairs import map_pairs
 from jfsf.convert import Converter, maps_of, sinkhorn
 from jfsf.initial import Candidates
@@ -46,7 +46,7 @@ def convert(
     sizes = _sizes("convert", embs_x=embs_x, embs_y=embs_y)
 
     def padded(x, y):
-        size = _padded_size(max(len(x), len(y)))
+        size = common_size(max(len(x), len(y)))
         return *_with_marginal(x, size), *_with_marginal(y, size)
 
     inputs = (padded(x, y) for x, y in zip(embs_x, embs_y, strict=True))
@@ -135,24 +135,19 @@ def match_spectra(
 def padded_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
     """Both spectra as numpy arrays, padded to one common size, for `map_pairs`.
 
-    Pairs of many sizes are padded to few: n vertices, n of 256, 384, 512, 768, ..., and
-    2 n faces. Mass 0 and face (0, 0, 0) mark the padding. `jfsf.match` has finer steps,
-    and leaves very different sizes apart.
+    Pairs of many sizes are padded to few: n vertices (`jfsf.array.common_size`), and
+    2 n faces. Mass 0 and face (0, 0, 0) mark the padding. `jfsf.match` leaves very
+    different sizes apart.
     """
     x, y = (jax.tree.map(np.asarray, spec) for spec in (spec_x, spec_y))
     # A closed surface has twice as many faces as vertices, so one size decides both.
     half = -(-max(len(x.faces), len(y.faces)) // 2)
-    size = _padded_size(max(len(x.mass), len(y.mass), half))
+    size = common_size(max(len(x.mass), len(y.mass), half))
     return pad(x, size, 2 * size), pad(y, size, 2 * size)
 
 
 def _convert(emb_x, marginal_x, emb_y, marginal_y, *, converter):
     return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
-
-
-def _padded_size(size: int) -> int:
-    # Many pairs vary much in size. Few programs matter more than padding by up to half.
-    return padded_size(size, per_doubling=2)
 
 
 def _with_marginal(emb, size):

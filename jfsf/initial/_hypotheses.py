@@ -48,6 +48,7 @@ def refine_hypotheses(
         settings: of the search.
     """
     x, y, _ = pair
+    fields = x.bracket_fields, y.bracket_fields
 
     def refine(C, weight):
         return zoomout(
@@ -56,8 +57,7 @@ def refine_hypotheses(
             C,
             x.columns,
             y.columns,
-            x.bracket_fields,
-            y.bracket_fields,
+            *fields,
             ks=ks,
             converter=dense_nearest,
             weighted=True,

@@ -115,6 +115,8 @@ def refine_extremities(
         far = distances.astype(known.dtype) * settings.extremity_weight
         return jnp.concatenate([known, far], 1)
 
+    fields = x.bracket_fields, y.bracket_fields
+
     def refine(sides):
         maps = dense_nearest(*sides)
         C_yx = (start(x, y, maps.T_xy) + start(y, x, maps.T_yx).T) / 2
@@ -124,8 +126,7 @@ def refine_extremities(
             C_yx,
             columns(x, sides[0]),
             columns(y, sides[1]),
-            x.bracket_fields,
-            y.bracket_fields,
+            *fields,
             ks=ks,
             converter=dense_nearest,
             weighted=True,

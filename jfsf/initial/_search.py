@@ -216,8 +216,7 @@ def _candidates(
 def sample_pair(x: Features, y: Features, sign, self_map) -> SamplePair:
     """Samples of both shapes, to be matched with this orientation."""
     # With "any" the sign is 0, and the oriented columns are constant.
-    fields = sign * x.bracket_fields
-    return SamplePair(x._replace(bracket_fields=fields), y, self_map)
+    return SamplePair(x._replace(brackets=sign * x.brackets), y, self_map)
 
 
 def best_different(

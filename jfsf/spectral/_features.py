@@ -55,8 +55,6 @@ class Features(NamedTuple):
         weighted curvature. 0 for a self map, since a shape resembles itself most under
         the identity.
     brackets: `jfsf.spectral.brackets`; they do not know how many vertices there are.
-    bracket_fields: the same at each vertex. Negate them on one shape to ask for a map
-        that mirrors.
     """
 
     spec: Spectrum
@@ -64,7 +62,14 @@ class Features(NamedTuple):
     curvature: Float[Array, "n b"]
     columns: Float[Array, "n e"]
     brackets: Float[Array, "s s s"]
-    bracket_fields: Float[Array, "n s s"]
+
+    @property
+    def bracket_fields(self) -> Float[Array, "n s s"]:
+        """The brackets at each vertex. They are not kept: nothing else is as large.
+
+        Negate those of one shape to ask for a map that mirrors.
+        """
+        return at_vertices(self.spec, self.brackets)
 
     def at(
         self, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
@@ -76,7 +81,6 @@ class Features(NamedTuple):
             self.curvature[samples],
             self.columns[samples],
             self.brackets,
-            self.bracket_fields[samples],
         )
 
 
@@ -121,13 +125,11 @@ def features(
     weighted = settings.curvature_weight * standard
     columns = jnp.concatenate([standardise(found, spec.mass), weighted], 1)
     k = min(settings.oriented_functions, len(spec.evals))
-    oriented = brackets(spec, k=k)
     return Features(
         spec,
         found,
         # The same numbers as in the columns.
         weighted / settings.curvature_weight,
         jnp.where(self_map, 0, columns),
-        oriented,
-        at_vertices(spec, oriented),
+        brackets(spec, k=k),
     )

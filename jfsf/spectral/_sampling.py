@@ -88,10 +88,11 @@ def restrict(
     """The spectrum at the vertices `at`, each with the mass of the cell around it.
 
     Eigenvectors are rows of the full ones, so they are orthonormal only roughly. The
-    faces, which belong to the full mesh, are dropped.
+    faces, which belong to the full mesh, are dropped. A sample that is padding, or one
+    again, has mass 0.
     """
     points = biharmonic(spec, distance_pairs)
-    cell = neighbours(points, points[at], k0=1).idx[:, 0]
+    cell = neighbours(points, points[at], spec.mass[at] > 0, k0=1).idx[:, 0]
     mass = jnp.zeros(len(at), spec.mass.dtype).at[cell].add(spec.mass)
     return Spectrum(spec.evals, spec.evecs[at], mass, spec.faces[:0], spec.vertices[at])
 
