@@ -131,7 +131,8 @@ def test_gradients_are_those_of_the_minimum(loss):
 
     at = [DESC_X, WEIGHTS, jnp.asarray(0.2), jnp.asarray(0.3)]
     slopes = jax.jit(jax.grad(value, (0, 1, 2, 3)))(*at)
-    # The value is known to some 1e-8 only, a difference over h to 1e-8 / h.
+    # The value is known to some 1e-8 only, a difference over h to 1e-8 / h; on another
+    # processor to ten times that.
     value, h = jax.jit(value), 1e-3
     for i, slope in enumerate(slopes):
         step = jax.tree.map(lambda s, i=i: random(i, *s.shape), slope)
@@ -142,7 +143,7 @@ def test_gradients_are_those_of_the_minimum(loss):
         parts = jax.tree.map(lambda a, b: jnp.sum(a * b), slope, step)
         exact = sum(jax.tree.leaves(parts))
         rate = (ends[0] - ends[1]) / (2 * h)
-        assert np.isclose(rate, exact, rtol=1e-3, atol=1e-5)
+        assert np.isclose(rate, exact, rtol=1e-3, atol=1e-4)
 
 
 def test_vmap_equals_the_loop():
