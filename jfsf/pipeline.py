@@ -81,11 +81,13 @@ class InitialMap(NamedTuple):
     C_yx: functions on Y pulled back to X.
     orientation: score in [-1, 1]; nan for point clouds.
     gap: the second candidate's energy over the first's, minus 1; nan for any other map.
+    descriptor_weight: of the columns beside the eigenfunctions in its refinement.
     """
 
     C_yx: Float[Array, "k_x k_y"]
     orientation: Float[Array, ""]
     gap: Float[Array, ""]
+    descriptor_weight: Float[Array, ""]
 
     @property
     def sign(self) -> Float[Array, ""]:
@@ -260,7 +262,7 @@ def run_stages(
         sides = known_x.refinement, known_y.refinement
         if landmarks is not None:
             stage = partial(kept_landmarks, settings=settings)
-            sides = run(stage, *sides, *pair, start.C_yx, at_x, at_y)
+            sides = run(stage, *sides, *pair, start, at_x, at_y)
         C_yx = run(partial(_refined, settings=settings), *sides, start)
         finish = partial(_finished, settings=settings)
         return run(finish, *pair, C_yx, start, samples, sign, landmarks)
@@ -288,7 +290,8 @@ def run_stages(
 
 
 def _refined(x, y, start: InitialMap, *, settings):
-    return refine(x, y, start.C_yx, start.sign, settings=settings)
+    weight = start.descriptor_weight
+    return refine(x, y, start.C_yx, start.sign, weight, settings=settings)
 
 
 def _finished(
@@ -303,6 +306,7 @@ def _finished(
     certificate = certify(
         *(maps, *embs, C_yx, *pair, start.gap),
         *evidence,
+        bent=_bends(spec_x, spec_y, settings),
         oriented_functions=settings.features.oriented_functions,
         distance_pairs=settings.distance_pairs,
     )
@@ -361,7 +365,8 @@ def best_candidate(
         settings=settings,
     )
     gap = found.energy[1] / found.energy[0] - 1
-    return InitialMap(found.C_yx[0], found.orientation[0], gap)
+    weight = jnp.full_like(gap, settings.descriptor_weight)
+    return InitialMap(found.C_yx[0], found.orientation[0], gap, weight)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -393,7 +398,8 @@ def other_starts(
     # the wanted one.
     wanted = orientation * jnp.abs(found.orientation)
     score = jnp.where(orientation == 0, found.orientation, wanted)
-    return InitialMap(found.C_yx, score, unknown)
+    weight = jnp.full_like(unknown, settings.far_descriptor_weight)
+    return InitialMap(found.C_yx, score, unknown, weight)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -421,7 +427,9 @@ def given_map(
     k = min(settings.features.oriented_functions, len(spec_x.evals), len(spec_y.evals))
     on_x, on_y = (brackets(spec, k=k) for spec in (spec_x, spec_y))
     score = orientation_score(C_yx, on_x, on_y, pulled_back=pulled_back)
-    return InitialMap(C_yx, jnp.asarray(score), jnp.full((), jnp.nan, C_yx.dtype))
+    unknown = jnp.full((), jnp.nan, C_yx.dtype)
+    weight = jnp.full_like(unknown, settings.search.descriptor_weight)
+    return InitialMap(C_yx, jnp.asarray(score), unknown, weight)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -430,7 +438,7 @@ def kept_landmarks(
     y: Features,
     spec_x: Spectrum,
     spec_y: Spectrum,
-    C_yx: Float[Array, "k_x k_y"],
+    start: InitialMap,
     at_x: Int[Array, " l"],
     at_y: Int[Array, " l"],
     *,
@@ -438,16 +446,18 @@ def kept_landmarks(
 ) -> tuple[Features, Features]:
     """Features without the columns of landmarks that a map misses.
 
-    One wrong landmark among several is so not obeyed.
+    One wrong landmark among several is so not obeyed. Columns of the others count in
+    full, whatever the start's weight of descriptors.
 
     Args:
         x, y: features made with these landmarks, whole or at samples.
         spec_x, spec_y: both shapes, whole.
-        C_yx: the map, with which the refinement starts.
+        start: the map with which the refinement starts.
         at_x, at_y: vertices of X, and their partners.
         settings: `distance_pairs`, `features`.
     """
-    emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    bases = spec_x.evecs, spec_y.evecs
+    emb_x, emb_y = embeddings(start.C_yx, *bases, space="direct")
     near = matmul(emb_x[at_x], emb_y.T) - jnp.sum(emb_y**2, 1)[None] / 2
     real = spec_y.mass > 0
     images = jnp.argmax(jnp.where(real[None], near, -jnp.inf), 1)
@@ -457,7 +467,8 @@ def kept_landmarks(
     keep = jnp.repeat(far <= MISSED, settings.features.landmark_times)
     end = x.descriptors.shape[1]
     factor = jnp.ones(x.columns.shape[1], x.columns.dtype)
-    factor = factor.at[end - len(keep) : end].set(keep.astype(factor.dtype))
+    full = keep.astype(factor.dtype) / start.descriptor_weight
+    factor = factor.at[end - len(keep) : end].set(full)
     weighed_x, weighed_y = (side.columns * factor[None] for side in (x, y))
     return x._replace(columns=weighed_x), y._replace(columns=weighed_y)
 
@@ -499,6 +510,7 @@ def refine(
     y: Features,
     C_yx: Float[Array, "k_x k_y"],
     orientation: Float[Array, ""] | float = 1.0,
+    descriptor_weight: Float[Array, ""] | float = 0.5,
     *,
     settings: Settings = Settings(),
 ) -> Float[Array, "k k"]:
@@ -508,6 +520,8 @@ def refine(
         x, y: features, whole or at samples.
         C_yx: the start; its leading block of `ks[0]` functions, if it has more.
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
+        descriptor_weight: of all these beside the eigenfunctions. Where proportions
+            differ so do descriptors, and with more than a tenth they spoil right maps.
         settings: `ks`, `refine_converter`, `zoomout`. Sizes beyond the eigenpairs
             there are are cut; a smaller start adds its own size in front.
     """
@@ -526,6 +540,8 @@ def refine(
         ks=ks,
         converter=settings.refine_converter,
         weighted=True,
+        bidirectional=True,
+        extra_weight=descriptor_weight,
         tiles=pair_tiles(x.spec, y.spec, settings=settings),
         settings=settings.zoomout,
         neighbour_settings=settings.neighbours,
@@ -553,7 +569,7 @@ def bend(
             point clouds, the embeddings are those of C_yx, in the direct space.
     """
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    if not (settings.bend_rounds and len(spec_x.faces) + len(spec_y.faces)):
+    if not _bends(spec_x, spec_y, settings):
         return emb_x, emb_y
     # A point cloud beside a mesh gets a face of padding: its points move freely, while
     # the mesh resists.
@@ -603,6 +619,11 @@ def convert(
     )
     found = converter(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     return found if isinstance(found, Filtered) else maps_of(found)
+
+
+def _bends(spec_x: Spectrum, spec_y: Spectrum, settings: Settings) -> bool:
+    """Two point clouds are not bent."""
+    return settings.bend_rounds > 0 and len(spec_x.faces) + len(spec_y.faces) > 0
 
 
 def _min_recall(spec_x: Spectrum, spec_y: Spectrum, settings: Settings) -> float:

@@ -14,7 +14,7 @@ from jfsf.types import Certificate, Match
 
 def starts(values):
     values = jnp.asarray(values, float)
-    return InitialMap(values[..., None, None], values, values)
+    return InitialMap(values[..., None, None], values, values, values)
 
 
 def attempt(start, tried=None, missed=0.0):

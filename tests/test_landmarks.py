@@ -5,7 +5,7 @@ import numpy as np
 
 from jfsf import testing
 from jfsf.evaluate import landmark_distances
-from jfsf.pipeline import kept_landmarks
+from jfsf.pipeline import InitialMap, kept_landmarks
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic, features
 
@@ -31,15 +31,21 @@ def test_columns_of_a_missed_landmark_are_dropped():
     square = jnp.sum((SPEC.vertices - SPEC.vertices[at_x[1:2]]) ** 2, 1)
     at_y = at_x.at[1].set(jnp.argmax(square))
     x, y = features(SPEC, landmarks=at_x), features(SPEC, landmarks=at_y)
-    C_yx = jnp.eye(SETTINGS.search.final_ks[-1])
-    kept = kept_landmarks(x, y, SPEC, SPEC, C_yx, at_x, at_y, settings=SETTINGS)
+    one = jnp.ones(())
+    start = InitialMap(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4)
+    kept = kept_landmarks(x, y, SPEC, SPEC, start, at_x, at_y, settings=SETTINGS)
     times = SETTINGS.features.landmark_times
     end = x.descriptors.shape[1]
     missed = slice(end - 2 * times, end - times)
+    seen = np.r_[end - 3 * times : end - 2 * times, end - times : end]
     for before, after in zip((x, y), kept, strict=True):
         assert (after.columns[:, missed] == 0).all()
         assert (before.columns[:, missed] != 0).any()
-        rest = np.delete(np.arange(before.columns.shape[1]), missed)
+        # The refinement weighs all columns by a quarter: these count in full.
+        np.testing.assert_array_equal(
+            after.columns[:, seen], 4 * before.columns[:, seen]
+        )
+        rest = np.delete(np.arange(before.columns.shape[1]), np.r_[missed, seen])
         np.testing.assert_array_equal(after.columns[:, rest], before.columns[:, rest])
     # The first heat seen from a landmark is largest at the landmark itself.
     last = x.descriptors[:, end - 2 : end]

@@ -45,6 +45,8 @@ def certificate_table(certificate: Certificate) -> Table:
         "finite": "every number is finite",
         "energy": "departure from an isometry",
         "unevenness": "how unevenly the map stretches; 0 for a similarity",
+        "residual": "distance left between the bent shapes, in sqrt(area)",
+        "distortion": "how much bending squeezes triangles; 0 for a similarity",
         "confidence": verdict(float(certificate.confidence)),
     }
     shown = Table(title="certificate: evidence without ground truth")

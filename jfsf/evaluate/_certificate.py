@@ -7,6 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
+from jfsf.convert import maps_of
+from jfsf.evaluate._bending import Bending, bending
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
 from jfsf.evaluate._landmarks import MISSED, landmark_distances, mean_distance
@@ -34,7 +36,7 @@ MISSED_WEIGHT = 3.0
 COMPARED = 40
 
 
-@partial(jax.jit, static_argnames=("oriented_functions", "distance_pairs"))
+@partial(jax.jit, static_argnames=("bent", "oriented_functions", "distance_pairs"))
 def certify(
     maps: Filtered | Maps,
     emb_x: Float[Array, "n_x d"],
@@ -47,6 +49,7 @@ def certify(
     sign: Int[Array, ""] | int = 1,
     landmarks: tuple[Int[Array, " l"], Int[Array, " l"]] | None = None,
     *,
+    bent: bool = False,
     oriented_functions: int = FUNCTIONS,
     distance_pairs: int = DISTANCE_PAIRS,
 ) -> Certificate:
@@ -61,6 +64,7 @@ def certify(
         samples: both shapes at samples, for energy, unevenness and confidence.
         sign: of the wanted orientation, 0 for any; for the confidence.
         landmarks: vertices of X and their partners on Y; for the confidence too.
+        bent: the embeddings are those of `jfsf.refine.arap`.
         oriented_functions: eigenfunctions that the orientation score reads.
         distance_pairs: eigenpairs of the biharmonic distance.
     """
@@ -81,8 +85,12 @@ def certify(
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
     energy, uneven = _at_samples(C_yx, samples)
+    unknown = jnp.full((), jnp.nan, dtype)
+    shape = Bending(unknown, unknown)
+    if bent:
+        shape = bending(maps_of(maps), emb_x, emb_y, spec_x, spec_y)
     agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
-    likely = confidence(agrees, energy, uneven)
+    likely = confidence(agrees, energy, uneven, *shape)
     missed = jnp.zeros(0, dtype)
     if landmarks is not None:
         at_x, at_y = landmarks
@@ -105,6 +113,8 @@ def certify(
         finite=finite,
         energy=energy,
         unevenness=uneven,
+        residual=shape.residual.astype(dtype),
+        distortion=shape.distortion.astype(dtype),
         confidence=likely,
         landmarks=missed,
     )

@@ -81,9 +81,9 @@ def _far_candidates(x, y, sign, self_map, *, settings: SearchSettings) -> Candid
     _, score = oriented(cost, found)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
     kept = best_different(found, cost, settings.far_candidates, settings=settings)
-    half = settings.descriptor_weight
+    weight = settings.far_descriptor_weight
     last = refine_hypotheses(
-        many, found[kept], half, ks=settings.final_ks, settings=settings
+        many, found[kept], weight, ks=settings.final_ks, settings=settings
     )
     energy, score = oriented(energies(many, last, settings=settings), last)
     return Candidates(last, energy, score)
@@ -99,7 +99,8 @@ def refine_extremities(
     Args:
         pair: the samples.
         assigned: `best_assignments`.
-        settings: `assignment_ks`, `extremity_weight`, `descriptor_weight`, `zoomout`.
+        settings: `assignment_ks`, `extremity_weight`, `far_descriptor_weight`,
+            `zoomout`.
     """
     x, y, _ = pair
     ks = settings.assignment_ks
@@ -111,7 +112,7 @@ def refine_extremities(
         return jnp.linalg.solve(gram, matmul(back, y.spec.evecs[:, : ks[0]][T_xy]))
 
     def columns(side: Features, distances):
-        known = side.columns * settings.descriptor_weight
+        known = side.columns * settings.far_descriptor_weight
         far = distances.astype(known.dtype) * settings.extremity_weight
         return jnp.concatenate([known, far], 1)
 
