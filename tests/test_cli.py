@@ -166,6 +166,22 @@ def test_evaluate_refuses_what_does_not_fit(folder, x, y):
         "evaluate", x, y, found, "--json", folder / "a.txt"
     )
     assert run("evaluate", x, y, found, "--every", 0).exit_code == 2
+    with np.load(found) as file:
+        arrays = dict(file)
+    n = len(arrays["T_xy"])
+    for name, wrong in (
+        ("index_x", np.arange(n) + 0.5),
+        ("index_x", np.arange(n).astype(str)),
+        ("index_x", np.zeros(0, int)),
+        ("index_x", np.zeros((n, 2), int)),
+        ("index_x", np.arange(n - 1)),
+        ("C_yx", np.array("a")),
+        ("C_yx", np.zeros((0, 5))),
+        ("C_yx", arrays["C_yx"] * np.nan),
+    ):
+        np.savez(folder / "wrong.npz", **arrays | {name: wrong})
+        said = refused("evaluate", x, y, folder / "wrong.npz")
+        assert str(folder / "wrong.npz") in said and name in said
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
 """Long runs: results are kept, failures are reported, the other jobs are done."""
 
+import io
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -333,6 +335,37 @@ def test_the_command(client, tmp_path, monkeypatch):
     result = batch(pairs, out, *at, "--orientation", "any")
     assert result.exit_code == 1 and "name another folder" in result.stderr
     assert batch(tmp_path / "none.csv", out, *at).exit_code == 1
+
+
+def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("jfsf.matching.match", fake_match)
+    blobs(tmp_path, 5)
+    names = [f"{i}.off" for i in range(5)]
+    (pairs := tmp_path / "pairs.csv").write_text(
+        "".join(f"0.off,{name}\n" for name in names)
+    )
+    out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
+    assert batch(pairs, out, *at).exit_code == 0
+    sound, *damaged = (out / f"0.off__{name}.npz" for name in names)
+    whole = sound.read_bytes()
+    with np.load(sound) as file:
+        arrays = dict(file)
+    # What numpy and zipfile do not know as damage.
+    at_method = whole.index(b"PK\x01\x02") + 10
+    damaged[0].write_bytes(whole[:at_method] + b"\x63" + whole[at_method + 1 :])
+    with zipfile.ZipFile(damaged[1], "w") as file:
+        for name, array in arrays.items():
+            written = io.BytesIO()
+            np.save(written, array)
+            header = written.getvalue().replace(b"(162,)", b"(9e9,)")
+            file.writestr(f"{name}.npy", header)
+    np.savez(damaged[2], **arrays | {"certificate_gap": np.array(["a", "b"])})
+    np.savez(damaged[3], **arrays | {"C_yx": np.array("a")})
+    result = batch(pairs, out, *at)
+    assert result.exit_code == 0, result.output
+    assert "5 pairs: 5 matched (1 of them earlier), 0 failed" in _words(result.stdout)
+    assert all(read_match(path).C_yx.shape == (3, 3) for path in damaged)
 
 
 def _words(text):
