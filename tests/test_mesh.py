@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import struct
 from collections import defaultdict
 from pathlib import Path
@@ -287,10 +288,18 @@ PLY = (
     b"end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
 )
 PLYB = write_ply_binary(np.eye(3), [[0, 1, 2]])
+# Conversion to float64 makes numpy warn of this one.
+SIGNALLING, ONE = struct.pack("<I", 0x7FA00000), struct.pack("<f", 1)
+PLYB_FLOAT = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n"
+) + np.eye(3, dtype="<f4").tobytes()
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 STL = bytes(trimesh.creation.box().export(file_type="stl"))  # type: ignore
 STLA = b"solid\nfacet\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
 GLB = bytes(trimesh.Scene(trimesh.creation.box()).export(file_type="glb"))  # type: ignore
+HALF = struct.pack("<f", 0.5)
+GLB_NAN = GLB.replace(HALF, SIGNALLING)
 
 
 def undecoded_glb():
@@ -346,6 +355,55 @@ BROKEN = {
     ),
     "ply of strips": ("a.ply", PLY.replace(b"face", b"tristrips"), "strips"),
     "ply with half indices": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1.5 2"), "1.5"),
+    "binary ply has more": ("a.ply", PLYB + b"\0", "but the last 1 bytes"),
+    "binary ply of fewer faces": (
+        "a.ply",
+        write_ply_binary(np.eye(3), [[0, 1, 2]] * 320).replace(
+            b"element face 320", b"element face 1"
+        ),
+        "but the last 8294 bytes",
+    ),
+    "binary ply without its faces' line": (
+        "a.ply",
+        re.sub(b"element face .*\n", b"", PLYB),
+        "element 'strange' has corners",
+    ),
+    "binary ply of vertices with corners": (
+        "a.ply",
+        re.sub(b"element (strange|face) .*\n", b"", PLYB),
+        "element 'vertex' has corners",
+    ),
+    "ply of fewer faces": (
+        "a.ply",
+        PLY.replace(b"face 2", b"face 1").replace(b"3 0 1 2\n3", b"3 0 1 2 3"),
+        "but the last 32 bytes",
+    ),
+    "ply of another element": (
+        "a.ply",
+        PLY.replace(b"element face 2", b"element 1// 2"),
+        "element '1//' has corners",
+    ),
+    "ply of a negative count": (
+        "a.ply",
+        PLY.replace(b"face 2", b"face -2"),
+        "line 'element face -2'",
+    ),
+    "ply of a damaged line": (
+        "a.ply",
+        PLY.replace(b"property float y", b"propert! float y"),
+        "line 'propert! float y'",
+    ),
+    "ply of two x": ("a.ply", PLY.replace(b"float y", b"float x"), "property 'x'"),
+    "ply of two faces": (
+        "a.ply",
+        PLY.replace(b"element vertex", b"element face"),
+        "two of element 'face'",
+    ),
+    "ply of property first": (
+        "a.ply",
+        PLY.replace(b"element vertex 4\n", b""),
+        "line 'property float x'",
+    ),
     "binary ply cut": ("a.ply", PLYB[:-1], "1 of element 'face'"),
     "binary ply cut early": ("a.ply", PLYB[:-60], "3 of element 'vertex'"),
     "binary stl cut": ("a.stl", STL[:-1], "12 triangles in 684 bytes, but it has 683"),
@@ -381,6 +439,23 @@ BROKEN = {
     "index 0, obj": ("a.obj", OBJ + b"f 0 1 2", "'f 0 1 2' after 3 vertices"),
     "index -4, obj": ("a.obj", OBJ + b"f -4 -1 -2", "'f -4 -1 -2' after 3 vertices"),
     "nan": ("a.off", OFF.replace(b"1 0 0", b"nan 0 0"), r"vertex 1 is \[nan, 0.0"),
+    "nan corner, ply": (
+        "a.ply",
+        PLY.replace(b"3 0 1 2", b"3 nan 1 2"),
+        "a face names vertex nan",
+    ),
+    "infinite corner, ply": ("a.ply", PLY.replace(b"3 0 1 2", b"3 1e99 1 2"), "1e.99"),
+    "signalling nan, ply": (
+        "a.ply",
+        PLYB_FLOAT.replace(ONE, SIGNALLING, 1),
+        r"vertex 0 is \[nan, 0",
+    ),
+    "signalling nan, stl": (
+        "a.stl",
+        STL[:96] + SIGNALLING + STL[100:],
+        r"is \[nan, .* 1 of 9 are not finite",
+    ),
+    "nan, glb": ("a.glb", GLB_NAN, r"is \[nan, .* not finite"),
     "infinite": ("a.obj", OBJ + b"v 0 -inf 0\n", r"-inf, 0.0\], 1 of 4"),
     "overflow": ("a.obj", OBJ + b"v 0 1e999 0\n", "inf"),
     "nan, stl": ("a.stl", STLA.replace(b"1 0", b"nan 0") + b"endsolid", "not finite"),
@@ -400,6 +475,11 @@ def test_broken_files_are_refused(tmp_path, name):
         read(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "; " in str(caught.value)
+
+
+def test_a_binary_ply_may_end_in_line_ends(tmp_path):
+    (tmp_path / "a.ply").write_bytes(PLYB + b"\r\n")
+    same(read(tmp_path / "a.ply"), np.eye(3), [0, 1, 2])
 
 
 def test_missing_files_and_folders_are_refused(tmp_path):
