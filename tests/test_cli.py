@@ -1,6 +1,8 @@
 """The command line on small bodies: its files, its output and its errors."""
 
+import errno
 import json
+import os
 import re
 import subprocess
 import sys
@@ -262,6 +264,56 @@ def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
     assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
     assert run("match", x, y).exit_code == 2
     assert run("match", x, y, *out, "--orientation", "left").exit_code == 2
+
+
+@pytest.fixture
+def read_only(tmp_path, monkeypatch):
+    """A folder in which no file can be made."""
+    folder = tmp_path / "read only"
+    folder.mkdir()
+    folder.chmod(0o555)
+    if os.access(folder, os.W_OK):
+        # Root writes anywhere, so for root a read-only system is played.
+        real = Path.open
+
+        def refusing(path, mode="r", *args, **options):
+            if path.parent == folder and "x" in mode:
+                raise OSError(errno.EROFS, "Read-only file system", str(path))
+            return real(path, mode, *args, **options)
+
+        monkeypatch.setattr(Path, "open", refusing)
+    yield folder
+    folder.chmod(0o755)
+
+
+def test_what_cannot_be_written_is_said_before_the_work(
+    folder, x, y, read_only, tmp_path, monkeypatch
+):
+    def never(*_, **__):
+        raise AssertionError("the work was done")
+
+    for work in ("matching.match", "cli._demo.measure", "cli._evaluate.figures_of"):
+        monkeypatch.setattr(f"jfsf.{work}", never)
+    monkeypatch.setattr("jfsf.batch.connect", never)
+    (pairs := folder / "one.csv").write_text(f"{x.name},{y.name}\n")
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.npz").mkdir()
+    found, out = folder / "map.npz", tmp_path / "m.npz"
+    for place in (read_only, read_only / "new" / "deeper", tmp_path / "file"):
+        commands = [("demo", "--out", place), ("batch", pairs, "--out", place)]
+        if place.parent == tmp_path:
+            commands += [
+                ("match", x, y, "--out", place / "m.npz"),
+                ("match", x, y, "--out", out, "--png", place / "m.png"),
+                ("evaluate", x, y, found, "--json", place / "figures.json"),
+            ]
+        for command in commands:
+            said = refused(*command)
+            assert f"{place}" in said and ".tmp" not in said
+            assert "cannot be written" in said or "no folder" in said
+    said = refused("match", x, y, "--out", tmp_path / "folder.npz")
+    assert "folder.npz: cannot be written (Is a directory)" in said
+    assert not list(read_only.iterdir()) and not out.exists()
 
 
 def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):

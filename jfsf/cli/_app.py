@@ -22,6 +22,7 @@ from jfsf.cli._files import (
     Orientation,
     OrientationOption,
     can_write,
+    can_write_in,
     check_mesh,
     matchable,
     need_matplotlib,
@@ -39,8 +40,15 @@ class _OneLine(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ValueError, ImportError, OSError) as error:
-            typer.echo(f"jfsf: {' '.join(str(error).split())}", err=True)
+            typer.echo(f"jfsf: {_sentence(error)}", err=True)
             raise typer.Exit(1) from None
+
+
+def _sentence(error: Exception) -> str:
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        text = f"{error.filename}: {error.strerror}; check the path"
+    return " ".join(text.split())
 
 
 app = typer.Typer(
@@ -105,7 +113,7 @@ def demo(
     """
     from jfsf.cli._demo import measure, table, write
 
-    out.mkdir(parents=True, exist_ok=True)
+    can_write_in(out)
     with _status("starting ...") as status:
         result = measure(*pair, lambda step: status.update(f"{step} ..."))
         status.update("drawing ...")

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
-from jfsf.cli._files import Orientation, OrientationOption, matchable
+from jfsf.cli._files import Orientation, OrientationOption, can_write_in, matchable
 from jfsf.cli._summary import (
     doubtful_first,
     summary_row,
@@ -65,6 +65,7 @@ def batch(
     from jfsf.batch import Job, connect, read_pairs, run_jobs
 
     listed = read_pairs(pairs)
+    can_write_in(out)
     jobs = {
         # Absolute, because each worker has its own working folder.
         pair.name: Job(

@@ -31,7 +31,7 @@ MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
 
 
 def can_write(path: Path, suffix: str) -> None:
-    """ValueError if `path` has another suffix or its folder does not exist.
+    """ValueError if `path` has another suffix or cannot be written.
 
     For checks before the work, so that the work is not lost.
     """
@@ -39,6 +39,26 @@ def can_write(path: Path, suffix: str) -> None:
         raise ValueError(f"{path}: is written as {suffix}; give it that suffix")
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+    _probe(path, path)
+
+
+def can_write_in(folder: Path) -> None:
+    """ValueError if files cannot be written in a folder, which need not exist yet."""
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    _probe(there / "file", folder)
+
+
+def _probe(path, named):
+    from jfsf.storage import check_writable
+
+    try:
+        check_writable(path)
+    except OSError as error:
+        raise ValueError(
+            f"{named}: cannot be written ({error.strerror}); name another place"
+        ) from None
 
 
 def need_matplotlib() -> None:

@@ -8,13 +8,14 @@ Read in this order:
 - `_programs`: compile programs early, and keep them on disk
 """
 
-from jfsf.storage._atomic import write_atomically, write_text
+from jfsf.storage._atomic import check_writable, write_atomically, write_text
 from jfsf.storage._cache import fetch, folder, key, store
 from jfsf.storage._npz import read_npz_array
 from jfsf.storage._programs import Program, compile_ahead, large_jit
 
 __all__ = [
     "Program",
+    "check_writable",
     "compile_ahead",
     "fetch",
     "folder",
