@@ -4,8 +4,10 @@ import errno
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import fast_simplification
@@ -459,6 +461,92 @@ def test_process_says_one_line_and_ends_with_the_code(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.startswith("jfsf: ") and done.stderr.count("\n") == 1
+
+
+# Runs jfsf in a process that interrupts itself at an import or a collection of garbage.
+INTERRUPTED = """
+import gc, runpy, signal, sys
+# A process in the background ignores it, and so do all that it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+when, *sys.argv[1:] = sys.argv[1:]
+interrupt = lambda *_: signal.raise_signal(signal.SIGINT)
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "jfsf.cli":
+            print("ready", flush=True)
+        if name == when:
+            interrupt()
+def at_collection(*_):
+    if when == "collection" and "jfsf.pipeline" in sys.modules:
+        interrupt()
+sys.meta_path.insert(0, Finder())
+gc.callbacks.append(at_collection)
+runpy.run_module("jfsf", run_name="__main__", alter_sys=True)
+"""
+WITH_SIGNALS = pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+
+
+def interrupted_match(tmp_path, x, y, when):
+    (tmp_path / "out").mkdir()
+    command = [sys.executable, "-c", INTERRUPTED, when, "match", x, y]
+    return subprocess.Popen(
+        [*command, "--out", tmp_path / "out" / "m.npz"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "JFSF_CACHE": str(tmp_path / "cache")},
+    )
+
+
+def ended(process, tmp_path):
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == 130, output + errors
+    assert output.strip() in ("", "ready") and "Traceback" not in errors
+    assert not os.listdir(tmp_path / "out") and not list(tmp_path.rglob("*.tmp"))
+
+
+@WITH_SIGNALS
+@pytest.mark.parametrize(
+    "when", ["jfsf.cli", "numpy._core.shape_base", "jax.lax", "jfsf.mesh", "collection"]
+)
+def test_an_interrupt_is_not_lost(tmp_path, x, y, when):
+    ended(interrupted_match(tmp_path, x, y, when), tmp_path)
+
+
+@WITH_SIGNALS
+@pytest.mark.parametrize("seconds", [0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6])
+def test_an_interrupt_is_heeded_at_any_time(tmp_path, x, y, seconds):
+    process = interrupted_match(tmp_path, x, y, "never")
+    assert process.stdout and process.stdout.read(5) == "ready"
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    ended(process, tmp_path)
+
+
+@WITH_SIGNALS
+def test_an_interrupt_leaves_no_part_of_a_file(tmp_path):
+    code = (
+        "import signal, sys\n"
+        "from jfsf import __main__, storage\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "end = lambda file: signal.raise_signal(signal.SIGINT)\n"
+        "write = lambda: storage.write_atomically(sys.argv[1], end)\n"
+        "sys.modules['jfsf.cli'] = type(sys)('cli')\n"
+        "sys.modules['jfsf.cli'].main = write\n"
+        "__main__.main()\n"
+    )
+    command = [sys.executable, "-c", code, tmp_path / "a.txt"]
+    assert subprocess.run(command, cwd=ROOT).returncode == 130
+    assert os.listdir(tmp_path) == []
+
+
+@WITH_SIGNALS
+def test_an_interrupt_that_is_ignored_stays_so():
+    code = INTERRUPTED.replace("default_int_handler", "SIG_IGN")
+    command = [sys.executable, "-c", code, "jfsf.cli", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0 and done.stdout == f"ready\njfsf {__version__}\n"
 
 
 def blocks(language):

@@ -368,6 +368,32 @@ def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
     assert all(read_match(path).C_yx.shape == (3, 3) for path in damaged)
 
 
+@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+def test_an_interrupt_closes_the_workers(tmp_path):
+    import psutil
+
+    blobs(tmp_path, 2)
+    (pairs := tmp_path / "pairs.csv").write_text("0.off,1.off\n")
+    # A process in the background ignores it, and so do all that it starts.
+    run = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from jfsf.__main__ import main\n"
+        "if __name__ == '__main__': main()\n"
+    )
+    (script := tmp_path / "run.py").write_text(run)
+    out, cache = tmp_path / "out", {"JFSF_CACHE": str(tmp_path / "cache")}
+    running = process(script, "batch", pairs, "--out", out, "--workers", 1, **cache)
+    while not (out / "settings.json").exists():  # the workers are there
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.1)
+    workers = psutil.Process(running.pid).children(recursive=True)
+    running.send_signal(signal.SIGINT)
+    output, errors = running.communicate(timeout=300)
+    assert running.returncode in (130, -signal.SIGINT), output + errors
+    assert not psutil.wait_procs(workers, timeout=60)[1]
+    assert not list(out.glob("*.tmp")) and not list(out.glob("*.npz"))
+
+
 def _words(text):
     return " ".join(text.split())
 

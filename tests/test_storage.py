@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jfsf import storage
-from jfsf.storage import check_writable, write_atomically, write_text
+from jfsf.storage import (
+    check_writable,
+    remove_unfinished,
+    write_atomically,
+    write_text,
+)
 
 
 class Pair(NamedTuple):
@@ -193,6 +198,23 @@ def test_an_error_names_the_file_that_was_asked_for(tmp_path):
     with pytest.raises(FileNotFoundError) as caught:
         write_atomically(path, other)
     assert caught.value.filename == "other.txt"
+
+
+def test_what_is_unfinished_can_be_removed(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def write(file):
+        file.write(b"new")
+        assert len(os.listdir(tmp_path)) == 2
+        remove_unfinished()
+        assert os.listdir(tmp_path) == ["a.txt"]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, write)
+    remove_unfinished()
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
 
 
 def test_what_can_be_written_is_left_as_it_was(tmp_path):

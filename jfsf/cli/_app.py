@@ -1,6 +1,7 @@
 """jfsf demo | match | batch | evaluate | info: commands, options and exit codes.
 
-Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
+Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
+interrupted.
 """
 
 from enum import StrEnum
@@ -74,7 +75,7 @@ UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture."
 
 
 def main() -> None:
-    """The entry point."""
+    """Run the command line, and end the process."""
     app()
 
 

@@ -8,7 +8,12 @@ Read in this order:
 - `_programs`: compile programs early, and keep them on disk
 """
 
-from jfsf.storage._atomic import check_writable, write_atomically, write_text
+from jfsf.storage._atomic import (
+    check_writable,
+    remove_unfinished,
+    write_atomically,
+    write_text,
+)
 from jfsf.storage._cache import fetch, folder, key, store
 from jfsf.storage._npz import read_npz_array
 from jfsf.storage._programs import Program, compile_ahead, large_jit
@@ -22,6 +27,7 @@ __all__ = [
     "key",
     "large_jit",
     "read_npz_array",
+    "remove_unfinished",
     "store",
     "write_atomically",
     "write_text",

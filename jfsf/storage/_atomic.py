@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
 
+_unfinished: set[Path] = set()
+
 
 def write_atomically(
     path: str | os.PathLike[str], write: Callable[[BinaryIO], object]
@@ -27,6 +29,7 @@ def write_atomically(
     """
     path = Path(path)
     temporary = _temporary(path)
+    _unfinished.add(temporary)
     try:
         with temporary.open("xb") as file:
             write(file)
@@ -38,6 +41,8 @@ def write_atomically(
         if isinstance(error, OSError):
             raise _about(path, temporary, error) from None
         raise
+    finally:
+        _unfinished.discard(temporary)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
@@ -63,6 +68,13 @@ def check_writable(path: str | os.PathLike[str]) -> None:
         temporary.unlink()
     except OSError as error:
         raise _about(path, temporary, error) from None
+
+
+def remove_unfinished() -> None:
+    """Remove what is being written, in all threads, before the process is ended."""
+    for temporary in list(_unfinished):
+        with suppress(OSError):
+            temporary.unlink()
 
 
 def _temporary(path):
