@@ -251,8 +251,11 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     assert seen["landmarks"].tolist() == [[3, 5], [4, 6]]
     pairs.write_text("3 2\n")
     assert "vertex 2 of Y is not in the largest piece" in refused(*args)
-    for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n"):
+    for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n", "1 -2\n", "1_0 2\n"):
         pairs.write_text(text)
+        assert "a vertex of X and one of Y" in refused(*args)
+    for data in (b"\xff\xfe\n", "\u0663 1\n".encode(), b"1 " + b"9" * 30):
+        pairs.write_bytes(data)
         assert "a vertex of X and one of Y" in refused(*args)
 
 

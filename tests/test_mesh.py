@@ -1,5 +1,6 @@
 """Reading meshes in every format, refusing bad ones, examining and mending them."""
 
+import base64
 import json
 import os
 import re
@@ -302,16 +303,38 @@ HALF = struct.pack("<f", 0.5)
 GLB_NAN = GLB.replace(HALF, SIGNALLING)
 
 
-def undecoded_glb():
+def gltf(position=None, indices=None, other=None, part=None):
+    """A triangle, with changes to its accessors and to its part of the mesh."""
+    data = np.eye(3, dtype="<f4").tobytes() + np.arange(3, dtype="<u2").tobytes()
+    vector = {"componentType": 5126, "type": "VEC3", "count": 3}
+    number = {"componentType": 5123, "type": "SCALAR", "count": 3}
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
     scene = {
         "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}],
-        "accessors": [{"count": 3, "componentType": 5126, "type": "VEC3"}],
-        "bufferViews": [],
+        "meshes": [{"primitives": [primitive | (part or {})]}],
+        "accessors": [
+            {**vector, "bufferView": 0} if position is None else vector | position,
+            {**number, "bufferView": 1} if indices is None else number | indices,
+            {**vector, **(other or {})},  # a morph's, without data
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 6},
+        ],
+        "buffers": [
+            {
+                "byteLength": 42,
+                "uri": "data:application/octet-stream;base64,"
+                + base64.b64encode(data).decode(),
+            }
+        ],
     }
     return json.dumps(scene).encode()
+
+
+SPARSE = {"sparse": {"count": 1}, "bufferView": 0}
 
 
 BROKEN = {
@@ -414,7 +437,28 @@ BROKEN = {
         "2 c",
     ),
     "glb cut": ("a.glb", GLB[:-10], "readable GLB"),
-    "gltf compressed": ("a.gltf", undecoded_glb(), "uncompressed"),
+    "gltf without vertices": ("a.gltf", gltf({}), "compressed or sparse; export it un"),
+    "gltf without faces": ("a.gltf", gltf(indices={}), "compressed or sparse"),
+    "gltf of sparse vertices": ("a.gltf", gltf(SPARSE), "compressed or sparse"),
+    "gltf of draco": (
+        "a.gltf",
+        gltf({}, part={"extensions": {"KHR_draco_mesh_compression": {}}}),
+        "compressed or sparse",
+    ),
+    "gltf of more zeros than memory": (
+        "a.gltf",
+        gltf(other={"count": 10**12}),
+        "accessor 2 announces 1000000000000 items without data",
+    ),
+    "underscore, off": ("a.off", OFF.replace(b"3 0 1 3", b"3 0 1 0_3"), "'0_3' for a"),
+    "underscore, obj": ("a.obj", OBJ + b"v 1_0 0 0", "'1_0' for a number"),
+    "underscore, obj face": ("a.obj", OBJ + b"f 1 2 0_3", "'0_3' for a number"),
+    "underscore, ply": ("a.ply", PLY.replace(b"1 0 0", b"1_0 0 0"), "'1_0' for a"),
+    "underscore, stl": (
+        "a.stl",
+        STLA.replace(b"1 0 0", b"1_0 0 0") + b"endsolid a_b",
+        "'1_0' for a number",
+    ),
     "face of two": (
         "a.off",
         OFF.replace(b"3 0 1 2", b"2 0 1"),
@@ -475,6 +519,11 @@ def test_broken_files_are_refused(tmp_path, name):
         read(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "; " in str(caught.value)
+
+
+def test_gltf_by_hand_is_read(tmp_path):
+    (tmp_path / "a.gltf").write_bytes(gltf())
+    same(read(tmp_path / "a.gltf"), np.eye(3), [0, 1, 2])
 
 
 def test_a_binary_ply_may_end_in_line_ends(tmp_path):

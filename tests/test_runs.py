@@ -257,6 +257,7 @@ def test_pairs_are_read(tmp_path):
         ("a.off,b.off\nc.off;d.off\n", "line 2 is 'c.off;d.off'"),
         ("a.off,\n", "line 1 is 'a.off,'"),
         ("a.off,b.off,c.off\n", "line 1 is"),
+        ("a.off,b\0.off\n", "line 1 is"),
         ("a/b.off,c\nd,e\na-b.off,c\n", "lines 1 and 3 would both be named"),
     ],
 )

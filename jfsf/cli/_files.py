@@ -1,5 +1,6 @@
 """The files of the command line: read, checked and written."""
 
+import re
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
@@ -25,6 +26,7 @@ OrientationOption = Annotated[
 ]
 
 
+_DIGITS = re.compile("[0-9]{1,18}")
 FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
@@ -111,15 +113,16 @@ def read_landmarks(path: Path, kept) -> np.ndarray:
     Raises:
         ValueError: another format, or a vertex that was not kept.
     """
-    try:
-        lines = [line.split("#")[0].split() for line in path.read_text().splitlines()]
-        pairs = np.array([[int(word) for word in line] for line in lines if line])
-        if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise ValueError
-    except ValueError:
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    # int() takes 1_0 for 10.
+    is_pair = lambda line: len(line) == 2 and all(map(_DIGITS.fullmatch, line))
+    pairs = [line for line in lines if line]
+    if not pairs or not all(map(is_pair, pairs)):
         raise ValueError(
             f"{path}: a line holds a vertex of X and one of Y, counted from 0"
-        ) from None
+        )
+    pairs = np.array(pairs, np.int64)
     for column, index in enumerate(kept):
         if index is None:
             continue

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jfsf.mesh._values import MeshError, triangulate
+from jfsf.mesh._values import MeshError, check_plain_numbers, triangulate
 from jfsf.types import ArrayLike, Mesh
 
 _TYPES = {
@@ -55,6 +55,7 @@ def parse_ply(data: bytes) -> Mesh:
                 f"its header announces {total} lines, but {lines} follow; "
                 "export the mesh again"
             )
+        check_plain_numbers(body.decode("ascii", "replace"))
         body = np.array(body.split(), "<f8").tobytes()
     at, found = 0, {}
     for name, count, properties in elements:

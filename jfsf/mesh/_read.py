@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jfsf.mesh._formats import parse_gltf, parse_obj, parse_off, parse_stl
+from jfsf.mesh._formats import parse_obj, parse_off, parse_stl
+from jfsf.mesh._gltf import parse_gltf
 from jfsf.mesh._ply import parse_ply
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import Mesh
