@@ -29,17 +29,18 @@ only from those above its own:
 """
 
 from importlib import import_module
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from jfsf.initial import SearchSettings
-from jfsf.matching import basis, check_matchable, match, symmetry
-from jfsf.mesh import MeshError, check, read
-from jfsf.neighbours import NeighbourSettings
-from jfsf.pipeline import match_spectra
-from jfsf.refine import ArapSettings, ZoomOutSettings
-from jfsf.settings import Settings
-from jfsf.spectral import FeatureSettings, spectrum
-from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
+if TYPE_CHECKING:
+    from jfsf.initial import SearchSettings
+    from jfsf.matching import basis, check_matchable, match, symmetry
+    from jfsf.mesh import MeshError, check, read
+    from jfsf.neighbours import NeighbourSettings
+    from jfsf.pipeline import match_spectra
+    from jfsf.refine import ArapSettings, ZoomOutSettings
+    from jfsf.settings import Settings
+    from jfsf.spectral import FeatureSettings, spectrum
+    from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 
 __all__ = [
     "ArapSettings",
@@ -65,15 +66,34 @@ __all__ = [
 ]
 __version__ = "0.1.0"
 
-# Not needed by `match`: imported on first use.
-_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "solvers", "testing")
+# All is imported on first use. So `import jfsf` takes no time, and the command line can
+# see to interrupts before it imports numpy and jax (`jfsf.__main__`).
+_HOMES = {
+    "initial": ("SearchSettings",),
+    "matching": ("basis", "check_matchable", "match", "symmetry"),
+    "mesh": ("MeshError", "check", "read"),
+    "neighbours": ("NeighbourSettings",),
+    "pipeline": ("match_spectra",),
+    "refine": ("ArapSettings", "ZoomOutSettings"),
+    "settings": ("Settings",),
+    "spectral": ("FeatureSettings", "spectrum"),
+    "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),
+}
+_ROOMS = (
+    *("array", "solvers", "storage", "convert", "evaluate", "arguments", "mapfiles"),
+    *("batch", "baselines", "data", "plot", "testing", "cli", *_HOMES),
+)
 
 
 def __getattr__(name: str) -> Any:
-    if name in _LAZY:
+    if name in _ROOMS:
         return import_module(f"jfsf.{name}")
+    for room, names in _HOMES.items():
+        if name in names:
+            value = getattr(import_module(f"jfsf.{room}"), name)
+            return globals().setdefault(name, value)
     raise AttributeError(f"module 'jfsf' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LAZY})
+    return sorted({*globals(), *__all__, *_ROOMS})

@@ -70,6 +70,23 @@ def test_nearly_all_neighbours_are_found(seed, noise, k0):
     assert found.recall > 0.97 and not found.searched_all
 
 
+def test_masked_points_stay_out_where_others_coincide():
+    # The oracle of the recall is the exhaustive search, left out here.
+    _, _, *flat = surfaces(0)
+    place = np.random.default_rng(0).normal(size=(2, 1, WIDTH))
+    x, y = np.tile(place[0], (N, 1)), np.tile(place[1], (M, 1))
+    valid = np.arange(N) % 3 > 0, np.arange(M) % 3 > 0
+    valid_x, valid_y = map(jnp.asarray, valid)
+    found = search(x, y, *flat, 10, min_recall=0.0, valid_x=valid_x, valid_y=valid_y)
+    far = np.linalg.norm(place[0] - place[1])
+    for near, of, among in (
+        (found.near_xy, *valid),
+        (found.near_yx, *valid[::-1]),
+    ):
+        np.testing.assert_allclose(near.dist[of], far)
+        assert among[np.asarray(near.idx)[of]].all()
+
+
 def test_fewer_tiles_find_fewer_neighbours():
     x, y, *flat = surfaces(0, noise=0.05)
     few = NeighbourSettings(tiles=2)

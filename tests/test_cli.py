@@ -1,9 +1,13 @@
 """The command line on small bodies: its files, its output and its errors."""
 
+import errno
 import json
+import os
 import re
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import fast_simplification
@@ -166,6 +170,22 @@ def test_evaluate_refuses_what_does_not_fit(folder, x, y):
         "evaluate", x, y, found, "--json", folder / "a.txt"
     )
     assert run("evaluate", x, y, found, "--every", 0).exit_code == 2
+    with np.load(found) as file:
+        arrays = dict(file)
+    n = len(arrays["T_xy"])
+    for name, wrong in (
+        ("index_x", np.arange(n) + 0.5),
+        ("index_x", np.arange(n).astype(str)),
+        ("index_x", np.zeros(0, int)),
+        ("index_x", np.zeros((n, 2), int)),
+        ("index_x", np.arange(n - 1)),
+        ("C_yx", np.array("a")),
+        ("C_yx", np.zeros((0, 5))),
+        ("C_yx", arrays["C_yx"] * np.nan),
+    ):
+        np.savez(folder / "wrong.npz", **arrays | {name: wrong})
+        said = refused("evaluate", x, y, folder / "wrong.npz")
+        assert str(folder / "wrong.npz") in said and name in said
 
 
 @pytest.fixture
@@ -231,8 +251,11 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     assert seen["landmarks"].tolist() == [[3, 5], [4, 6]]
     pairs.write_text("3 2\n")
     assert "vertex 2 of Y is not in the largest piece" in refused(*args)
-    for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n"):
+    for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n", "1 -2\n", "1_0 2\n"):
         pairs.write_text(text)
+        assert "a vertex of X and one of Y" in refused(*args)
+    for data in (b"\xff\xfe\n", "\u0663 1\n".encode(), b"1 " + b"9" * 30):
+        pairs.write_bytes(data)
         assert "a vertex of X and one of Y" in refused(*args)
 
 
@@ -246,6 +269,56 @@ def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
     assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
     assert run("match", x, y).exit_code == 2
     assert run("match", x, y, *out, "--orientation", "left").exit_code == 2
+
+
+@pytest.fixture
+def read_only(tmp_path, monkeypatch):
+    """A folder in which no file can be made."""
+    folder = tmp_path / "read only"
+    folder.mkdir()
+    folder.chmod(0o555)
+    if os.access(folder, os.W_OK):
+        # Root writes anywhere, so for root a read-only system is played.
+        real = Path.open
+
+        def refusing(path, mode="r", *args, **options):
+            if path.parent == folder and "x" in mode:
+                raise OSError(errno.EROFS, "Read-only file system", str(path))
+            return real(path, mode, *args, **options)
+
+        monkeypatch.setattr(Path, "open", refusing)
+    yield folder
+    folder.chmod(0o755)
+
+
+def test_what_cannot_be_written_is_said_before_the_work(
+    folder, x, y, read_only, tmp_path, monkeypatch
+):
+    def never(*_, **__):
+        raise AssertionError("the work was done")
+
+    for work in ("matching.match", "cli._demo.measure", "cli._evaluate.figures_of"):
+        monkeypatch.setattr(f"jfsf.{work}", never)
+    monkeypatch.setattr("jfsf.batch.connect", never)
+    (pairs := folder / "one.csv").write_text(f"{x.name},{y.name}\n")
+    (tmp_path / "file").touch()
+    (tmp_path / "folder.npz").mkdir()
+    found, out = folder / "map.npz", tmp_path / "m.npz"
+    for place in (read_only, read_only / "new" / "deeper", tmp_path / "file"):
+        commands = [("demo", "--out", place), ("batch", pairs, "--out", place)]
+        if place.parent == tmp_path:
+            commands += [
+                ("match", x, y, "--out", place / "m.npz"),
+                ("match", x, y, "--out", out, "--png", place / "m.png"),
+                ("evaluate", x, y, found, "--json", place / "figures.json"),
+            ]
+        for command in commands:
+            said = refused(*command)
+            assert f"{place}" in said and ".tmp" not in said
+            assert "cannot be written" in said or "no folder" in said
+    said = refused("match", x, y, "--out", tmp_path / "folder.npz")
+    assert "folder.npz: cannot be written (Is a directory)" in said
+    assert not list(read_only.iterdir()) and not out.exists()
 
 
 def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):
@@ -391,6 +464,92 @@ def test_process_says_one_line_and_ends_with_the_code(tmp_path):
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 1 and done.stdout == ""
     assert done.stderr.startswith("jfsf: ") and done.stderr.count("\n") == 1
+
+
+# Runs jfsf in a process that interrupts itself at an import or a collection of garbage.
+INTERRUPTED = """
+import gc, runpy, signal, sys
+# A process in the background ignores it, and so do all that it starts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+when, *sys.argv[1:] = sys.argv[1:]
+interrupt = lambda *_: signal.raise_signal(signal.SIGINT)
+class Finder:
+    def find_spec(self, name, *_):
+        if name == "jfsf.cli":
+            print("ready", flush=True)
+        if name == when:
+            interrupt()
+def at_collection(*_):
+    if when == "collection" and "jfsf.pipeline" in sys.modules:
+        interrupt()
+sys.meta_path.insert(0, Finder())
+gc.callbacks.append(at_collection)
+runpy.run_module("jfsf", run_name="__main__", alter_sys=True)
+"""
+WITH_SIGNALS = pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+
+
+def interrupted_match(tmp_path, x, y, when):
+    (tmp_path / "out").mkdir()
+    command = [sys.executable, "-c", INTERRUPTED, when, "match", x, y]
+    return subprocess.Popen(
+        [*command, "--out", tmp_path / "out" / "m.npz"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        cwd=ROOT,
+        env={**os.environ, "JFSF_CACHE": str(tmp_path / "cache")},
+    )
+
+
+def ended(process, tmp_path):
+    output, errors = process.communicate(timeout=300)
+    assert process.returncode == 130, output + errors
+    assert output.strip() in ("", "ready") and "Traceback" not in errors
+    assert not os.listdir(tmp_path / "out") and not list(tmp_path.rglob("*.tmp"))
+
+
+@WITH_SIGNALS
+@pytest.mark.parametrize(
+    "when", ["jfsf.cli", "numpy._core.shape_base", "jax.lax", "jfsf.mesh", "collection"]
+)
+def test_an_interrupt_is_not_lost(tmp_path, x, y, when):
+    ended(interrupted_match(tmp_path, x, y, when), tmp_path)
+
+
+@WITH_SIGNALS
+@pytest.mark.parametrize("seconds", [0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6])
+def test_an_interrupt_is_heeded_at_any_time(tmp_path, x, y, seconds):
+    process = interrupted_match(tmp_path, x, y, "never")
+    assert process.stdout and process.stdout.read(5) == "ready"
+    time.sleep(seconds)
+    process.send_signal(signal.SIGINT)
+    ended(process, tmp_path)
+
+
+@WITH_SIGNALS
+def test_an_interrupt_leaves_no_part_of_a_file(tmp_path):
+    code = (
+        "import signal, sys\n"
+        "from jfsf import __main__, storage\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "end = lambda file: signal.raise_signal(signal.SIGINT)\n"
+        "write = lambda: storage.write_atomically(sys.argv[1], end)\n"
+        "sys.modules['jfsf.cli'] = type(sys)('cli')\n"
+        "sys.modules['jfsf.cli'].main = write\n"
+        "__main__.main()\n"
+    )
+    command = [sys.executable, "-c", code, tmp_path / "a.txt"]
+    assert subprocess.run(command, cwd=ROOT).returncode == 130
+    assert os.listdir(tmp_path) == []
+
+
+@WITH_SIGNALS
+def test_an_interrupt_that_is_ignored_stays_so():
+    code = INTERRUPTED.replace("default_int_handler", "SIG_IGN")
+    command = [sys.executable, "-c", code, "jfsf.cli", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0 and done.stdout == f"ready\njfsf {__version__}\n"
 
 
 def blocks(language):

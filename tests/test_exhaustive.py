@@ -88,6 +88,17 @@ def test_the_unit_changes_nothing(unit):
     same(found, idx, dist * unit)
 
 
+@pytest.mark.parametrize("away", [1e-100, 1e20, 1e60, 1e150])
+def test_points_that_coincide_are_found_from_afar(away):
+    valid = np.arange(M) % 3 > 0
+    queries, points = away * random(0, N, WIDTH), np.tile(random(1, WIDTH), (M, 1))
+    points[::2] *= 1 + 1e-15
+    found = neighbours(*map(jnp.asarray, (queries, points, valid)), k0=20)
+    assert valid[np.asarray(found.idx)].all()
+    _, dist = oracles.neighbours(queries, points, 20, valid)
+    np.testing.assert_allclose(found.dist, dist, rtol=1e-12)
+
+
 def test_float32_agrees_but_for_near_ties():
     queries, points = (jnp.asarray(random(s, N, 60), jnp.float32) for s in (0, 1))
     found = neighbours(queries, points, k0=20)

@@ -2,6 +2,7 @@
 
 import os
 import tempfile
+import zipfile
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -16,6 +17,7 @@ from jfsf.mapfiles import (
     read_ground_truth,
     read_map,
     read_match,
+    read_stored,
     write_map,
     write_match,
 )
@@ -33,7 +35,9 @@ def text(folder, content, name="a.map"):
 def match(n_x=6, n_y=4):
     numbers = {name: jnp.asarray(0.5) for name in Certificate._fields}
     certificate = Certificate(
-        **numbers | {"empty": jnp.asarray(2), "finite": jnp.asarray(True)}
+        **numbers
+        | {"empty": jnp.asarray(2), "finite": jnp.asarray(True)}
+        | {"landmarks": jnp.asarray([0.1, 0.9])}
     )
     T_xy, T_yx = jnp.arange(n_x) % n_y, jnp.arange(n_y) + n_x - n_y
     C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(3, 2)), jnp.float32)
@@ -114,7 +118,7 @@ def test_match_round_trip(tmp_path):
         assert not {"index_x", "index_y"} & {*file.files}
     for name in Certificate._fields:
         a, b = getattr(found.certificate, name), getattr(truth.certificate, name)
-        assert a.dtype == b.dtype and a.shape == () and a == b
+        assert a.dtype == b.dtype and np.array_equal(a, b)
     # A match file is a map file, both ways.
     np.testing.assert_array_equal(read_map(path, n_from=6, n_to=4), truth.T_xy)
     found = read_map(path, key="T_yx", n_from=4, n_to=6)
@@ -223,6 +227,143 @@ def test_arrays_refused(tmp_path):
         read_map(write(T_xy=[2, 1]), n_to=2)
 
 
+NUMBERS = ["i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8", "i8", "u8"]
+SAVED = {
+    "-v4": {"format": "4"},
+    "-v6": {"format": "5"},
+    "-v7": {"format": "5", "do_compression": True},
+}
+
+
+@pytest.mark.parametrize("version", SAVED)
+@given(st.sampled_from(NUMBERS), st.sampled_from([(1, 5), (5, 1), (1, 1), (1, 90)]))
+def test_matlab_files_hold_what_scipy_wrote(version, number, shape):
+    number = number if version != "-v4" or number[0] == "f" else "i4"
+    values = np.arange(1, 1 + np.prod(shape)).reshape(shape).astype(number)
+    others = {"other": "text", "matrix": values * 1j, "T_yx": values[:, :1]}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mat"
+        scipy.io.savemat(path, {**others, "T_xy": values}, **SAVED[version])
+        np.testing.assert_array_equal(read_map(path), values.ravel() - 1)
+        np.testing.assert_array_equal(read_map(path, key="T_yx"), values[:, 0] - 1)
+        for name in ("other", "matrix"):
+            with refused(f"{name}.*: holds object, expected whole numbers"):
+                read_map(path, key=name)
+
+
+def test_a_damaged_type_in_a_matlab_file_is_refused(tmp_path):
+    # scipy.io.loadmat ends the process here.
+    path = tmp_path / "a.mat"
+    T_xy = np.arange(1, 201, dtype=np.int32)
+    scipy.io.savemat(path, {"T_xy": T_xy}, oned_as="column")
+    whole = bytearray(path.read_bytes())
+    assert whole[0xB0] == 5
+    whole[0xB0] = 0
+    path.write_bytes(whole)
+    with refused("damaged, or no .mat .an element is of type 0.; save it again"):
+        read_map(path)
+
+
+@pytest.mark.parametrize("version", SAVED)
+@given(st.integers(0, 400), st.integers(0, 255))
+def test_a_damaged_byte_in_a_matlab_file(version, at, byte):
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "a.mat"
+        scipy.io.savemat(path, {"T_xy": np.arange(1.0, 21)}, **SAVED[version])
+        whole = bytearray(path.read_bytes())
+        whole[at % len(whole)] = byte
+        path.write_bytes(whole)
+        try:
+            # Only in the numbers themselves can damage go unnoticed.
+            assert read_map(path).shape == (20,)
+        except MapFileError as error:
+            assert str(path) in str(error)
+
+
+def npz(path, header=None, data=bytes(800), name="T_xy.npy", **options):
+    """A .npz of one array, with any header; by default of 200 integers."""
+    header = header or "{'descr': '<i4', 'fortran_order': False, 'shape': (200,), }"
+    text = header.encode().ljust(117) + b"\n"
+    array = b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data
+    with zipfile.ZipFile(path, "w", **options) as file:
+        file.writestr(name, array)
+    return path
+
+
+def test_npz_by_hand_is_read(tmp_path):
+    assert read_map(npz(tmp_path / "a.npz")).tolist() == [0] * 200
+
+
+# What numpy and zipfile raise, and a file that makes them.
+HEADERS = {
+    MemoryError: "{'descr': '<i4', 'fortran_order': False, 'shape': (10000000000000,)}",
+    TypeError: "{'descr': '<i4', 'fortran_order': False, 'shape': (200,), [1]: 2}",
+    SyntaxError: "{'descr': '<i4', 'fortran_order': False, 'shape': (200,), ",
+    ValueError: "{'descr': '|O', 'fortran_order': False, 'shape': (200,), }",
+}
+
+
+@pytest.mark.parametrize("kind", HEADERS)
+def test_a_damaged_header_of_an_array_is_refused(tmp_path, kind):
+    path = npz(tmp_path / "a.npz", HEADERS[kind])
+    with refused(
+        r"a\.npz: damaged, or no \.npz of plain arrays \(.+\); write it again"
+    ):
+        read_map(path)
+
+
+def test_a_damaged_shape_does_not_cut_an_array(tmp_path):
+    # The array is long enough that numpy does not meet its checksum.
+    header = "{'descr': '<i4', 'fortran_order': False, 'shape': (200,), }"
+    path = npz(tmp_path / "a.npz", header, bytes(80_000))
+    with refused("T_xy is longer than its shape"):
+        read_map(path)
+
+
+def test_a_compression_that_nobody_knows_is_refused(tmp_path):
+    path = npz(tmp_path / "a.npz")
+    whole = path.read_bytes()
+    for magic, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
+        at = whole.index(magic) + offset
+        whole = whole[:at] + b"\x63\x00" + whole[at + 2 :]
+    path.write_bytes(whole)
+    with refused("damaged, or no .npz .*compression"):
+        read_map(path)
+
+
+def test_a_damaged_npz_says_nothing_but_its_error(tmp_path):
+    # Warnings are errors here: numpy reads headers as Python text.
+    header = r"{'descr': '\<i4', 'fortran_order': False, 'shape': (200,), }"
+    with refused("damaged"):
+        read_map(npz(tmp_path / "a.npz", header))
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat"])
+def test_arrays_that_expand_to_more_than_memory_are_refused(
+    tmp_path, monkeypatch, suffix
+):
+    monkeypatch.setattr("jfsf.mapfiles._arrays.MOST_BYTES", 4000)
+    path = tmp_path / f"a{suffix}"
+    for n, is_read in ((900, True), (1100, False)):
+        values = np.ones(n, np.int32)
+        if suffix == ".npz":
+            np.savez_compressed(path, T_xy=values, other=np.zeros(9999))
+        else:
+            scipy.io.savemat(path, {"T_xy": values}, do_compression=True)
+        if is_read:
+            assert len(read_map(path)) == n
+        else:
+            with refused("above 4000"):
+                read_map(path)
+
+
+def test_numbers_beyond_all_integers_are_refused(tmp_path):
+    for values in ([1e300], np.array([np.longdouble("1e4000")]), [2**63]):
+        np.savez(tmp_path / "a.npz", T_xy=np.array(values))
+        with refused("entry 1 is (1e.300|inf|9.2233)"):
+            read_map(tmp_path / "a.npz")
+
+
 def test_options_refused(tmp_path):
     with pytest.raises(ValueError, match="read_map: base is 2"):
         read_map(tmp_path / "a.map", base=2)
@@ -256,6 +397,73 @@ def test_matches_refused(tmp_path):
     write_match(path, match()._replace(T_xy=jnp.array([0, 4])))
     with refused(r"\[T_xy\]: entry 2 is 4, the target has 4"):
         read_match(path)
+    for wrong in (jnp.zeros(3), jnp.zeros((0, 5)), np.array([["a"]])):
+        write_match(path, match()._replace(C_yx=wrong))
+        with refused(r"\[C_yx\]: holds .*, expected a functional map"):
+            read_match(path)
+    certificate = match().certificate
+    for name, wrong, expected in (
+        ("gap", np.array("a"), "a number"),
+        ("energy", np.zeros(2), "a number"),
+        ("landmarks", np.zeros((2, 2)), "a vector of numbers"),
+    ):
+        wrong = certificate._replace(**{name: wrong})
+        write_match(path, match()._replace(certificate=wrong))
+        with refused(rf"\[certificate_{name}\]: holds .*, expected {expected};"):
+            read_match(path)
+
+
+def test_stored_maps(tmp_path):
+    path = tmp_path / "a.npz"
+    write_match(path, match(), index_y=[0, 2, 3, 7])
+    found = read_stored(path, n_x=6, n_y=9)
+    assert found.index_x is None
+    np.testing.assert_array_equal(found.index_y, [0, 2, 3, 7])
+    for name in ("T_xy", "T_yx", "C_yx"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(match(), name))
+    write_map(tmp_path / "a.map", [0, 1], base=0)
+    found = read_stored(tmp_path / "a.map", n_x=2, n_y=2, base=0)
+    assert found.T_xy.tolist() == [0, 1] and found[1:] == (None,) * 4
+    # Whole numbers of any type, and one column, as for maps.
+    np.savez(path, T_xy=[0, 1], index_x=[[3.0], [1.0]])
+    found = read_stored(path, n_x=4, n_y=2)
+    np.testing.assert_array_equal(found.index_x, [3, 1])
+
+
+STORED = {
+    "float": ({"index_x": [0, 1.5]}, r"\[index_x\]: entry 2 is 1.5, not a whole"),
+    "string": ({"index_x": ["a", "b"]}, r"\[index_x\]: holds <U1, expected whole"),
+    "flags": ({"index_x": [True, True]}, "holds bool, expected whole"),
+    "empty": ({"index_x": np.zeros(0, int)}, r"\[index_x\]: holds no index"),
+    "matrix": ({"index_x": np.eye(2, dtype=int)}, r"shape is \(2, 2\), expected a vec"),
+    "number": ({"index_x": 1}, r"shape is \(\), expected a vector"),
+    "too large": ({"index_y": [0, 5]}, r"\[index_y\]: entry 2 is 5, the target has 5"),
+    "negative": ({"index_y": [0, -1]}, r"\[index_y\]: entry 2 is -1"),
+    "twice": ({"index_x": [3, 3]}, "names vertex 3 more than once"),
+    "too long": ({"index_x": [0, 1, 2]}, "index_x has 3 entries and T_xy 2"),
+    "too long, y": (
+        {"index_y": [0, 1, 2], "T_yx": [0, 1]},
+        "index_y has 3 entries and T_yx 2",
+    ),
+    "mesh without index": ({"T_xy": [0, 1, 1]}, "has 3 entries, expected 2"),
+    "not other way": ({"T_yx": [0]}, r"\[T_yx\]: has 1 entries, expected 5"),
+    "words": ({"C_yx": "a"}, r"\[C_yx\]: holds <U1 \(\), expected a functional map"),
+    "no columns": ({"C_yx": np.zeros((0, 5))}, r"float64 \(0, 5\), expected"),
+    "vector": ({"C_yx": np.zeros(5)}, r"float64 \(5,\), expected"),
+    "complex": ({"C_yx": np.eye(2) * 1j}, "complex128"),
+    "nan": ({"C_yx": np.eye(2) * np.nan}, r"\[C_yx\]: holds nan, no number of a"),
+    "huge": ({"C_yx": np.eye(2) * 1e300}, r"\[C_yx\]: holds 1e\+300"),
+}
+
+
+@pytest.mark.parametrize("name", STORED)
+def test_stored_maps_that_do_not_fit_are_refused(tmp_path, name):
+    arrays, sentence = STORED[name]
+    with (tmp_path / "a.npz").open("wb") as file:
+        np.savez(file, **{"T_xy": [0, 1], **arrays})
+    n_x = 2 if "index_x" not in arrays else 4
+    with refused(rf"a\.npz.*{sentence}"):
+        read_stored(tmp_path / "a.npz", n_x=n_x, n_y=5)
 
 
 def test_a_failed_write_leaves_the_old_file(tmp_path, monkeypatch):

@@ -1,7 +1,9 @@
 """Reading meshes in every format, refusing bad ones, examining and mending them."""
 
+import base64
 import json
 import os
+import re
 import struct
 from collections import defaultdict
 from pathlib import Path
@@ -287,22 +289,52 @@ PLY = (
     b"end_header\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n3 0 1 2\n3 0 1 3\n"
 )
 PLYB = write_ply_binary(np.eye(3), [[0, 1, 2]])
+# Conversion to float64 makes numpy warn of this one.
+SIGNALLING, ONE = struct.pack("<I", 0x7FA00000), struct.pack("<f", 1)
+PLYB_FLOAT = (
+    b"ply\nformat binary_little_endian 1.0\nelement vertex 3\nproperty float x\n"
+    b"property float y\nproperty float z\nend_header\n"
+) + np.eye(3, dtype="<f4").tobytes()
 OBJ = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 STL = bytes(trimesh.creation.box().export(file_type="stl"))  # type: ignore
 STLA = b"solid\nfacet\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\n"
 GLB = bytes(trimesh.Scene(trimesh.creation.box()).export(file_type="glb"))  # type: ignore
+HALF = struct.pack("<f", 0.5)
+GLB_NAN = GLB.replace(HALF, SIGNALLING)
 
 
-def undecoded_glb():
+def gltf(position=None, indices=None, other=None, part=None):
+    """A triangle, with changes to its accessors and to its part of the mesh."""
+    data = np.eye(3, dtype="<f4").tobytes() + np.arange(3, dtype="<u2").tobytes()
+    vector = {"componentType": 5126, "type": "VEC3", "count": 3}
+    number = {"componentType": 5123, "type": "SCALAR", "count": 3}
+    primitive = {"attributes": {"POSITION": 0}, "indices": 1}
     scene = {
         "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0}],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}],
-        "accessors": [{"count": 3, "componentType": 5126, "type": "VEC3"}],
-        "bufferViews": [],
+        "meshes": [{"primitives": [primitive | (part or {})]}],
+        "accessors": [
+            {**vector, "bufferView": 0} if position is None else vector | position,
+            {**number, "bufferView": 1} if indices is None else number | indices,
+            {**vector, **(other or {})},  # a morph's, without data
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 36},
+            {"buffer": 0, "byteOffset": 36, "byteLength": 6},
+        ],
+        "buffers": [
+            {
+                "byteLength": 42,
+                "uri": "data:application/octet-stream;base64,"
+                + base64.b64encode(data).decode(),
+            }
+        ],
     }
     return json.dumps(scene).encode()
+
+
+SPARSE = {"sparse": {"count": 1}, "bufferView": 0}
 
 
 BROKEN = {
@@ -346,6 +378,55 @@ BROKEN = {
     ),
     "ply of strips": ("a.ply", PLY.replace(b"face", b"tristrips"), "strips"),
     "ply with half indices": ("a.ply", PLY.replace(b"3 0 1 2", b"3 0 1.5 2"), "1.5"),
+    "binary ply has more": ("a.ply", PLYB + b"\0", "but the last 1 bytes"),
+    "binary ply of fewer faces": (
+        "a.ply",
+        write_ply_binary(np.eye(3), [[0, 1, 2]] * 320).replace(
+            b"element face 320", b"element face 1"
+        ),
+        "but the last 8294 bytes",
+    ),
+    "binary ply without its faces' line": (
+        "a.ply",
+        re.sub(b"element face .*\n", b"", PLYB),
+        "element 'strange' has corners",
+    ),
+    "binary ply of vertices with corners": (
+        "a.ply",
+        re.sub(b"element (strange|face) .*\n", b"", PLYB),
+        "element 'vertex' has corners",
+    ),
+    "ply of fewer faces": (
+        "a.ply",
+        PLY.replace(b"face 2", b"face 1").replace(b"3 0 1 2\n3", b"3 0 1 2 3"),
+        "but the last 32 bytes",
+    ),
+    "ply of another element": (
+        "a.ply",
+        PLY.replace(b"element face 2", b"element 1// 2"),
+        "element '1//' has corners",
+    ),
+    "ply of a negative count": (
+        "a.ply",
+        PLY.replace(b"face 2", b"face -2"),
+        "line 'element face -2'",
+    ),
+    "ply of a damaged line": (
+        "a.ply",
+        PLY.replace(b"property float y", b"propert! float y"),
+        "line 'propert! float y'",
+    ),
+    "ply of two x": ("a.ply", PLY.replace(b"float y", b"float x"), "property 'x'"),
+    "ply of two faces": (
+        "a.ply",
+        PLY.replace(b"element vertex", b"element face"),
+        "two of element 'face'",
+    ),
+    "ply of property first": (
+        "a.ply",
+        PLY.replace(b"element vertex 4\n", b""),
+        "line 'property float x'",
+    ),
     "binary ply cut": ("a.ply", PLYB[:-1], "1 of element 'face'"),
     "binary ply cut early": ("a.ply", PLYB[:-60], "3 of element 'vertex'"),
     "binary stl cut": ("a.stl", STL[:-1], "12 triangles in 684 bytes, but it has 683"),
@@ -356,7 +437,28 @@ BROKEN = {
         "2 c",
     ),
     "glb cut": ("a.glb", GLB[:-10], "readable GLB"),
-    "gltf compressed": ("a.gltf", undecoded_glb(), "uncompressed"),
+    "gltf without vertices": ("a.gltf", gltf({}), "compressed or sparse; export it un"),
+    "gltf without faces": ("a.gltf", gltf(indices={}), "compressed or sparse"),
+    "gltf of sparse vertices": ("a.gltf", gltf(SPARSE), "compressed or sparse"),
+    "gltf of draco": (
+        "a.gltf",
+        gltf({}, part={"extensions": {"KHR_draco_mesh_compression": {}}}),
+        "compressed or sparse",
+    ),
+    "gltf of more zeros than memory": (
+        "a.gltf",
+        gltf(other={"count": 10**12}),
+        "accessor 2 announces 1000000000000 items without data",
+    ),
+    "underscore, off": ("a.off", OFF.replace(b"3 0 1 3", b"3 0 1 0_3"), "'0_3' for a"),
+    "underscore, obj": ("a.obj", OBJ + b"v 1_0 0 0", "'1_0' for a number"),
+    "underscore, obj face": ("a.obj", OBJ + b"f 1 2 0_3", "'0_3' for a number"),
+    "underscore, ply": ("a.ply", PLY.replace(b"1 0 0", b"1_0 0 0"), "'1_0' for a"),
+    "underscore, stl": (
+        "a.stl",
+        STLA.replace(b"1 0 0", b"1_0 0 0") + b"endsolid a_b",
+        "'1_0' for a number",
+    ),
     "face of two": (
         "a.off",
         OFF.replace(b"3 0 1 2", b"2 0 1"),
@@ -381,6 +483,23 @@ BROKEN = {
     "index 0, obj": ("a.obj", OBJ + b"f 0 1 2", "'f 0 1 2' after 3 vertices"),
     "index -4, obj": ("a.obj", OBJ + b"f -4 -1 -2", "'f -4 -1 -2' after 3 vertices"),
     "nan": ("a.off", OFF.replace(b"1 0 0", b"nan 0 0"), r"vertex 1 is \[nan, 0.0"),
+    "nan corner, ply": (
+        "a.ply",
+        PLY.replace(b"3 0 1 2", b"3 nan 1 2"),
+        "a face names vertex nan",
+    ),
+    "infinite corner, ply": ("a.ply", PLY.replace(b"3 0 1 2", b"3 1e99 1 2"), "1e.99"),
+    "signalling nan, ply": (
+        "a.ply",
+        PLYB_FLOAT.replace(ONE, SIGNALLING, 1),
+        r"vertex 0 is \[nan, 0",
+    ),
+    "signalling nan, stl": (
+        "a.stl",
+        STL[:96] + SIGNALLING + STL[100:],
+        r"is \[nan, .* 1 of 9 are not finite",
+    ),
+    "nan, glb": ("a.glb", GLB_NAN, r"is \[nan, .* not finite"),
     "infinite": ("a.obj", OBJ + b"v 0 -inf 0\n", r"-inf, 0.0\], 1 of 4"),
     "overflow": ("a.obj", OBJ + b"v 0 1e999 0\n", "inf"),
     "nan, stl": ("a.stl", STLA.replace(b"1 0", b"nan 0") + b"endsolid", "not finite"),
@@ -400,6 +519,16 @@ def test_broken_files_are_refused(tmp_path, name):
         read(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "; " in str(caught.value)
+
+
+def test_gltf_by_hand_is_read(tmp_path):
+    (tmp_path / "a.gltf").write_bytes(gltf())
+    same(read(tmp_path / "a.gltf"), np.eye(3), [0, 1, 2])
+
+
+def test_a_binary_ply_may_end_in_line_ends(tmp_path):
+    (tmp_path / "a.ply").write_bytes(PLYB + b"\r\n")
+    same(read(tmp_path / "a.ply"), np.eye(3), [0, 1, 2])
 
 
 def test_missing_files_and_folders_are_refused(tmp_path):

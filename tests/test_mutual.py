@@ -6,7 +6,7 @@ import jax.test_util
 import numpy as np
 import oracles
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
@@ -115,6 +115,35 @@ def test_points_that_coincide_find_each_other(noise, k0):
     idx_xy, idx_yx = np.asarray(xy.idx), np.asarray(yx.idx)
     assert (order[idx_xy] == np.arange(2000)[:, None]).any(1).all()
     assert (idx_yx == order[:, None]).any(1).all()
+
+
+spreads = st.sampled_from([0, 1e-300, 1e-17, 1e-12, 1e-3, 1.0])
+
+
+@given(testing.seeds, spreads, spreads, st.booleans(), st.sampled_from([1e-30, 1, 1e9]))
+@example(0, 0, 0, False, 1)
+def test_masked_points_stay_out_where_others_coincide(seed, by_x, by_y, here, unit):
+    rng = np.random.default_rng(seed)
+    place, other = rng.normal(size=(2, WIDTH))
+    x = unit * (place + by_x * rng.normal(size=(N, WIDTH)))
+    y = unit * ((place if here else other) + by_y * rng.normal(size=(M, WIDTH)))
+    valid = np.arange(N) % 3 > 0, np.arange(M) % 3 > 0
+    for found, sides, of, among in zip(
+        mutual_neighbours(*arrays(x, y, *valid), k0=FEWEST),
+        ((x, y), (y, x)),
+        valid,
+        valid[::-1],
+        strict=True,
+    ):
+        dist, idx = np.asarray(found.dist), np.asarray(found.idx)
+        assert np.isinf(dist[~of]).all() and np.isfinite(dist[of]).all()
+        assert among[idx[of]].all()
+        # Up to rounding of places far apart, and to squares that vanish in float64.
+        _, near = oracles.neighbours(*sides, 1, among)
+        least = 1e-6 * min(by_x, by_y) + 4e-15
+        np.testing.assert_allclose(
+            dist[of].min(1), near[of, 0], rtol=1e-3, atol=least * unit
+        )
 
 
 def test_values_that_are_not_finite():

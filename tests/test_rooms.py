@@ -115,6 +115,17 @@ def test_all_public_names_resolve_without_further_imports():
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_the_package_imports_its_parts_on_first_use():
+    code = (
+        "import sys, jfsf\n"
+        "assert not {'numpy', 'jax', 'jfsf.types'} & set(sys.modules)\n"
+        "from jfsf import *\n"
+        "assert set(jfsf.__all__) <= set(globals()) and match is jfsf.match\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    assert set(jfsf.__all__) | set(ORDER) <= set(dir(jfsf))
+
+
 @pytest.mark.parametrize("room", ["", *ROOMS])
 def test_no_function_shadows_a_module(room):
     module = importlib.import_module(f"jfsf.{room}".rstrip("."))

@@ -1,5 +1,6 @@
 """Long runs: results are kept, failures are reported, the other jobs are done."""
 
+import io
 import json
 import os
 import re
@@ -7,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -255,6 +257,7 @@ def test_pairs_are_read(tmp_path):
         ("a.off,b.off\nc.off;d.off\n", "line 2 is 'c.off;d.off'"),
         ("a.off,\n", "line 1 is 'a.off,'"),
         ("a.off,b.off,c.off\n", "line 1 is"),
+        ("a.off,b\0.off\n", "line 1 is"),
         ("a/b.off,c\nd,e\na-b.off,c\n", "lines 1 and 3 would both be named"),
     ],
 )
@@ -333,6 +336,63 @@ def test_the_command(client, tmp_path, monkeypatch):
     result = batch(pairs, out, *at, "--orientation", "any")
     assert result.exit_code == 1 and "name another folder" in result.stderr
     assert batch(tmp_path / "none.csv", out, *at).exit_code == 1
+
+
+def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("jfsf.matching.match", fake_match)
+    blobs(tmp_path, 5)
+    names = [f"{i}.off" for i in range(5)]
+    (pairs := tmp_path / "pairs.csv").write_text(
+        "".join(f"0.off,{name}\n" for name in names)
+    )
+    out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
+    assert batch(pairs, out, *at).exit_code == 0
+    sound, *damaged = (out / f"0.off__{name}.npz" for name in names)
+    whole = sound.read_bytes()
+    with np.load(sound) as file:
+        arrays = dict(file)
+    # What numpy and zipfile do not know as damage.
+    at_method = whole.index(b"PK\x01\x02") + 10
+    damaged[0].write_bytes(whole[:at_method] + b"\x63" + whole[at_method + 1 :])
+    with zipfile.ZipFile(damaged[1], "w") as file:
+        for name, array in arrays.items():
+            written = io.BytesIO()
+            np.save(written, array)
+            header = written.getvalue().replace(b"(162,)", b"(9e9,)")
+            file.writestr(f"{name}.npy", header)
+    np.savez(damaged[2], **arrays | {"certificate_gap": np.array(["a", "b"])})
+    np.savez(damaged[3], **arrays | {"C_yx": np.array("a")})
+    result = batch(pairs, out, *at)
+    assert result.exit_code == 0, result.output
+    assert "5 pairs: 5 matched (1 of them earlier), 0 failed" in _words(result.stdout)
+    assert all(read_match(path).C_yx.shape == (3, 3) for path in damaged)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
+def test_an_interrupt_closes_the_workers(tmp_path):
+    import psutil
+
+    blobs(tmp_path, 2)
+    (pairs := tmp_path / "pairs.csv").write_text("0.off,1.off\n")
+    # A process in the background ignores it, and so do all that it starts.
+    run = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "from jfsf.__main__ import main\n"
+        "if __name__ == '__main__': main()\n"
+    )
+    (script := tmp_path / "run.py").write_text(run)
+    out, cache = tmp_path / "out", {"JFSF_CACHE": str(tmp_path / "cache")}
+    running = process(script, "batch", pairs, "--out", out, "--workers", 1, **cache)
+    while not (out / "settings.json").exists():  # the workers are there
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.1)
+    workers = psutil.Process(running.pid).children(recursive=True)
+    running.send_signal(signal.SIGINT)
+    output, errors = running.communicate(timeout=300)
+    assert running.returncode in (130, -signal.SIGINT), output + errors
+    assert not psutil.wait_procs(workers, timeout=60)[1]
+    assert not list(out.glob("*.tmp")) and not list(out.glob("*.npz"))
 
 
 def _words(text):

@@ -46,8 +46,9 @@ def test_repr_is_what_one_would_write():
     text = repr(mine)
     assert "converter=partial(sinkhorn, k0=40)" in text and "bend_rounds=0" in text
     assert "0x" not in text  # no address: the same text in every process
-    names = {"partial": partial, **vars(jfsf.convert), **vars(jfsf)}
+    names = {"partial": partial, **vars(jfsf.convert)}
     names |= {"Weights": jfsf.initial.Weights}
+    names |= {name: getattr(jfsf, name) for name in jfsf.__all__}
     assert eval(text, names) == mine
 
 

@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jfsf import storage
-from jfsf.storage import write_atomically, write_text
+from jfsf.storage import (
+    check_writable,
+    remove_unfinished,
+    write_atomically,
+    write_text,
+)
 
 
 class Pair(NamedTuple):
@@ -76,6 +81,15 @@ def test_damage_is_repaired(tmp_path_factory, data):
         path.write_bytes(bad)
         assert same(storage.fetch("key", Pair, lambda: VALUE))
         assert same(storage.fetch("key", Pair, lambda: VALUE))
+
+
+def test_a_damaged_shape_does_not_cut_a_record(place):
+    # So long that numpy does not meet the checksum before its end.
+    long = Pair(np.arange(9000.0).reshape(3000, 3), np.zeros(1))
+    storage.fetch("key", Pair, lambda: long)
+    path = place / "key.npz"
+    path.write_bytes(path.read_bytes().replace(b"(3000, 3)", b"(1000, 3)"))
+    assert same(storage.fetch("key", Pair, lambda: VALUE))
 
 
 @pytest.mark.parametrize("content", ["npy", "other fields", "pickle"])
@@ -161,6 +175,59 @@ def test_a_folder_that_is_missing_or_a_file_is_an_error(tmp_path):
     with pytest.raises(OSError):
         write_text(tmp_path / "a.txt" / "b.txt", "")
     assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_an_error_names_the_file_that_was_asked_for(tmp_path):
+    path = tmp_path / "a.txt"
+
+    def full(file):
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError) as caught:
+        write_atomically(path, full)
+    assert caught.value.errno == 28 and caught.value.filename == str(path)
+    missing = tmp_path / "none" / "a.txt"
+    for call in (check_writable, lambda path: write_text(path, "")):
+        with pytest.raises(FileNotFoundError) as caught:
+            call(missing)
+        assert caught.value.filename == str(missing)
+
+    def other(file):
+        raise FileNotFoundError(2, "No such file", "other.txt")
+
+    with pytest.raises(FileNotFoundError) as caught:
+        write_atomically(path, other)
+    assert caught.value.filename == "other.txt"
+
+
+def test_what_is_unfinished_can_be_removed(tmp_path):
+    path = tmp_path / "a.txt"
+    write_text(path, "old")
+
+    def write(file):
+        file.write(b"new")
+        assert len(os.listdir(tmp_path)) == 2
+        remove_unfinished()
+        assert os.listdir(tmp_path) == ["a.txt"]
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, write)
+    remove_unfinished()
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_what_can_be_written_is_left_as_it_was(tmp_path):
+    path = tmp_path / "a.txt"
+    check_writable(path)
+    assert os.listdir(tmp_path) == []
+    write_text(path, "old")
+    check_writable(str(path))
+    assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+    with pytest.raises(IsADirectoryError):
+        check_writable(tmp_path)
+    with pytest.raises(OSError):
+        check_writable(path / "b.txt")
 
 
 arrays = hnp.arrays(

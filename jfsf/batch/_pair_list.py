@@ -44,7 +44,7 @@ def read_pairs(path: Path) -> list[Pair]:
         cells = [cell.strip() for cell in row]
         if not any(cells) or cells[0].startswith("#"):
             continue
-        if len(cells) != 2 or not all(cells):
+        if len(cells) != 2 or not all(cells) or "\0" in "".join(cells):
             raise ValueError(
                 f"{path}: line {number} is {','.join(row)!r}; a line holds two mesh "
                 "paths, with a comma between"

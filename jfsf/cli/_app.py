@@ -1,6 +1,7 @@
 """jfsf demo | match | batch | evaluate | info: commands, options and exit codes.
 
-Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage.
+Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
+interrupted.
 """
 
 from enum import StrEnum
@@ -22,6 +23,7 @@ from jfsf.cli._files import (
     Orientation,
     OrientationOption,
     can_write,
+    can_write_in,
     check_mesh,
     matchable,
     need_matplotlib,
@@ -39,8 +41,15 @@ class _OneLine(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ValueError, ImportError, OSError) as error:
-            typer.echo(f"jfsf: {' '.join(str(error).split())}", err=True)
+            typer.echo(f"jfsf: {_sentence(error)}", err=True)
             raise typer.Exit(1) from None
+
+
+def _sentence(error: Exception) -> str:
+    text = str(error)
+    if isinstance(error, OSError) and error.filename and error.strerror:
+        text = f"{error.filename}: {error.strerror}; check the path"
+    return " ".join(text.split())
 
 
 app = typer.Typer(
@@ -66,7 +75,7 @@ UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture."
 
 
 def main() -> None:
-    """The entry point."""
+    """Run the command line, and end the process."""
     app()
 
 
@@ -105,7 +114,7 @@ def demo(
     """
     from jfsf.cli._demo import measure, table, write
 
-    out.mkdir(parents=True, exist_ok=True)
+    can_write_in(out)
     with _status("starting ...") as status:
         result = measure(*pair, lambda step: status.update(f"{step} ..."))
         status.update("drawing ...")

@@ -1,8 +1,11 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
 import json
+import signal
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from threading import current_thread, main_thread
 from typing import Annotated
 
 import numpy as np
@@ -11,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
-from jfsf.cli._files import Orientation, OrientationOption, matchable
+from jfsf.cli._files import Orientation, OrientationOption, can_write_in, matchable
 from jfsf.cli._summary import (
     doubtful_first,
     summary_row,
@@ -65,6 +68,7 @@ def batch(
     from jfsf.batch import Job, connect, read_pairs, run_jobs
 
     listed = read_pairs(pairs)
+    can_write_in(out)
     jobs = {
         # Absolute, because each worker has its own working folder.
         pair.name: Job(
@@ -78,7 +82,7 @@ def batch(
         "largest_component": largest_component,
     }
     rows = {}
-    with connect(scheduler, workers=workers) as client:
+    with _raising_interrupts(), connect(scheduler, workers=workers) as client:
         _begin(out, options)
         with _bars() as bars:
             shapes = bars.add_task("spectra", total=None)
@@ -164,6 +168,21 @@ def _begin(out: Path, options: dict) -> None:
     for part in out.glob("*.tmp"):
         part.unlink(missing_ok=True)
     write_text(path, json.dumps(options, indent=2) + "\n")
+
+
+@contextmanager
+def _raising_interrupts():
+    """An interrupt is a KeyboardInterrupt, so that the workers are closed."""
+    before = signal.getsignal(signal.SIGINT)
+    # Ignored in the background; and only the main thread may change it.
+    if not callable(before) or current_thread() is not main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _bars() -> Progress:

@@ -51,9 +51,9 @@ def evaluate(
 
     Example: jfsf evaluate a.off b.off map.npz --gt-x a.vts --gt-y b.vts --every 5
     """
-    mesh_x, mesh_y, maps, truth = read_pair(x, y, map_file, gt_x, gt_y, base)
     if json_file is not None:
         can_write(json_file, ".json")
+    mesh_x, mesh_y, maps, truth = read_pair(x, y, map_file, gt_x, gt_y, base)
     figures = figures_of(mesh_x, mesh_y, maps, truth, exact, every)
     shown = Table(title=map_file.name)
     shown.add_column("figure")

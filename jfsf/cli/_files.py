@@ -1,9 +1,10 @@
 """The files of the command line: read, checked and written."""
 
+import re
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -25,21 +26,14 @@ OrientationOption = Annotated[
 ]
 
 
+_DIGITS = re.compile("[0-9]{1,18}")
 FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
 
 
-class MapArrays(NamedTuple):
-    """The arrays of a map file; T_yx and C_yx are None if the file lacks them."""
-
-    T_xy: np.ndarray
-    T_yx: np.ndarray | None = None
-    C_yx: np.ndarray | None = None
-
-
 def can_write(path: Path, suffix: str) -> None:
-    """ValueError if `path` has another suffix or its folder does not exist.
+    """ValueError if `path` has another suffix or cannot be written.
 
     For checks before the work, so that the work is not lost.
     """
@@ -47,6 +41,26 @@ def can_write(path: Path, suffix: str) -> None:
         raise ValueError(f"{path}: is written as {suffix}; give it that suffix")
     if not path.parent.is_dir():
         raise ValueError(f"{path}: there is no folder {path.parent}; make it first")
+    _probe(path, path)
+
+
+def can_write_in(folder: Path) -> None:
+    """ValueError if files cannot be written in a folder, which need not exist yet."""
+    there = folder.absolute()
+    while not there.exists():
+        there = there.parent
+    _probe(there / "file", folder)
+
+
+def _probe(path, named):
+    from jfsf.storage import check_writable
+
+    try:
+        check_writable(path)
+    except OSError as error:
+        raise ValueError(
+            f"{named}: cannot be written ({error.strerror}); name another place"
+        ) from None
 
 
 def need_matplotlib() -> None:
@@ -99,15 +113,16 @@ def read_landmarks(path: Path, kept) -> np.ndarray:
     Raises:
         ValueError: another format, or a vertex that was not kept.
     """
-    try:
-        lines = [line.split("#")[0].split() for line in path.read_text().splitlines()]
-        pairs = np.array([[int(word) for word in line] for line in lines if line])
-        if pairs.ndim != 2 or pairs.shape[1] != 2:
-            raise ValueError
-    except ValueError:
+    text = path.read_text(encoding="utf-8-sig", errors="replace")
+    lines = [line.split("#")[0].split() for line in text.splitlines()]
+    # int() takes 1_0 for 10.
+    is_pair = lambda line: len(line) == 2 and all(map(_DIGITS.fullmatch, line))
+    pairs = [line for line in lines if line]
+    if not pairs or not all(map(is_pair, pairs)):
         raise ValueError(
             f"{path}: a line holds a vertex of X and one of Y, counted from 0"
-        ) from None
+        )
+    pairs = np.array(pairs, np.int64)
     for column, index in enumerate(kept):
         if index is None:
             continue
@@ -129,45 +144,31 @@ def read_pair(x, y, map_file, gt_x, gt_y, base):
     meshes are cut to these, and points of the ground truth that were not kept are left
     out.
     """
-    from jfsf.mapfiles import MapFileError, read_ground_truth, read_map
+    from jfsf.mapfiles import read_ground_truth, read_stored
     from jfsf.mesh import read
 
     if (gt_x is None) != (gt_y is None):
         raise ValueError("ground truth takes both --gt-x and --gt-y")
-    mesh_x, mesh_y = read(x), read(y)
+    meshes = [read(x), read(y)]
+    sizes = {
+        f"n_{side}": len(mesh.vertices) for side, mesh in zip("xy", meshes, strict=True)
+    }
     truth = None
     if gt_x is not None:
-        sizes = {"n_x": len(mesh_x.vertices), "n_y": len(mesh_y.vertices)}
         truth = read_ground_truth(gt_x, gt_y, **sizes, base=base)
-    arrays: dict[str, Any] = {}
-    if map_file.suffix.lower() == ".npz":
-        read_map(map_file)  # raises for a damaged file
-        with np.load(map_file) as file:
-            arrays = {name: file[name] for name in file.files}
-    for side, name in enumerate(("index_x", "index_y")):
-        if (index := arrays.get(name)) is None:
+    maps = read_stored(map_file, **sizes, base=base)
+    for side, index in enumerate((maps.index_x, maps.index_y)):
+        if index is None:
             continue
-        mesh = (mesh_x, mesh_y)[side]
-        new = np.full(len(mesh.vertices), -1, np.int32)
-        if not 0 <= index.min() <= index.max() < len(new):
-            raise MapFileError(
-                f"{map_file}: {name} does not fit {(x, y)[side]}; give the mesh that "
-                "was matched"
-            )
+        vertices, faces = meshes[side]
+        new = np.full(len(vertices), -1, np.int32)
         new[index] = np.arange(len(index))
-        faces = new[mesh.faces]
-        part = Mesh(mesh.vertices[index], faces[(faces >= 0).all(1)])
-        mesh_x, mesh_y = (part, mesh_y) if side == 0 else (mesh_x, part)
+        faces = new[faces]
+        meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
         if truth is not None:
             points = new[truth[side]]
             known = points >= 0
             truth = type(truth)(
                 *(points[known] if i == side else t[known] for i, t in enumerate(truth))
             )
-    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
-    text = base if map_file.suffix.lower() in (".vts", ".map") else None
-    T_xy = read_map(map_file, n_from=n_x, n_to=n_y, base=text)
-    T_yx = None
-    if "T_yx" in arrays:
-        T_yx = read_map(map_file, n_from=n_y, n_to=n_x, key="T_yx")
-    return mesh_x, mesh_y, MapArrays(T_xy, T_yx, arrays.get("C_yx")), truth
+    return *meshes, maps, truth

@@ -13,21 +13,27 @@ Read in this order:
 
 - `_formats`: suffixes, first indices, keys of a match
 - `_indices`: entries of a map -> 0-based indices, checked
+- `_numbers`: functional maps and figures, checked
+- `_matlab`: MATLAB files -> their arrays of numbers
 - `_arrays`: a file -> its arrays, as they are stored
 - `_read`: read maps, ground truth and matches
+- `_stored`: all that a map file holds about a pair of meshes
 - `_write`: write maps and matches
 """
 
 from jfsf.mapfiles._formats import MapFileError
 from jfsf.mapfiles._read import GroundTruth, read_ground_truth, read_map, read_match
+from jfsf.mapfiles._stored import StoredMap, read_stored
 from jfsf.mapfiles._write import write_map, write_match
 
 __all__ = [
     "GroundTruth",
     "MapFileError",
+    "StoredMap",
     "read_ground_truth",
     "read_map",
     "read_match",
+    "read_stored",
     "write_map",
     "write_match",
 ]

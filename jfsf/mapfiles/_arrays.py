@@ -1,14 +1,19 @@
 """A map file of any format -> its arrays, as they are stored."""
 
 import io
+import warnings
 import zipfile
-import zlib
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-import scipy.io
 
-from jfsf.mapfiles._formats import MapFileError
+from jfsf.mapfiles._formats import Arrays, MapFileError
+from jfsf.mapfiles._matlab import parse_mat
+from jfsf.storage import read_npz_array
+
+MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched
 
 
 def read_text(path: Path) -> np.ndarray:
@@ -36,45 +41,72 @@ def read_text(path: Path) -> np.ndarray:
     return np.array(values)
 
 
-def read_npz(path: Path) -> dict[str, np.ndarray]:
+def read_npz(path: Path) -> Arrays:
     """The arrays of a `.npz` file.
 
     Raises:
-        MapFileError: missing, empty, damaged, or with arrays of objects.
+        MapFileError: missing, empty or damaged. Reading an array raises it too, if that
+            is damaged, holds objects or more than `MOST_BYTES`.
     """
-    # Read from memory, as np.load does not close a damaged file.
     data = io.BytesIO(_read_bytes(path))
     if not zipfile.is_zipfile(data):
         raise MapFileError(f"{path}: damaged, or no .npz; write it with np.savez")
-    data.seek(0)
-    try:
-        with np.load(data, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
-    except (OSError, EOFError, ValueError, zipfile.BadZipFile, zlib.error) as error:
-        raise MapFileError(
-            f"{path}: damaged, or no .npz of plain arrays ({error}); write it again"
-        ) from None
+    opened = partial(_refusing, path, ".npz of plain arrays", "write it again")
+    with opened(), zipfile.ZipFile(data) as file:
+        sizes = {
+            item.filename.removesuffix(".npy"): item.file_size
+            for item in file.infolist()
+        }
+
+    def read(name):
+        if sizes[name] > MOST_BYTES:
+            raise MapFileError(
+                f"{path}[{name}]: has {sizes[name]} bytes, above {MOST_BYTES}; write "
+                "a file without it"
+            )
+        with opened(), zipfile.ZipFile(data) as file:
+            return read_npz_array(file, name)
+
+    return {name: partial(read, name) for name in sizes}
 
 
-def read_mat(path: Path) -> dict[str, np.ndarray]:
+def read_mat(path: Path) -> Arrays:
     """The variables of a MATLAB file, saved with -v7 or older.
 
     Raises:
-        MapFileError: missing, empty, damaged, or saved with -v7.3.
+        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading an array
+            raises it too, if that is damaged or has more than `MOST_BYTES`.
     """
-    data = io.BytesIO(_read_bytes(path))
+    data = _read_bytes(path)
+    opened = partial(_refusing, path, ".mat", "save it again with -v7")
+
+    def read(values):
+        with opened():
+            return values()
+
+    with opened():
+        try:
+            arrays = parse_mat(data, MOST_BYTES)
+        except NotImplementedError:
+            raise MapFileError(
+                f"{path}: saved with MATLAB's -v7.3; save it again with -v7"
+            ) from None
+    return {name: partial(read, values) for name, values in arrays.items()}
+
+
+@contextmanager
+def _refusing(path, kind, remedy):
+    """Turns all errors into MapFileError: numpy and zipfile raise nearly any."""
     try:
-        found = scipy.io.loadmat(data)
-    except NotImplementedError:
-        raise MapFileError(
-            f"{path}: saved with MATLAB's -v7.3; save it again with -v7"
-        ) from None
-    # A damaged file makes scipy raise errors of many types.
+        with warnings.catch_warnings():
+            # A damaged header is read as Python text, which may warn of its syntax.
+            warnings.simplefilter("ignore")
+            yield
+    except MapFileError:
+        raise
     except Exception as error:
-        raise MapFileError(
-            f"{path}: damaged, or no .mat ({error}); save it again with -v7"
-        ) from None
-    return {name: value for name, value in found.items() if name[:2] != "__"}
+        why = f"{error}" or type(error).__name__
+        raise MapFileError(f"{path}: damaged, or no {kind} ({why}); {remedy}") from None
 
 
 def _read_bytes(path: Path) -> bytes:

@@ -1,6 +1,9 @@
-"""The formats of map files: suffixes, first indices, and the keys of a match."""
+"""The formats of map files: suffixes, first indices, arrays, keys of a match."""
 
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from jfsf.types import Certificate, Match
 
@@ -9,6 +12,8 @@ BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
 MATCH_KEYS = [name for name in Match._fields if name != "certificate"]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
+# The arrays of a file by name; each is read when it is called.
+Arrays = dict[str, Callable[[], np.ndarray]]
 
 
 class MapFileError(ValueError):

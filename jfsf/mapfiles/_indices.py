@@ -35,6 +35,9 @@ def to_indices(
     if values.size != max(values.shape, default=0):
         raise MapFileError(f"{name}: shape is {values.shape}, expected a vector")
     values = values.ravel()
+    if values.dtype.kind == "f":
+        with np.errstate(over="ignore"):  # of longer floats, to infinity
+            values = values.astype(np.float64)
 
     n = len(values)
     if n_from is not None and n != n_from:
@@ -53,7 +56,7 @@ def to_indices(
     low, high = int(values.min()), int(values.max())
     if low < 0:
         raise MapFileError(
-            f"{name}: entry {values.argmin() + 1} is {low}; give every vertex an "
+            f"{name}: entry {values.argmin() + 1} is {low:.15g}; give every vertex an "
             "image, unmatched ones are not supported"
         )
     if low < base:
@@ -64,7 +67,7 @@ def to_indices(
         if base == 0 and high == n_to and low > 0:
             hint = "it looks 1-based: pass base=1"
         raise MapFileError(
-            f"{name}: entry {values.argmax() + 1} is {high}, the target has {limit} "
-            f"vertices and the file is read as {base}-based; {hint}"
+            f"{name}: entry {values.argmax() + 1} is {high:.15g}, the target has "
+            f"{limit} vertices and the file is read as {base}-based; {hint}"
         )
     return (values.astype(np.int64) - base).astype(np.int32)

@@ -9,10 +9,12 @@ from jfsf.mapfiles._arrays import read_mat, read_npz, read_text
 from jfsf.mapfiles._formats import (
     CERTIFICATE_KEYS,
     MATCH_KEYS,
+    Arrays,
     MapFileError,
     first_index,
 )
 from jfsf.mapfiles._indices import to_indices
+from jfsf.mapfiles._numbers import to_figures, to_functional_map
 from jfsf.types import Certificate, Match
 
 
@@ -57,9 +59,9 @@ def read_map(
             raise MapFileError(f"{path}: text holds no key {key!r}: leave out `key`")
         values = read_text(path)
     else:
-        arrays = read_npz(path) if suffix == ".npz" else read_mat(path)
-        key = _choose(path, arrays, key)
-        values, path = arrays[key], f"{path}[{key}]"
+        arrays = read_arrays(path)
+        key = choose_key(path, arrays, key)
+        values, path = arrays[key](), f"{path}[{key}]"
     return to_indices(str(path), values, n_from, n_to, base)
 
 
@@ -95,30 +97,48 @@ def read_match(path: str | Path) -> Match:
     """Read a file of `write_match`: a Match of numpy arrays; other keys are ignored.
 
     Raises:
-        MapFileError: missing or damaged file, missing keys, or maps that do not fit
-            each other.
+        MapFileError: missing or damaged file, missing keys, arrays of another shape or
+            type, or maps that do not fit each other.
     """
     path = Path(path)
     if path.suffix.lower() != ".npz":
         raise MapFileError(f"{path}: a match is a .npz, not {path.suffix!r}")
-    arrays = read_npz(path)
+    arrays = read_arrays(path)
     missing = [name for name in (*MATCH_KEYS, *CERTIFICATE_KEYS) if name not in arrays]
     if missing:
         raise MapFileError(
             f"{path}: lacks {', '.join(missing)}; it holds {_names(arrays)}; write it "
             "with write_match"
         )
-    fields: dict[str, Any] = {name: arrays[name] for name in MATCH_KEYS}
+    fields: dict[str, Any] = {name: arrays[name]() for name in MATCH_KEYS}
     sizes = {name: fields[name].size for name in ("T_xy", "T_yx")}
     for name, other in (("T_xy", "T_yx"), ("T_yx", "T_xy")):
         fields[name] = to_indices(
             f"{path}[{name}]", fields[name], None, sizes[other], 0
         )
-    certificate: list[Any] = [arrays[name] for name in CERTIFICATE_KEYS]
+    fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
+    certificate: list[Any] = [
+        to_figures(f"{path}[{key}]", arrays[key](), int(name == "landmarks"))
+        for key, name in zip(CERTIFICATE_KEYS, Certificate._fields, strict=True)
+    ]
     return Match(**fields, certificate=Certificate(*certificate))
 
 
-def _choose(path, arrays, key) -> str:
+def read_arrays(path: Path) -> Arrays:
+    """The arrays of a `.npz` or `.mat`.
+
+    Raises:
+        MapFileError: as `read_npz` and `read_mat`.
+    """
+    return read_npz(path) if path.suffix.lower() == ".npz" else read_mat(path)
+
+
+def choose_key(path: Path, arrays: Arrays, key: str | None) -> str:
+    """`key`; if it is None, `T_xy` or the only array.
+
+    Raises:
+        MapFileError: there is no such array, or several and none is `T_xy`.
+    """
     if key is None:
         if "T_xy" in arrays or len(arrays) == 1:
             return "T_xy" if "T_xy" in arrays else next(iter(arrays))

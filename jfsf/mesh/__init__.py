@@ -6,8 +6,9 @@ Read in this order:
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
-- `_formats`: OFF, OBJ, STL and glTF
+- `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
+- `_gltf`: glTF and GLB
 - `_read`: read a mesh file of any of these formats
 """
 

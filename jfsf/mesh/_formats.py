@@ -1,4 +1,4 @@
-"""The contents of a mesh file -> Mesh: OFF, OBJ and STL; glTF through trimesh.
+"""The contents of a mesh file -> Mesh: OFF, OBJ and STL.
 
 Vertex i of the file must be vertex i of the map. trimesh 5.2 keeps to that only for
 glTF, even with `process=False, maintain_order=True`. So the other formats are parsed
@@ -13,13 +13,12 @@ here and in `_ply`. Its faults:
 - STL: an ASCII file cut short loads as empty, a binary one needs charset_normalizer.
 """
 
-import os
 import re
 
 import numpy as np
 
 from jfsf.mesh._edit import weld
-from jfsf.mesh._values import MeshError, triangulate
+from jfsf.mesh._values import MeshError, check_plain_numbers, triangulate
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -29,8 +28,8 @@ def parse_off(data: bytes) -> Mesh:
     Raises:
         MeshError: not OFF, binary or 4D OFF, or other counts than announced.
     """
-    lines = [line.split("#", 1)[0].split() for line in _text(data).splitlines()]
-    lines = [line for line in lines if line] or [[""]]
+    text = [line.split("#", 1)[0] for line in _text(data).splitlines()]
+    lines = [line.split() for line in text if line.strip()] or [[""]]
     # ModelNet writes the counts without a space after the keyword: OFF490 518 0.
     keyword = re.fullmatch(r"(?:ST)?C?N?(4?n?)OFF(\d*)", lines[0][0])
     if keyword is None:
@@ -50,6 +49,7 @@ def parse_off(data: bytes) -> Mesh:
             f"its header announces {n} vertices and {m} faces, but {len(body)} lines "
             f"follow instead of {n + m}; export it again"
         )
+    check_plain_numbers("\n".join(text))
     sizes, corners = [], []
     for face, row in enumerate(body[n:]):
         size = int(row[0])
@@ -73,6 +73,8 @@ def parse_obj(data: bytes) -> Mesh:
     text = _text(data).replace("\r\n", "\n").replace("\\\n", " ")
     for line in text.splitlines():
         word, *rest = line.split("#", 1)[0].split() or [""]
+        if word in ("v", "f"):
+            check_plain_numbers(" ".join(rest))
         if word == "v":
             rows.append(rest)
         elif word == "f":
@@ -107,9 +109,11 @@ def parse_stl(data: bytes) -> Mesh:
         words = [line.split() for line in lines]
         if not words or words[-1][0].lower() != b"endsolid":
             raise MeshError("its last endsolid is missing; export it again")
-        points = _coordinates(
-            [word[1:] for word in words if word[0].lower() == b"vertex"]
+        corners = [word[1:] for word in words if word[0].lower() == b"vertex"]
+        check_plain_numbers(
+            b" ".join(map(b" ".join, corners)).decode("ascii", "replace")
         )
+        points = _coordinates(corners)
     else:
         raise MeshError(
             f"its header announces {count} triangles in {84 + 50 * count} bytes, but "
@@ -119,41 +123,6 @@ def parse_stl(data: bytes) -> Mesh:
         raise MeshError(f"its {len(points)} corners are not triples; export it again")
     faces = np.arange(len(points)).reshape(-1, 3)
     return weld(Mesh(points.astype(np.float64), faces)).mesh
-
-
-def parse_gltf(path: str | os.PathLike[str]) -> Mesh:
-    """Read the triangles and points of a glTF or GLB scene, in world coordinates.
-
-    Parts come in the order of the file's meshes. Lines are left out; skins and morphs
-    stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
-
-    Raises:
-        MeshError: a compression that trimesh cannot read. Errors of trimesh pass
-            through.
-    """
-    import trimesh  # Slow to import, and no other format needs it.
-
-    scene = trimesh.load_scene(os.fspath(path), process=False, skip_materials=True)
-    rank = {name: i for i, name in enumerate(scene.geometry)}
-    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
-    points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
-        part = scene.geometry[name]
-        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
-            continue
-        xyz = np.asarray(part.vertices, np.float64)
-        if not xyz.any():
-            # trimesh gives zeros for draco and sparse data, which it cannot decode.
-            raise MeshError(
-                f"the vertices of its part {name!r} are all 0; export it uncompressed"
-            )
-        faces = np.asarray(getattr(part, "faces", triangles[0]), np.int64)
-        # A mirrored part must still face outward.
-        step = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
-        points.append(xyz @ matrix[:3, :3].T + matrix[:3, 3])
-        triangles.append(faces[:, ::step] + total)
-        total += len(xyz)
-    return Mesh(np.concatenate(points), np.concatenate(triangles))
 
 
 def _text(data):

@@ -4,10 +4,11 @@ An ASCII body is converted to doubles in binary, so one reader does both.
 """
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 
-from jfsf.mesh._values import MeshError, triangulate
+from jfsf.mesh._values import MeshError, check_plain_numbers, triangulate
 from jfsf.types import ArrayLike, Mesh
 
 _TYPES = {
@@ -17,6 +18,7 @@ _TYPES = {
     **{"uint64": "u8", "float32": "f4", "float64": "f8"},
 }
 _ORDER = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
+_CORNERS = "vertex_indices", "vertex_index"  # names of the property in use
 
 # A property: its name, the type of its length (None for a scalar) and of its items.
 Property = tuple[str, str | None, str]
@@ -26,9 +28,10 @@ def parse_ply(data: bytes) -> Mesh:
     """Read ASCII and binary PLY of either byte order, polygons of any size.
 
     Raises:
-        MeshError: not PLY, cut short, or without usable vertices or faces.
+        MeshError: not PLY, cut short or too long, with a header that is damaged, or
+            without usable vertices or faces.
     """
-    end = re.search(rb"end_header[^\n]*\n", data)
+    end = re.search(rb"^end_header[^\n]*\n", data, re.M)
     if not data.startswith(b"ply") or end is None:
         raise MeshError("it has no complete PLY header; export the mesh again")
     header = data[: end.start()].decode("ascii", "replace")
@@ -42,15 +45,7 @@ def parse_ply(data: bytes) -> Mesh:
         item = _ORDER[encoding[1]] + _TYPES[word]
         return "<f8" if is_text else item
 
-    elements: list[tuple[str, int, list[Property]]] = []
-    for line in header.splitlines():
-        match line.split():
-            case ["element", name, count]:
-                elements.append((name, int(count), []))
-            case ["property", "list", size, item, name]:
-                elements[-1][2].append((name, kind(size), kind(item)))
-            case ["property", item, name]:
-                elements[-1][2].append((name, None, kind(item)))
+    elements = _elements(header, kind)
     if is_text:
         # A lost line would shift all numbers after it, perhaps without another error.
         total = sum(count for _, count, properties in elements if properties)
@@ -60,21 +55,67 @@ def parse_ply(data: bytes) -> Mesh:
                 f"its header announces {total} lines, but {lines} follow; "
                 "export the mesh again"
             )
+        check_plain_numbers(body.decode("ascii", "replace"))
         body = np.array(body.split(), "<f8").tobytes()
     at, found = 0, {}
     for name, count, properties in elements:
         found[name], at = _records(body, at, name, count, properties)
+    if left := len(body[at:] if is_text else body[at:].strip(b"\r\n")):
+        raise MeshError(
+            f"its header accounts for all but the last {left} bytes; export the mesh "
+            "again"
+        )
     return _mesh(found)
 
 
+def _elements(
+    header: str, kind: Callable[[str], str]
+) -> list[tuple[str, int, list[Property]]]:
+    """Names, numbers of records and properties, in order.
+
+    Nothing is passed over: what follows a lost line would be read as something else.
+    """
+    elements: list[tuple[str, int, list[Property]]] = []
+    for line in header.splitlines():
+        match line.split():
+            case [] | ["ply"] | ["format" | "comment" | "obj_info", *_]:
+                pass
+            case ["element", name, count] if count.isdecimal():
+                elements.append((name, int(count), []))
+            case ["property", "list", size, item, name] if elements:
+                elements[-1][2].append((name, kind(size), kind(item)))
+            case ["property", item, name] if elements:
+                elements[-1][2].append((name, None, kind(item)))
+            case _:
+                raise MeshError(
+                    f"its header has the line {line[:60]!r}; export the mesh again"
+                )
+    _distinct("element", [name for name, _, _ in elements])
+    for element, _, properties in elements:
+        names = [name for name, _, _ in properties]
+        _distinct("property", names)
+        if element == "tristrips":
+            raise MeshError("it holds triangle strips; export it with single faces")
+        if element != "face" and not set(names).isdisjoint(_CORNERS):
+            raise MeshError(
+                f"its element {element!r} has corners, as only 'face' may; export the "
+                "mesh again"
+            )
+    return elements
+
+
+def _distinct(what, names):
+    if len(names) > len(set(names)):
+        twice = next(name for i, name in enumerate(names) if name in names[:i])
+        raise MeshError(f"it has two of {what} {twice!r}; export the mesh again")
+
+
 def _mesh(found):
-    if "tristrips" in found:
-        raise MeshError("it holds triangle strips; export it with single faces")
     vertex, face = found.get("vertex", {}), found.get("face", {})
     if vertex and not vertex.keys() >= {"x", "y", "z"}:
         raise MeshError("its vertices lack x, y or z; export the mesh again")
     points = [vertex[axis][1] if vertex else np.zeros(0) for axis in "xyz"]
-    names = [name for name in ("vertex_indices", "vertex_index") if name in face]
+    names = [name for name in _CORNERS if name in face]
     if face and not names:
         raise MeshError("its faces lack vertex_indices; export the mesh again")
     polygons = face[names[0]] if face else ([], [])

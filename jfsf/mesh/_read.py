@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jfsf.mesh._formats import parse_gltf, parse_obj, parse_off, parse_stl
+from jfsf.mesh._formats import parse_obj, parse_off, parse_stl
+from jfsf.mesh._gltf import parse_gltf
 from jfsf.mesh._ply import parse_ply
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import Mesh
@@ -43,7 +44,9 @@ def read(path: str | os.PathLike[str]) -> Mesh:
         if not data.strip():
             raise MeshError(f"its {len(data)} bytes are empty; export the mesh again")
         parser = _PARSERS.get(suffix)
-        mesh = parser(data) if parser else parse_gltf(path)
+        # numpy warns of nan and overflow where `check_values` says which vertex it is.
+        with np.errstate(all="ignore"):
+            mesh = parser(data) if parser else parse_gltf(path)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:

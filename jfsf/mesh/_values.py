@@ -44,6 +44,13 @@ def check_values(vertices: ArrayLike, faces: ArrayLike, name: str) -> None:
         )
 
 
+def check_plain_numbers(text: str) -> None:
+    """Raise MeshError if a word holds an underscore: Python takes 1_0 for 10."""
+    if "_" in text:
+        word = next(word for word in text.split() if "_" in word)
+        raise MeshError(f"it has {word[:40]!r} for a number; export it again")
+
+
 def triangulate(sizes: ArrayLike, corners: ArrayLike) -> ArrayLike:
     """Split polygons, in order, into fans around their first corners.
 

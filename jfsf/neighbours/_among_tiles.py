@@ -143,7 +143,7 @@ def _search(
     queries, points = jax.lax.stop_gradient((queries, points))
     total, size = slot_valid.shape
     points = jnp.where(slot_valid.reshape(-1, 1), points[tiles_p.member.ravel()], 0)
-    scaled = float32_frame(points, slot_valid.ravel())
+    scaled = float32_frame(points, slot_valid.ravel(), queries)
     queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
     levels = _tree(points, slot_valid, settings)
     candidates = settings.candidates_per_neighbour * k0

@@ -20,6 +20,7 @@ from jfsf.types import Neighbours
 # Block sizes; they do not change results.
 ROWS = 128  # queries of a block: its scores stay in the cache
 GROUP = 16  # points of a group, see `_select`
+FARTHEST = 40  # log2 of the distance of a query from points that nearly coincide
 
 
 @partial(jax.jit, static_argnames=("k0", "settings"))
@@ -57,7 +58,7 @@ def neighbours(
     safe, valid = valid_rows(points, valid)
     # The choice of neighbours is not differentiable; their distances are.
     frozen = jax.lax.stop_gradient(safe)
-    scaled = float32_frame(frozen, valid)
+    scaled = float32_frame(frozen, valid, jax.lax.stop_gradient(queries))
     fast = scaled(frozen)
     offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), jnp.inf)
     fast, offset = pad_rows(fast, GROUP), pad_rows(offset, GROUP, jnp.inf)
@@ -149,17 +150,26 @@ def square_norms(points: Array) -> Array:
     return matmul(points**2, jnp.ones(points.shape[-1], points.dtype))
 
 
-def float32_frame(points: Array, valid: Array):
+def float32_frame(points: Array, valid: Array, queries: Array):
     """A function that moves and scales points so that float32 suits them.
 
     The mean of the valid points goes near 0, and their largest coordinate is about 1:
     squares neither cancel nor overflow. The unit is a power of two and the new origin a
     multiple of it, so points near 0 do not move and exact ties stay exact.
+
+    Points that coincide, up to rounding, give a tiny unit or none. So no coordinate of
+    a query is above `FARTHEST` units either: the squares of farther ones would be
+    larger than what marks points that are not valid.
     """
     count = jnp.maximum(valid.sum(), 1).astype(points.dtype)
     centre = points.sum(0) / count
-    gap = jnp.where(valid[:, None], jnp.abs(points - centre[None]), 0)
-    unit = jnp.ldexp(jnp.ones((), points.dtype), jnp.frexp(gap.max())[1])
+    gap = jnp.where(valid[:, None], jnp.abs(points - centre[None]), 0).max()
+    away = jnp.abs(queries - centre[None])
+    away = jnp.where(jnp.isfinite(away), away, 0).max()
+    exponent, least = jnp.frexp(gap)[1], jnp.frexp(away)[1] - FARTHEST
+    exponent = jnp.where(gap > 0, jnp.maximum(exponent, least), least)
+    exponent = jnp.maximum(exponent, jnp.finfo(points.dtype).minexp)
+    unit = jnp.ldexp(jnp.ones((), points.dtype), exponent)
     centre = jnp.round(centre / unit) * unit
     return lambda x: ((x - centre[None]) / unit).astype(jnp.float32)
 

@@ -83,7 +83,7 @@ def _indices(
 ):
     """Indices of `mutual_neighbours`; those of rows that fill a block are n or more."""
     num_rows = settings.product_rows
-    scaled = float32_frame(y, valid_y)
+    scaled = float32_frame(y, valid_y, x)
     # Points of a bin, for x and for y.
     bin_x, bin_y = (_bin_size(len(points), k0, settings) for points in (x, y))
 

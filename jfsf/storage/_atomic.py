@@ -1,11 +1,14 @@
 """Write a file completely or not at all: under another name first, then renamed."""
 
+import errno
 import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
+
+_unfinished: set[Path] = set()
 
 
 def write_atomically(
@@ -21,22 +24,65 @@ def write_atomically(
         write: is given the temporary file, open for writing bytes.
 
     Raises:
-        OSError: the folder or the file cannot be written. Other errors of `write` pass
-            through too.
+        OSError: the folder or the file cannot be written; it names `path`. Other
+            errors of `write` pass through too.
     """
     path = Path(path)
-    temporary = path.with_name(f".{uuid4().hex}.tmp")
+    temporary = _temporary(path)
+    _unfinished.add(temporary)
     try:
         with temporary.open("xb") as file:
             write(file)
         # Windows renames only closed files.
         os.replace(temporary, path)
-    except BaseException:
+    except BaseException as error:
         with suppress(OSError):
             temporary.unlink()
+        if isinstance(error, OSError):
+            raise _about(path, temporary, error) from None
         raise
+    finally:
+        _unfinished.discard(temporary)
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write `text` in UTF-8 with `write_atomically`; line ends stay as they are."""
     write_atomically(path, lambda file: file.write(text.encode()))
+
+
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Raise OSError unless `write_atomically` could write a file at `path` now.
+
+    For checks before long work. An empty file is made beside it and removed, because
+    permissions do not tell: the system may be read-only, or root ask.
+
+    Raises:
+        OSError: it names `path`, which may also be a folder.
+    """
+    path = Path(path)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    temporary = _temporary(path)
+    try:
+        temporary.open("xb").close()
+        temporary.unlink()
+    except OSError as error:
+        raise _about(path, temporary, error) from None
+
+
+def remove_unfinished() -> None:
+    """Remove what is being written, in all threads, before the process is ended."""
+    for temporary in list(_unfinished):
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def _temporary(path):
+    return path.with_name(f".{uuid4().hex}.tmp")
+
+
+def _about(path, temporary, error):
+    """The error with the name of the file that was asked for."""
+    if error.errno is None or error.filename not in (None, str(temporary)):
+        return error
+    return OSError(error.errno, error.strerror, str(path))

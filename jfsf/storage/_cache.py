@@ -9,11 +9,13 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 import platformdirs
 
 from jfsf.storage._atomic import write_atomically
+from jfsf.storage._npz import read_npz_array
 
 
 def folder() -> Path:
@@ -47,9 +49,8 @@ def fetch(key: str, record: Any, compute: Callable[[], Any]) -> Any:
     """
     path = folder() / f"{key}.npz"
     try:
-        # numpy does not close a damaged file that it opened itself.
-        with path.open("rb") as raw, np.load(raw) as file:
-            return record(*(file[name] for name in record._fields))
+        with ZipFile(path) as file:
+            return record(*(read_npz_array(file, name) for name in record._fields))
     except Exception:  # a damaged file makes numpy and zipfile raise nearly anything
         pass
     value = compute()

@@ -1,0 +1,153 @@
+"""MATLAB files of -v4, -v6 and -v7 -> their arrays of numbers.
+
+scipy's loadmat uses the type numbers of a file as indices without a check: one damaged
+byte takes the process down. So these files are read here, in Python, where a damaged
+number is no key, or a length that does not fit. Only full arrays of real numbers are
+decoded, as a map is one; other variables are listed.
+
+A file of -v6 or -v7 is a header of 128 bytes and an element a variable: type, length,
+data. The data, which -v7 compresses, are elements again: flags, dimensions, name, real
+part. A file of -v4 has a header of five integers before each name and real part.
+"""
+
+import math
+import struct
+import zlib
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.mapfiles._formats import Arrays
+
+# Types of elements: of numbers, then others. Some programs write unsigned shapes.
+_NUMBERS = {
+    **{1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8"},
+    **{12: "i8", 13: "u8"},
+}
+_INTEGERS, _TEXT, _MATRIX, _COMPRESSED = (5, 6), (1, 16), (14,), 15
+_FULL = range(6, 16)  # classes of full arrays: double, single, then integers
+_COMPLEX = 0x800  # a bit of the flags
+_HEAD = 1024  # bytes that hold all elements before the real part
+_NUMBERS_4 = "f8", "f4", "i4", "i2", "u2", "u1"
+
+
+class _Variable(NamedTuple):
+    """What comes before the real part, which begins `at` that byte."""
+
+    name: str
+    is_real: bool
+    shape: list[int]
+    at: int
+
+
+def parse_mat(data: bytes, most_bytes: int) -> Arrays:
+    """The variables of a file by name; those that are not full and real hold None.
+
+    Args:
+        data: the file.
+        most_bytes: a variable that decompresses to more is refused when it is read.
+
+    Raises:
+        NotImplementedError: saved with -v7.3, which is HDF5.
+        ValueError, IndexError, struct.error, zlib.error: damaged. Reading an array
+            raises them too.
+    """
+    if 0 in data[:4]:  # in other versions these are text
+        return _parse_4(data)
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise ValueError("it has no header of MATLAB's")
+    if struct.unpack_from(order + "H", data, 124)[0] == 0x200:
+        raise NotImplementedError
+    found, at = {}, 128
+    while at < len(data):
+        kind, size = struct.unpack_from(order + "II", data, at)
+        start, end = at + 8, at + 8 + size
+        if end > len(data):
+            raise ValueError(f"a variable announces {size} bytes, the file is shorter")
+        if kind == _COMPRESSED:
+            read = partial(_decompressed, data[start:end])
+        else:
+            read = partial(_stored, data[at:end])
+        at = end
+        variable = _variable(read(_HEAD)[0], order)
+        if variable.name:  # what has none is MATLAB's own
+            found[variable.name] = partial(_values, read, most_bytes, variable, order)
+    return found
+
+
+def _stored(matrix, _):
+    return matrix, True
+
+
+def _decompressed(data, most_bytes):
+    """The first bytes of a matrix, and whether these are all."""
+    stream = zlib.decompressobj()
+    return stream.decompress(data, most_bytes), stream.eof
+
+
+def _variable(head, order):
+    if struct.unpack_from(order + "I", head)[0] not in _MATRIX:
+        raise ValueError("a variable is not a matrix")
+    _, flags, at = _element(head, 8, order, _INTEGERS)
+    _, shape, at = _element(head, at, order, _INTEGERS)
+    _, name, at = _element(head, at, order, _TEXT)
+    flags = struct.unpack_from(order + "I", flags)[0]
+    is_real = flags & 0xFF in _FULL and not flags & _COMPLEX
+    shape = np.frombuffer(shape, order + "i4").tolist()
+    return _Variable(name.decode("latin-1"), is_real, shape, at)
+
+
+def _values(read, most_bytes, variable, order):
+    if not variable.is_real:
+        return np.array(None)
+    matrix, ended = read(most_bytes)
+    if not ended:
+        raise ValueError(f"{variable.name} is cut short, or above {most_bytes} bytes")
+    kind, part, _ = _element(matrix, variable.at, order, _NUMBERS)
+    return _shaped(part, order + _NUMBERS[kind], variable.shape)
+
+
+def _element(data, at, order, kinds):
+    """Type, which must be among `kinds`, bytes and end of the element at an offset."""
+    kind, size = struct.unpack_from(order + "II", data, at)
+    start, end = at + 8, at + 8 + size + -size % 8
+    if kind >> 16:  # a small one: length and type in a word, then up to four bytes
+        kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
+    part = data[start : start + size]
+    if kind not in kinds:
+        raise ValueError(f"an element is of type {kind}")
+    if len(part) < size or start + size > end:
+        raise ValueError(f"an element of {size} bytes is cut short")
+    return kind, part, end
+
+
+def _shaped(part, number, shape):
+    size = math.prod(shape) * np.dtype(number).itemsize
+    if min(shape, default=0) < 0 or size != len(part):
+        raise ValueError(f"an array of shape {tuple(shape)} has {len(part)} bytes")
+    return np.frombuffer(part, number).reshape(shape, order="F")
+
+
+def _parse_4(data):
+    # The first number is below 5000 in the right byte order.
+    order = "<" if struct.unpack_from("<I", data)[0] < 5000 else ">"
+    found, at = {}, 0
+    while at < len(data):
+        kind, *shape, is_complex, length = struct.unpack_from(order + "5i", data, at)
+        if kind // 1000 != (order == ">"):
+            raise ValueError(f"a variable is of type {kind}")
+        number = order + _NUMBERS_4[kind % 1000 // 10]
+        start = at + 20 + length
+        name = data[at + 20 : start].rstrip(b"\0").decode("latin-1")
+        size = math.prod(shape) * np.dtype(number).itemsize
+        end = start + size * (2 if is_complex else 1)
+        if min(*shape, length) < 0 or end > len(data):
+            raise ValueError(f"a variable of shape {tuple(shape)} is cut short")
+        if kind % 10 or is_complex:
+            found[name] = lambda: np.array(None)
+        else:
+            found[name] = partial(_shaped, data[start : start + size], number, shape)
+        at = end
+    return found

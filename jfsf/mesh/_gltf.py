@@ -1,0 +1,82 @@
+"""A glTF or GLB file -> Mesh, through trimesh.
+
+trimesh fills with zeros what it cannot decode, and as many as the file says. So the
+scene is looked through first.
+"""
+
+import json
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jfsf.mesh._values import MeshError
+from jfsf.types import Mesh
+
+MOST_ZEROS = 1_000_000  # items without data, of what is no vertex or face: morphs
+_DRACO = "KHR_draco_mesh_compression"
+
+
+def parse_gltf(path: Path) -> Mesh:
+    """Read the triangles and points of a glTF or GLB scene, in world coordinates.
+
+    Parts come in the order of the file's meshes. Lines are left out; skins and morphs
+    stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
+
+    Raises:
+        MeshError: a compression that trimesh cannot read. Errors of trimesh pass
+            through.
+    """
+    _check_accessors(_scene(path.read_bytes()))
+    import trimesh  # Slow to import, and no other format needs it.
+
+    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    rank = {name: i for i, name in enumerate(scene.geometry)}
+    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
+    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
+        part = scene.geometry[name]
+        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
+            continue
+        xyz = np.asarray(part.vertices, np.float64)
+        if not xyz.any():
+            # trimesh gives zeros for draco data if DracoPy is not installed.
+            raise MeshError(
+                f"the vertices of its part {name!r} are all 0; export it uncompressed"
+            )
+        faces = np.asarray(getattr(part, "faces", triangles[0]), np.int64)
+        # A mirrored part must still face outward.
+        step = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
+        points.append(xyz @ matrix[:3, :3].T + matrix[:3, 3])
+        triangles.append(faces[:, ::step] + total)
+        total += len(xyz)
+    return Mesh(np.concatenate(points), np.concatenate(triangles))
+
+
+def _scene(data: bytes) -> dict[str, Any]:
+    """The JSON of either format."""
+    if data.startswith(b"glTF"):
+        data = data[20 : 20 + int.from_bytes(data[12:16], "little")]
+    return json.loads(data)
+
+
+def _check_accessors(scene: dict[str, Any]) -> None:
+    accessors = scene.get("accessors", [])
+    for number, accessor in enumerate(accessors):
+        if "bufferView" not in accessor and accessor["count"] > MOST_ZEROS:
+            raise MeshError(
+                f"its accessor {number} announces {accessor['count']} items without "
+                "data; export it uncompressed"
+            )
+    for mesh in scene.get("meshes", []):
+        for part in mesh["primitives"]:
+            if _DRACO in part.get("extensions", {}) and find_spec("DracoPy"):
+                continue
+            used = part["attributes"].get("POSITION"), part.get("indices")
+            for accessor in (accessors[i] for i in used if i is not None):
+                if "bufferView" not in accessor or "sparse" in accessor:
+                    raise MeshError(
+                        "it has vertices or faces that are compressed or sparse; "
+                        "export it uncompressed"
+                    )

@@ -1,0 +1,127 @@
+"""Reads the files named on stdin; a line on stdout for each, empty if it behaved.
+
+A file behaves if it is read, and what is read is sound, or refused by an error of the
+package's own that names it; without a warning, and in little memory.
+"""
+
+import os
+import resource
+import sys
+import time
+import warnings
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from jfsf.batch import read_pairs
+from jfsf.cli._files import read_landmarks
+from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
+from jfsf.mesh import MeshError, read
+
+MEGABYTES = int(sys.argv[1])
+
+
+def mesh(path):
+    vertices, faces = read(path)
+    assert vertices.dtype == np.float64 and np.isfinite(vertices).all()
+    assert vertices.shape == (len(vertices), 3) and len(vertices) > 0
+    assert faces.dtype == np.int32 and faces.shape == (len(faces), 3)
+    assert faces.min(initial=0) >= 0 and faces.max(initial=0) < len(vertices)
+
+
+def indices(path, **options):
+    found = read_map(path, n_to=59, **options)
+    assert found.dtype == np.int32 and found.ndim == 1
+    assert 0 <= found.min() and found.max() < 59
+
+
+def stored(path):
+    T_xy, T_yx, C_yx, index_x, index_y = read_stored(path, n_x=59, n_y=59)
+    assert T_xy.dtype == np.int32
+    assert len(T_xy) == (59 if index_x is None else len(index_x))
+    assert T_yx is None or len(T_yx) == (59 if index_y is None else len(index_y))
+    assert C_yx is None or (C_yx.ndim == 2 and np.isfinite(C_yx).all())
+
+
+def match(path):
+    found = read_match(path)
+    assert found.T_xy.max() < len(found.T_yx) and found.T_yx.max() < len(found.T_xy)
+    for value in found.certificate.figures().values():
+        float(value)
+
+
+def pairs(path):
+    found = read_pairs(path)
+    assert found and len({pair.name for pair in found}) == len(found)
+    assert not any("/" in pair.name or "\0" in f"{pair.x}{pair.y}" for pair in found)
+
+
+def landmarks(path):
+    found = read_landmarks(path, (None, None))
+    assert found.shape == (len(found), 2) and found.dtype.kind == "i"
+
+
+def grow(path):
+    np.ones(MEGABYTES << 18)
+
+
+MAPS = [indices, partial(indices, base=0), stored]
+READERS = {
+    **dict.fromkeys([".off", ".obj", ".ply", ".stl", ".glb", ".gltf"], [mesh]),
+    **dict.fromkeys([".vts", ".map", ".mat"], MAPS),
+    ".npz": [*MAPS, match],
+    ".csv": [pairs],
+    ".txt": [landmarks],
+    # What the process that started this one must notice.
+    ".die": [lambda path: os.abort()],
+    ".hang": [lambda path: time.sleep(600)],
+    ".grow": [grow],
+    ".warn": [lambda path: warnings.warn("of it", stacklevel=1)],
+    ".wrong": [lambda path: [][1]],
+    ".nameless": [lambda path: int("x")],
+    ".unsound": [lambda path: exec("assert path is None")],
+    ".print": [lambda path: os.write(2, b"loud ")],
+}
+OWN = MeshError, MapFileError
+
+
+def fault(reader, path, sound=False):
+    """What is wrong with how a file is read, or None."""
+    with warnings.catch_warnings(record=True) as warned:
+        warnings.simplefilter("always")
+        try:
+            reader(path)
+        except Exception as error:
+            own = isinstance(error, OWN) or type(error) is ValueError
+            if sound or not own or not str(error).startswith(str(path)):
+                return f"{type(error).__name__}: {error}"
+    return f"warning: {warned[0].message}" if warned else None
+
+
+def peak():
+    """Most memory so far, in MB."""
+    try:
+        # On Linux the other number may be that of the process that started this one.
+        status = Path("/proc/self/status").read_text()
+        return int(status.split("VmHWM:")[1].split()[0]) >> 10
+    except (OSError, IndexError):
+        unit = 20 if sys.platform == "darwin" else 10
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss >> unit
+
+
+def main():
+    # A runaway ends here, not the machine.
+    resource.setrlimit(resource.RLIMIT_DATA, (4 << 30, 4 << 30))
+    print("ready", flush=True)
+    for line in sys.stdin:
+        path = Path(line[1:].rstrip("\n"))
+        first, *others = READERS[path.suffix]
+        found = [fault(first, path, line[0] == "!")]
+        found += [fault(reader, path) for reader in others]
+        if (size := peak()) > MEGABYTES:
+            found.append(f"{size} MB")
+        print(" ".join(next(filter(None, found), "").split()), flush=True)
+
+
+main()

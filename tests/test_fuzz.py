@@ -1,0 +1,65 @@
+"""Damaged files of every format: refused in the package's own words, or sound."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("resource", reason="measures memory as POSIX does")
+
+from fuzz import Reader, findings  # noqa: E402
+from fuzz_damage import damaged  # noqa: E402
+from fuzz_formats import FORMATS  # noqa: E402
+
+
+@pytest.fixture(scope="module")
+def reader():
+    reader = Reader(seconds=5)
+    yield reader
+    reader.close()
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_is_not_damaged_is_read(reader, tmp_path, name):
+    (path := tmp_path / f"a{FORMATS[name].suffix}").write_bytes(FORMATS[name].data)
+    assert not reader.read(path, sound=True)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_damage_is_damage_and_comes_from_its_seed(name):
+    form = FORMATS[name]
+    found = [damaged(form, seed) for seed in range(40)]
+    assert found == [damaged(form, seed) for seed in range(40)]
+    assert len(set(found)) > 30 and np.mean([d != form.data for d in found]) > 0.8
+
+
+@pytest.mark.parametrize(
+    "suffix, said",
+    [
+        ("die", "the process ended with -6"),
+        ("hang", "took more than 5 s"),
+        ("grow", "MB"),
+        ("warn", "warning: of it"),
+        ("wrong", "IndexError: list index"),
+        ("nameless", "ValueError: invalid literal"),
+        ("unsound", "AssertionError"),
+        ("print", "loud"),
+    ],
+)
+def test_whatever_goes_wrong_is_noticed(reader, tmp_path, suffix, said):
+    assert said in reader.read(tmp_path / f"a.{suffix}")
+    # And the next file is read.
+    (path := tmp_path / "a.txt").write_bytes(FORMATS["txt"].data)
+    assert not reader.read(path)
+
+
+def cases(count):
+    names = list(FORMATS)
+    return [(names[i % len(names)], i) for i in range(count)]
+
+
+def test_damaged_files_are_refused_or_sound(tmp_path):
+    assert not findings(tmp_path, cases(2000))
+
+
+@pytest.mark.slow  # 20 000 files
+def test_many_damaged_files_are_refused_or_sound(tmp_path):
+    assert not findings(tmp_path, cases(20_000))
