@@ -20,6 +20,7 @@ only from those above its own:
 - `arguments`: checks of what `match` is given
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
+- `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
 - `batch`: many pairs, over devices, hosts and clusters
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
@@ -66,7 +67,17 @@ __all__ = [
 __version__ = "0.1.0"
 
 # Not needed by `match`: imported on first use.
-_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "solvers", "testing")
+_LAZY = (
+    "baselines",
+    "batch",
+    "cli",
+    "data",
+    "interop",
+    "mapfiles",
+    "plot",
+    "solvers",
+    "testing",
+)
 
 
 def __getattr__(name: str) -> Any:

@@ -70,13 +70,18 @@ def read_npz(path: Path) -> Arrays:
     return {name: partial(read, name) for name in sizes}
 
 
-def read_mat(path: Path) -> Arrays:
+def read_mat(path: Path, most_bytes: int | None = None) -> Arrays:
     """The variables of a MATLAB file, saved with -v7 or older.
 
+    A sparse matrix is scipy's, a struct a dict, and what holds no real numbers an array
+    of None.
+
     Raises:
-        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading an array
-            raises it too, if that is damaged or has more than `MOST_BYTES`.
+        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading a variable
+            raises it too, if that is damaged or has more than `most_bytes`, by default
+            `MOST_BYTES`.
     """
+    most_bytes = MOST_BYTES if most_bytes is None else most_bytes
     data = _read_bytes(path)
     opened = partial(_refusing, path, ".mat", "save it again with -v7")
 
@@ -86,7 +91,7 @@ def read_mat(path: Path) -> Arrays:
 
     with opened():
         try:
-            arrays = parse_mat(data, MOST_BYTES)
+            arrays = parse_mat(data, most_bytes)
         except NotImplementedError:
             raise MapFileError(
                 f"{path}: saved with MATLAB's -v7.3; save it again with -v7"
