@@ -25,6 +25,7 @@ only from those above its own:
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer
+- `export`: meshes in the colours of a map, for other programs
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
 """
@@ -72,6 +73,7 @@ _LAZY = (
     "batch",
     "cli",
     "data",
+    "export",
     "interop",
     "mapfiles",
     "plot",
