@@ -70,11 +70,12 @@ def read_npz(path: Path) -> Arrays:
     return {name: partial(read, name) for name in sizes}
 
 
-def read_mat(path: Path, most_bytes: int | None = None) -> Arrays:
+def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
     """The variables of a MATLAB file, saved with -v7 or older.
 
-    A sparse matrix is scipy's, a struct a dict, and what holds no real numbers an array
-    of None.
+    Each is a function of no arguments that reads it: a full matrix as numpy's, a sparse
+    one as scipy's, a struct as a dict, and what holds no real numbers as an array of
+    None.
 
     Raises:
         MapFileError: missing, empty, damaged, or saved with -v7.3. Reading a variable
@@ -82,7 +83,7 @@ def read_mat(path: Path, most_bytes: int | None = None) -> Arrays:
             `MOST_BYTES`.
     """
     most_bytes = MOST_BYTES if most_bytes is None else most_bytes
-    data = _read_bytes(path)
+    data = _read_bytes(path := Path(path))
     opened = partial(_refusing, path, ".mat", "save it again with -v7")
 
     def read(values):
