@@ -20,10 +20,12 @@ only from those above its own:
 - `arguments`: checks of what `match` is given
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
+- `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
 - `batch`: many pairs, over devices, hosts and clusters
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer
+- `export`: meshes in the colours of a map, for other programs
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
 """
@@ -81,7 +83,8 @@ _HOMES = {
 }
 _ROOMS = (
     *("array", "solvers", "storage", "convert", "evaluate", "arguments", "mapfiles"),
-    *("batch", "baselines", "data", "plot", "testing", "cli", *_HOMES),
+    *("interop", "batch", "baselines", "data", "plot", "export", "testing", "cli"),
+    *_HOMES,
 )
 
 

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
 from rich.console import Console
 from scipy.spatial import KDTree
 from typer.testing import CliRunner
@@ -24,9 +25,11 @@ from jfsf.cli import app, certificate_table, warnings_of
 from jfsf.cli._summary import doubtful_first
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
+from jfsf.export import export_mesh, texture_coordinates
 from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import basis, match
 from jfsf.mesh import read
+from jfsf.plot import coordinate_colours
 from jfsf.spectral import truncate_pair
 from jfsf.types import FIGURES, Certificate, Mesh
 
@@ -90,6 +93,7 @@ def folder(tmp_path_factory, shapes):
         write_map(folder / f"{name}.vts", sample.template_to_vertex)
     x, y = (folder / f"{name}.off" for name in PAIR)
     args = ("--out", folder / "map.npz", "--png", folder / "map.png", "--no-cache")
+    args += ("--export", folder / "x.ply", "--export", folder / "x.glb")
     result = run("match", x, y, *args)
     assert result.exit_code == 0, result.output
     (folder / "output.txt").write_text(result.stdout)
@@ -116,6 +120,17 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
     assert "keeps left and right" in shown and "warning" not in shown
     for name in FIGURES:
         assert name in shown
+
+
+def test_match_exports_x_in_the_colours_of_y(folder, x, y):
+    T_xy = read_match(folder / "map.npz").T_xy
+    colours = coordinate_colours(read(y).vertices)[T_xy]
+    for name in ("x.ply", "x.glb"):
+        np.testing.assert_allclose(read(folder / name).vertices, read(x).vertices)
+        np.testing.assert_array_equal(read(folder / name).faces, read(x).faces)
+        assert f"wrote {folder / name}" in (folder / "output.txt").read_text()
+    found = trimesh.load(folder / "x.ply", process=False).visual.vertex_colors
+    assert np.abs(found[:, :3] / 255 - colours).max() < 0.51 / 255
 
 
 def test_float32_finds_the_truth_with_the_default_settings(shapes, folder):
@@ -246,6 +261,13 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     assert seen["landmarks"].tolist() == [[3, 8], [4, 9]]
     assert "warning: orientation" in result.stdout
 
+    exports = ("--export", folder / "c.obj", "--export", folder / "c.glb")
+    assert run(*args[:5], *exports, "--checker", "--up", "z").exit_code == 0
+    (carried,) = trimesh.load(folder / "c.glb").geometry.values()
+    uv = texture_coordinates(read(y).vertices, up="z")[found.T_xy]
+    np.testing.assert_allclose(carried.visual.uv, uv, atol=1e-5)
+    assert (folder / "c_checker.png").exists()
+
     args = ("match", x, in_pieces, *args[3:], "--largest-component")
     assert run(*args).exit_code == 0
     assert seen["landmarks"].tolist() == [[3, 5], [4, 6]]
@@ -265,6 +287,18 @@ def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
     assert "written as .npz" in refused("match", x, y, "--out", folder / "m.txt")
     assert "no folder" in refused("match", x, y, "--out", folder / "no" / "m.npz")
     assert "written as .png" in refused("match", x, y, *out, "--png", folder / "a.jpg")
+    export = (*out, "--export")
+    assert "exported as .ply, .obj, .glb, not '.off'" in refused(
+        "match", x, y, *export, x
+    )
+    assert "no folder" in refused("match", x, y, *export, folder / "no" / "a.ply")
+    assert "no texture" in refused(
+        "match", x, y, *export, folder / "a.ply", "--checker"
+    )
+    assert "goes with --export" in refused("match", x, y, *out, "--checker")
+    copy = folder / "copy.ply"
+    export_mesh(copy, read(y))
+    assert "copy.ply: is an input" in refused("match", x, copy, *export, copy)
     monkeypatch.setitem(sys.modules, "matplotlib", None)  # as if not installed
     assert "jfsf[viz]" in refused("match", x, y, *out, "--png", folder / "a.png")
     assert run("match", x, y).exit_code == 2

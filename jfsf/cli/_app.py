@@ -22,6 +22,7 @@ from jfsf.cli._files import (
     MeshY,
     Orientation,
     OrientationOption,
+    can_export,
     can_write,
     can_write_in,
     check_mesh,
@@ -133,6 +134,20 @@ def match(
     png: Annotated[
         Path | None, typer.Option(help="A picture of the map (needs matplotlib).")
     ] = None,
+    export: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="X in the colours of Y, for MeshLab, Blender and the like: .ply, .obj "
+            "or .glb. May be given several times.",
+        ),
+    ] = None,
+    checker: Annotated[
+        bool,
+        typer.Option(
+            "--checker", help="Export a checker carried from Y too (.obj and .glb)."
+        ),
+    ] = False,
     orientation: OrientationOption = Orientation.preserve,
     landmarks: Annotated[
         Path | None,
@@ -161,6 +176,7 @@ def match(
 
     Example: jfsf match cat.off lion.off --out map.npz --png map.png
     """
+    from jfsf.export import export_map
     from jfsf.mapfiles import write_match
     from jfsf.matching import match as match_meshes
     from jfsf.plot import draw_pair
@@ -169,6 +185,8 @@ def match(
     if png is not None:
         can_write(png, ".png")
         need_matplotlib()
+    exports = export or []
+    can_export(exports, checker, (x, y))
     mesh_x, index_x = matchable(x, largest_component)
     mesh_y, index_y = matchable(y, largest_component)
     pairs = None
@@ -187,6 +205,9 @@ def match(
         if png is not None:
             T_xy = np.asarray(found.T_xy)
             draw_pair(mesh_x, mesh_y, T_xy, path=png, up=up.value)
+        for path in exports:
+            pair = mesh_x, mesh_y, np.asarray(found.T_xy)
+            export_map(path, *pair, up=up.value, checker=checker)
     console = Console()
     console.print(certificate_table(found.certificate))
     notes = warnings_of(found.certificate, orientation.value)
@@ -195,7 +216,7 @@ def match(
             notes.append(f"{path}: cannot be wound consistently; check left and right")
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in filter(None, (out, png)):
+    for path in filter(None, (out, png, *exports)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 
 

@@ -63,6 +63,19 @@ def _probe(path, named):
         ) from None
 
 
+def can_export(paths: list[Path], checker: bool, inputs: tuple[Path, ...]) -> None:
+    """ValueError if a mesh cannot be exported to one of `paths`, as `can_write`."""
+    from jfsf.export import check_path
+
+    if checker and not paths:
+        raise ValueError("--checker goes with --export; say which file to write")
+    for path in paths:
+        check_path(path, checker=checker)
+        can_write(path, path.suffix.lower())
+        if any(path.exists() and path.samefile(i) for i in inputs if i.exists()):
+            raise ValueError(f"{path}: is an input; export to another file")
+
+
 def need_matplotlib() -> None:
     """ImportError if matplotlib is not installed."""
     if find_spec("matplotlib") is None:

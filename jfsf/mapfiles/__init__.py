@@ -14,17 +14,18 @@ Read in this order:
 - `_formats`: suffixes, first indices, keys of a match
 - `_indices`: entries of a map -> 0-based indices, checked
 - `_numbers`: functional maps and figures, checked
-- `_matlab`: MATLAB files -> their arrays of numbers
+- `_matlab`: MATLAB files -> their numbers and structs
 - `_arrays`: a file -> its arrays, as they are stored
 - `_read`: read maps, ground truth and matches
 - `_stored`: all that a map file holds about a pair of meshes
-- `_write`: write maps and matches
+- `_write`: write maps, matches and MATLAB's variables
 """
 
+from jfsf.mapfiles._arrays import read_mat
 from jfsf.mapfiles._formats import MapFileError
 from jfsf.mapfiles._read import GroundTruth, read_ground_truth, read_map, read_match
 from jfsf.mapfiles._stored import StoredMap, read_stored
-from jfsf.mapfiles._write import write_map, write_match
+from jfsf.mapfiles._write import write_map, write_mat, write_match
 
 __all__ = [
     "GroundTruth",
@@ -32,8 +33,10 @@ __all__ = [
     "StoredMap",
     "read_ground_truth",
     "read_map",
+    "read_mat",
     "read_match",
     "read_stored",
     "write_map",
+    "write_mat",
     "write_match",
 ]

@@ -70,14 +70,20 @@ def read_npz(path: Path) -> Arrays:
     return {name: partial(read, name) for name in sizes}
 
 
-def read_mat(path: Path) -> Arrays:
+def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
     """The variables of a MATLAB file, saved with -v7 or older.
 
+    Each is a function of no arguments that reads it: a full matrix as numpy's, a sparse
+    one as scipy's, a struct as a dict, and what holds no real numbers as an array of
+    None.
+
     Raises:
-        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading an array
-            raises it too, if that is damaged or has more than `MOST_BYTES`.
+        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading a variable
+            raises it too, if that is damaged or has more than `most_bytes`, by default
+            `MOST_BYTES`.
     """
-    data = _read_bytes(path)
+    most_bytes = MOST_BYTES if most_bytes is None else most_bytes
+    data = _read_bytes(path := Path(path))
     opened = partial(_refusing, path, ".mat", "save it again with -v7")
 
     def read(values):
@@ -86,7 +92,7 @@ def read_mat(path: Path) -> Arrays:
 
     with opened():
         try:
-            arrays = parse_mat(data, MOST_BYTES)
+            arrays = parse_mat(data, most_bytes)
         except NotImplementedError:
             raise MapFileError(
                 f"{path}: saved with MATLAB's -v7.3; save it again with -v7"

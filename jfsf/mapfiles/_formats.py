@@ -2,8 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
+from typing import Any
 
 from jfsf.types import Certificate, Match
 
@@ -12,8 +11,9 @@ BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
 MATCH_KEYS = [name for name in Match._fields if name != "certificate"]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
-# The arrays of a file by name; each is read when it is called.
-Arrays = dict[str, Callable[[], np.ndarray]]
+# The arrays of a file by name; each is read when it is called. In MATLAB files some are
+# sparse matrices or structs.
+Arrays = dict[str, Callable[[], Any]]
 
 
 class MapFileError(ValueError):

@@ -1,13 +1,15 @@
-"""MATLAB files of -v4, -v6 and -v7 -> their arrays of numbers.
+"""MATLAB files of -v4, -v6 and -v7 -> their arrays of numbers, and structs of these.
 
 scipy's loadmat uses the type numbers of a file as indices without a check: one damaged
 byte takes the process down. So these files are read here, in Python, where a damaged
-number is no key, or a length that does not fit. Only full arrays of real numbers are
-decoded, as a map is one; other variables are listed.
+number is no key, or a length that does not fit. Arrays of real numbers are decoded,
+full and sparse, and single structs; other variables are listed.
 
 A file of -v6 or -v7 is a header of 128 bytes and an element a variable: type, length,
 data. The data, which -v7 compresses, are elements again: flags, dimensions, name, real
-part. A file of -v4 has a header of five integers before each name and real part.
+part. In place of the last, a sparse matrix has row indices, starts of the columns and
+values; a struct has the length of its names, the names, and a variable for each field.
+A file of -v4 has a header of five integers before each name and real part.
 """
 
 import math
@@ -17,6 +19,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csc_array
 
 from jfsf.mapfiles._formats import Arrays
 
@@ -26,6 +29,7 @@ _NUMBERS = {
     **{12: "i8", 13: "u8"},
 }
 _INTEGERS, _TEXT, _MATRIX, _COMPRESSED = (5, 6), (1, 16), (14,), 15
+_STRUCT, _SPARSE = 2, 5  # classes
 _FULL = range(6, 16)  # classes of full arrays: double, single, then integers
 _COMPLEX = 0x800  # a bit of the flags
 _HEAD = 1024  # bytes that hold all elements before the real part
@@ -33,16 +37,22 @@ _NUMBERS_4 = "f8", "f4", "i4", "i2", "u2", "u1"
 
 
 class _Variable(NamedTuple):
-    """What comes before the real part, which begins `at` that byte."""
+    """What comes before the real part, which begins `at` that byte.
+
+    kind: its class; None for complex numbers.
+    """
 
     name: str
-    is_real: bool
+    kind: int | None
     shape: list[int]
     at: int
 
 
 def parse_mat(data: bytes, most_bytes: int) -> Arrays:
-    """The variables of a file by name; those that are not full and real hold None.
+    """The variables of a file by name.
+
+    An array is numpy's, a sparse one scipy's, and a struct a dict. What is none of
+    these, in a struct too, is an array that holds None.
 
     Args:
         data: the file.
@@ -94,19 +104,63 @@ def _variable(head, order):
     _, shape, at = _element(head, at, order, _INTEGERS)
     _, name, at = _element(head, at, order, _TEXT)
     flags = struct.unpack_from(order + "I", flags)[0]
-    is_real = flags & 0xFF in _FULL and not flags & _COMPLEX
+    kind = None if flags & _COMPLEX else flags & 0xFF
     shape = np.frombuffer(shape, order + "i4").tolist()
-    return _Variable(name.decode("latin-1"), is_real, shape, at)
+    return _Variable(name.decode("latin-1"), kind, shape, at)
 
 
 def _values(read, most_bytes, variable, order):
-    if not variable.is_real:
+    if not (variable.kind in _FULL or variable.kind in (_SPARSE, _STRUCT)):
         return np.array(None)
     matrix, ended = read(most_bytes)
     if not ended:
         raise ValueError(f"{variable.name} is cut short, or above {most_bytes} bytes")
-    kind, part, _ = _element(matrix, variable.at, order, _NUMBERS)
-    return _shaped(part, order + _NUMBERS[kind], variable.shape)
+    return _decoded(matrix, variable, order)
+
+
+def _decoded(matrix, variable, order):
+    if variable.kind in _FULL:
+        kind, part, _ = _element(matrix, variable.at, order, _NUMBERS)
+        return _shaped(part, order + _NUMBERS[kind], variable.shape)
+    if variable.kind == _SPARSE:
+        return _sparse(matrix, variable, order)
+    if variable.kind == _STRUCT and math.prod(variable.shape) == 1:
+        return _fields(matrix, variable.at, order)
+    return np.array(None)
+
+
+def _sparse(matrix, variable, order):
+    parts, at = [], variable.at
+    for kinds in (_INTEGERS, _INTEGERS, _NUMBERS):
+        kind, part, at = _element(matrix, at, order, kinds)
+        # scipy takes the byte order of this machine only.
+        number = np.dtype(order + _NUMBERS[kind])
+        parts.append(np.frombuffer(part, number).astype(number.newbyteorder("=")))
+    rows, starts, values = parts
+    # There may be more room than values.
+    end = min(starts.max(initial=0), len(rows), len(values))
+    found = csc_array((values[:end], rows[:end], starts), shape=variable.shape)
+    found.check_format()  # the indices too
+    return found
+
+
+def _fields(matrix, at, order):
+    _, length, at = _element(matrix, at, order, _INTEGERS)
+    _, names, at = _element(matrix, at, order, _TEXT)
+    length = struct.unpack_from(order + "i", length)[0]
+    if length < 1:
+        raise ValueError(f"names of fields have {length} bytes")
+    found = {}
+    for start in range(0, len(names), length):
+        name = names[start : start + length].split(b"\0")[0].decode("latin-1")
+        size = struct.unpack_from(order + "I", matrix, at + 4)[0]
+        part, at = matrix[at : at + 8 + size], at + 8 + size
+        if len(part) < 8 + size:
+            raise ValueError(f"the field {name} is cut short")
+        # An empty field may have no data.
+        empty = np.zeros((0, 0))
+        found[name] = _decoded(part, _variable(part, order), order) if size else empty
+    return found
 
 
 def _element(data, at, order, kinds):

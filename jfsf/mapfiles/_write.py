@@ -1,4 +1,4 @@
-"""Maps and matches -> files."""
+"""Maps, matches and MATLAB's variables -> files."""
 
 from pathlib import Path
 from typing import Any
@@ -48,11 +48,24 @@ def write_map(path: str | Path, T_xy: ArrayLike, *, base: int | None = None) -> 
         if suffix == ".npz":
             np.savez_compressed(file, T_xy=T_xy)
         elif suffix == ".mat":
-            scipy.io.savemat(file, {"T_xy": T_xy}, oned_as="column")
+            _savemat(file, {"T_xy": T_xy})
         else:
             np.savetxt(file, T_xy, "%d")
 
     _save(path, write)
+
+
+def write_mat(path: str | Path, variables: dict[str, Any]) -> None:
+    """Write variables as a MATLAB file (-v7); it appears complete or not at all.
+
+    Args:
+        path: `.mat`.
+        variables: arrays by name. A dict is a struct, and a vector is a column.
+
+    Raises:
+        MapFileError: a folder that cannot be written.
+    """
+    _save(Path(path), lambda file: _savemat(file, variables))
 
 
 def write_match(
@@ -97,6 +110,10 @@ def write_match(
         if index is not None:
             arrays[name] = np.asarray(index)
     _save(path, lambda file: np.savez_compressed(file, **arrays))
+
+
+def _savemat(file, variables):
+    scipy.io.savemat(file, variables, do_compression=True, oned_as="column")
 
 
 def _save(path, write):

@@ -24,7 +24,7 @@ from jfsf.mesh._geometry import (
     vertex_components,
 )
 from jfsf.mesh._read import read
-from jfsf.mesh._values import MeshError, check_values
+from jfsf.mesh._values import MeshError, check_values, triangulate
 
 __all__ = [
     "Edges",
@@ -41,6 +41,7 @@ __all__ = [
     "orient",
     "read",
     "surface_area",
+    "triangulate",
     "validate",
     "vertex_components",
     "weld",

@@ -1,0 +1,21 @@
+"""Meshes in the colours of a map, as files for other programs: PLY, OBJ and GLB.
+
+X gets the colours that Y has in the pictures of `jfsf.plot`, through the map: where the
+map is right, corresponding parts have equal colours in MeshLab, Blender and the like. A
+checker that is laid on Y and carried to X shows where the map stretches. Vertices and
+faces keep their numbers.
+
+Read in this order:
+
+- `_paint`: what a file shows beside the shape: colours, texture coordinates
+- `_texture`: the checker, as a PNG
+- `_ply`: PLY
+- `_obj`: OBJ
+- `_glb`: GLB, binary glTF
+- `_export`: write a mesh, or a map, in the format of the suffix
+"""
+
+from jfsf.export._export import FORMATS, check_path, export_map, export_mesh
+from jfsf.export._paint import texture_coordinates
+
+__all__ = ["FORMATS", "check_path", "export_map", "export_mesh", "texture_coordinates"]

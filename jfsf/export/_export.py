@@ -1,0 +1,118 @@
+"""Write a mesh, or the map from it, in the format of the suffix."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jfsf.export._glb import glb_bytes
+from jfsf.export._obj import obj_files
+from jfsf.export._paint import painted, texture_coordinates
+from jfsf.export._ply import ply_bytes
+from jfsf.export._texture import checker as checker_png
+from jfsf.plot import Up, coordinate_colours, pull_back
+from jfsf.storage import write_atomically
+from jfsf.types import ArrayLike, Mesh
+
+FORMATS = (".ply", ".obj", ".glb")
+
+
+def export_map(
+    path: str | os.PathLike[str],
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    T_xy: Int[ArrayLike, " n_x"],
+    *,
+    up: Up = "y",
+    checker: bool = False,
+    uv_y: Float[ArrayLike, "n_y 2"] | None = None,
+) -> None:
+    """Write X with the colours of Y through the map from X to Y.
+
+    To compare, write Y too, with its own vertices as the map:
+    `export_map(path, mesh_y, mesh_y, range(n_y))`.
+
+    Args:
+        path: `.ply`, `.obj` or `.glb`; see `export_mesh`.
+        mesh_x, mesh_y: meshes or point clouds.
+        T_xy: the vertex of Y for each vertex of X.
+        up: the axis that points up in Y's file, as in `jfsf.plot.draw_pair`, whose
+            colours these are.
+        checker: carry a checker from Y to X too, as texture (OBJ and GLB). Viewers
+            multiply it with the colours, or show it alone.
+        uv_y: texture coordinates of Y for it; the default is `texture_coordinates`.
+
+    Raises:
+        ValueError: T_xy is no map from X to Y; or as `export_mesh`.
+        OSError: the folder cannot be written.
+    """
+    if np.shape(T_xy) != (n_x := len(mesh_x.vertices),):
+        raise ValueError(
+            f"export_map: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}"
+        )
+    T_xy = np.asarray(T_xy)
+    colours = pull_back(coordinate_colours(mesh_y.vertices, up=up), T_xy)
+    uv = None
+    if checker or uv_y is not None:
+        if uv_y is None:
+            uv_y = texture_coordinates(mesh_y.vertices, up=up)
+        if np.shape(uv_y) != (len(mesh_y.vertices), 2):
+            raise ValueError(
+                f"export_map: Y has {len(mesh_y.vertices)} vertices, uv_y has shape "
+                f"{np.shape(uv_y)}"
+            )
+        uv = pull_back(uv_y, T_xy)
+    export_mesh(path, mesh_x, colours=colours, uv=uv)
+
+
+def export_mesh(
+    path: str | os.PathLike[str],
+    mesh: Mesh,
+    *,
+    colours: Float[ArrayLike, "n 3"] | None = None,
+    uv: Float[ArrayLike, "n 2"] | None = None,
+) -> None:
+    """Write a mesh with colours or a checker on it; vertex i stays vertex i.
+
+    Each file appears complete or not at all, the OBJ after those that it names.
+
+    Args:
+        path: `.ply`, doubles; `.obj`, doubles, and with `uv` STEM_checker.mtl and .png
+            beside it; `.glb`, float32, all in one (MeshLab takes its colours, which
+            are linear, for sRGB, and shows them too dark).
+        mesh: in its own unit and axes. Of a point cloud the points are written.
+        colours: sRGB in [0, 1].
+        uv: texture coordinates, u to the right and v up, for a checker of two by two
+            squares that repeats at whole numbers. Not for PLY.
+
+    Raises:
+        ValueError: another suffix; colours or uv that are not one row a vertex; uv of
+            PLY or of a point cloud.
+        MeshError: no mesh.
+        OSError: the folder cannot be written.
+    """
+    path = Path(path)
+    check_path(path, checker=uv is not None)
+    shape = painted(mesh, colours, uv)
+    texture = None if uv is None else checker_png()
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        files = {path: ply_bytes(shape)}
+    elif suffix == ".obj":
+        files = obj_files(path, shape, texture)
+    else:
+        files = {path: glb_bytes(path.stem, shape, texture)}
+    for name, data in files.items():
+        write_atomically(name, lambda file, data=data: file.write(data))
+
+
+def check_path(path: Path, *, checker: bool = False) -> None:
+    """ValueError if no mesh can be written under this suffix, with a checker or not."""
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise ValueError(
+            f"{path}: a mesh is exported as {', '.join(FORMATS)}, not {suffix!r}"
+        )
+    if checker and suffix == ".ply":
+        raise ValueError(f"{path}: PLY has no texture here; export .obj or .glb")
