@@ -60,9 +60,17 @@ class Up(StrEnum):
     x = "x"
     y = "y"
     z = "z"
+    minus_x = "-x"
+    minus_y = "-y"
+    minus_z = "-z"
 
 
-UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture.")]
+UpAxis = Annotated[
+    Up | None,
+    typer.Option(
+        help="Axis that points up in both files, for the picture. Found when absent."
+    ),
+]
 
 
 def main() -> None:
@@ -143,7 +151,7 @@ def match(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
     ] = False,
-    up: UpAxis = Up.y,
+    up: UpAxis = None,
 ) -> None:
     """Map two meshes to each other, both ways.
 
@@ -177,7 +185,8 @@ def match(
         write_match(out, found, index_x=index_x, index_y=index_y)
         if png is not None:
             T_xy = np.asarray(found.T_xy)
-            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=up.value)
+            axis = None if up is None else up.value
+            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=axis)
     console = Console()
     console.print(certificate_table(found.certificate))
     notes = warnings_of(found.certificate, orientation.value)

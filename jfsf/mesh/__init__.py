@@ -6,12 +6,14 @@ Read in this order:
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ, STL and glTF
 - `_ply`: PLY
 - `_read`: read a mesh file of any of these formats
 """
 
 from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
     Edges,
@@ -32,6 +34,7 @@ __all__ = [
     "Submesh",
     "check",
     "check_values",
+    "coarsen",
     "components",
     "edges",
     "face_areas",
