@@ -23,7 +23,8 @@ only from those above its own:
 - `batch`: many pairs, over devices, hosts and clusters
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
-- `plot`: pictures by colour transfer
+- `plot`: pictures by colour transfer, and charts
+- `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
 """
@@ -66,7 +67,17 @@ __all__ = [
 __version__ = "0.1.0"
 
 # Not needed by `match`: imported on first use.
-_LAZY = ("baselines", "batch", "cli", "data", "mapfiles", "plot", "solvers", "testing")
+_LAZY = (
+    "baselines",
+    "batch",
+    "cli",
+    "data",
+    "mapfiles",
+    "plot",
+    "report",
+    "solvers",
+    "testing",
+)
 
 
 def __getattr__(name: str) -> Any:

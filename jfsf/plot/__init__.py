@@ -27,6 +27,7 @@ from jfsf.plot._colours import (
     error_colours,
     frame,
     pull_back,
+    ramp,
 )
 from jfsf.plot._page import picture_of
 from jfsf.plot._pictures import (
@@ -37,6 +38,7 @@ from jfsf.plot._pictures import (
     draw_texture,
     texture_coordinates,
 )
+from jfsf.plot._shading import natural_turn
 from jfsf.plot._upright import Frame, find_frame, find_frames
 
 __all__ = [
@@ -58,7 +60,9 @@ __all__ = [
     "find_frame",
     "find_frames",
     "frame",
+    "natural_turn",
     "picture_of",
     "pull_back",
+    "ramp",
     "texture_coordinates",
 ]

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -29,6 +29,7 @@ class Panel(NamedTuple):
     x, y: what the axes show, with units.
     title: a line above.
     log: "x", "y", "xy" or "": axes that are logarithmic.
+    legend: where it stands, as matplotlib's `loc`.
     top: the end of the vertical axis; it begins at 0, if it is not logarithmic.
     """
 
@@ -38,6 +39,7 @@ class Panel(NamedTuple):
     title: str = ""
     log: str = ""
     top: float | None = None
+    legend: str = "best"
 
 
 def draw_curves(
@@ -98,7 +100,9 @@ def draw_curves(
         axes.set(xlabel=panel.x, ylabel=panel.y, title=panel.title)
         style(axes)
         if any(panel.curves):
-            place = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)} if out else {}
+            place: dict[str, Any] = {"loc": panel.legend}
+            if out:
+                place = {"loc": "center left", "bbox_to_anchor": (1.01, 0.5)}
             box = axes.legend(fontsize=8, labelcolor=INK, framealpha=0.9, **place)
             box.get_frame().set(edgecolor=PALE, linewidth=0.6)
     if title:
@@ -135,7 +139,8 @@ def draw_error_curves(
         for name, values in errors.items()
     }
     axes = "geodesic error / sqrt(area)", "points within it, %"
-    return draw_curves([Panel(curves, *axes, top=101)], path=path, title=title)
+    panel = Panel(curves, *axes, top=102, legend="lower right")
+    return draw_curves([panel], path=path, title=title)
 
 
 def draw_convergence(

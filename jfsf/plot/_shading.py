@@ -41,7 +41,9 @@ def look(mesh: Mesh, *, up: Up | None = None, turn: float | None = None) -> View
     """One shape, in the frame found for it or with this axis up."""
     points_of(mesh.vertices)
     axes = frame(up) if up else find_frame(mesh).axes
-    return _view(mesh, axes, _turn(turn, [(mesh, axes)]))
+    if turn is None:
+        turn = natural_turn(np.asarray(mesh.vertices) @ axes)
+    return _view(mesh, axes, turn)
 
 
 def look_at_pair(
@@ -59,7 +61,9 @@ def look_at_pair(
         axes_x = axes_y = frame(up)
     else:
         axes_x, axes_y = (f.axes for f in find_frames(mesh_x, mesh_y, T_xy))
-    turn = _turn(turn, [(mesh_x, axes_x), (mesh_y, axes_y)])
+    if turn is None:
+        shapes = (mesh_x, axes_x), (mesh_y, axes_y)
+        turn = natural_turn(*(np.asarray(m.vertices) @ axes for m, axes in shapes))
     return _view(mesh_x, axes_x, turn), _view(mesh_y, axes_y, turn)
 
 
@@ -78,14 +82,16 @@ def lit(
     return np.clip(colours * np.minimum(light, 1) + np.clip(light - 1, 0, 1), 0, 1)
 
 
-def _turn(turn, shapes):
-    """Degrees by which to turn all: as asked for, or more for long bodies."""
-    if turn is not None:
-        return turn
+def natural_turn(*bodies: Float[np.ndarray, "n 3"]) -> float:
+    """Degrees by which to turn shapes to their right: more for long ones, as horses.
+
+    Args:
+        bodies: points of each shape, their axes right, up and front.
+    """
     # By the spread: an arm that points to the viewer is not a long body.
-    size = np.mean([np.std(mesh.vertices @ axes, axis=0) for mesh, axes in shapes], 0)
-    depth = size[2] / max(size[0], 1e-9)
-    return _TURN + (_FROM_SIDE - _TURN) * float(np.clip(depth - _LONG, 0, 1))
+    across, _, depth = np.mean([body.std(0) for body in bodies], 0)
+    share = float(np.clip(depth / max(across, 1e-9) - _LONG, 0, 1))
+    return _TURN + (_FROM_SIDE - _TURN) * share
 
 
 def _view(mesh, axes, turn) -> View:
