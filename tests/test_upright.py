@@ -58,7 +58,7 @@ def test_the_surer_shape_decides(monkeypatch):
 
     mesh = load("man_up").mesh
     turn = Rotation.from_euler("y", 90, degrees=True)
-    frames = {0: Frame(PLAIN, 5.0), 1: Frame(PLAIN, 1.0)}
+    frames = {0: Frame(PLAIN, 5.0), 1: Frame(PLAIN, 0.5)}
     for first in (0, 1):
         order = iter([frames[first], frames[1 - first]])
         monkeypatch.setattr(
@@ -68,6 +68,16 @@ def test_the_surer_shape_decides(monkeypatch):
         sure = one if first == 0 else two
         assert sure.margin == 5 and np.array_equal(sure.axes, PLAIN)
         assert degrees(two.axes, turn.apply(one.axes.T).T) < 1e-3
+
+
+def test_two_sure_shapes_keep_their_frames(monkeypatch):
+    from jfsf.plot import Frame, _upright
+
+    mesh = load("man_up").mesh
+    monkeypatch.setattr(_upright, "find_frame", lambda mesh: Frame(PLAIN, 2.0))
+    # As by a map that exchanges arms and legs.
+    found = find_frames(mesh, turned(mesh, TURNS["-y up"]), identity_of(mesh))
+    assert all(np.array_equal(frame.axes, PLAIN) for frame in found)
 
 
 def test_a_mirrored_map_leaves_both_facing_the_viewer():

@@ -32,6 +32,9 @@ _ALIGNED = 0.6
 # Degrees by which the frame of a shape itself may differ from its partner's, carried
 # over. Within, each stands on its own feet.
 _AGREES = 35.0
+# A margin from which a shape keeps its own frame even if its partner's says otherwise:
+# the map is then likely to be wrong, and shows it best between two upright shapes.
+_SURE = 1.0
 # How far a point of the trunk may be from where a rotation puts it, where 1 is the size
 # of the shape.
 _STAYS = 0.2
@@ -87,9 +90,10 @@ def find_frames(
 ) -> tuple[Frame, Frame]:
     """Frames of a pair, so that corresponding parts are seen from the same side.
 
-    The surer of both frames is carried to the other shape by the rotation that brings
-    X nearest to its image (Procrustes). A map that exchanges left and right carries up
-    and front only, so that both shapes face the viewer.
+    The surer of both frames is carried to the other shape, unless that is sure too, by
+    the rotation that brings most of X's trunk to its image (robust Procrustes). A map
+    that exchanges left and right carries up and front only, so that both shapes face
+    the viewer.
 
     Args:
         mesh_x, mesh_y: as `find_frame`.
@@ -152,7 +156,7 @@ def _centred(points, weight):
 def _carried(sure: Frame, own: Frame, turn) -> Frame:
     carried = frame_of(sure.axes[:, 1] @ turn, sure.axes[:, 2] @ turn)
     agrees = (np.einsum("ij,ij->", carried, own.axes) - 1) / 2
-    if agrees > np.cos(np.radians(_AGREES)):
+    if own.margin > _SURE or agrees > np.cos(np.radians(_AGREES)):
         return own
     return Frame(carried, sure.margin)
 

@@ -9,7 +9,8 @@ from scipy.spatial import KDTree
 from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.types import ArrayLike, Match, Mesh
 
-SOURCES = 500  # geodesics are measured from about so many vertices
+SOURCES = 500  # geodesics are measured from about so many vertices,
+FEWER_ABOVE = 20_000  # and from fewer in shapes of more vertices: each takes longer
 MOST = 100_000  # vertices of a shape; geodesics on larger ones take minutes
 _AMONG = 4
 LIMITS = (0.02, 0.05, 0.1)  # of the error, for the table
@@ -57,7 +58,7 @@ def measure(
     back = None
     small = max(n_x, n_y) <= MOST
     if small:
-        at_x, at_y = _spread(n_x), _spread(n_y)
+        at_x, at_y = _spread(n_x, n_x), _spread(n_y, n_y)
         there = bijectivity(T_xy, T_yx, mesh_x, at=at_x)
         other = bijectivity(T_yx, T_xy, mesh_y, at=at_y)
         back = _everywhere(mesh_x, at_x, there)
@@ -83,7 +84,7 @@ def measure(
     if truth is None or not small:
         return Measured(rows, [], back, None, None)
     at_x, at_y = (np.asarray(side) for side in truth)
-    some = _spread(len(at_x))
+    some = _spread(len(at_x), n_y)
     errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
     shares = error_curve(errors, LIMITS)
     truth_rows = [
@@ -101,8 +102,10 @@ def measure(
     return Measured(rows, truth_rows, back, error, errors)
 
 
-def _spread(n: int) -> np.ndarray:
-    return np.arange(0, n, -(-n // SOURCES) or 1)
+def _spread(n: int, vertices: int) -> np.ndarray:
+    """Of n points those to measure at, on a shape of so many vertices."""
+    sources = int(SOURCES * min(1, FEWER_ABOVE / vertices))
+    return np.arange(0, n, -(-n // sources) or 1)
 
 
 def _everywhere(mesh: Mesh, at: np.ndarray, values: np.ndarray) -> Any:

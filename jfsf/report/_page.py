@@ -17,6 +17,7 @@ from jaxtyping import Int
 
 from jfsf.initial import Orientation
 from jfsf.plot import (
+    Up,
     body_colours,
     draw_error_curves,
     draw_functional_map,
@@ -60,7 +61,7 @@ def write_report(
     *,
     orientation: Orientation = "preserve",
     truth: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " p"]] | None = None,
-    up: str | None = None,
+    up: Up | None = None,
     settings: Settings = Settings(),
     seconds: Mapping[str, float] | None = None,
     cache: bool = True,

@@ -357,11 +357,12 @@ function linkCameras(panes, turn) {
       geometry.computeBoundingBox();
       const { min, max } = geometry.boundingBox;
       high = Math.max(high, max.y - min.y);
-      wide = Math.max(wide, Math.hypot(max.x - min.x, max.z - min.z));
+      const across = Math.cos(angle) * (max.x - min.x) - Math.sin(angle) * (max.z - min.z);
+      wide = Math.max(wide, across);
     }
     const form = pane.canvas.clientWidth / pane.canvas.clientHeight;
     const half = Math.tan((pane.camera.fov * Math.PI) / 360);
-    const away = 0.56 * Math.max(high, wide / form) / half + 0.3;
+    const away = 0.53 * Math.max(high, wide / form) / half + 0.2;
     pane.controls.target.set(0, 0, 0);
     pane.camera.position.set(away * Math.sin(angle), 0.14 * away, away * Math.cos(angle));
     pane.controls.update();
