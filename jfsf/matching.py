@@ -141,6 +141,35 @@ def basis(
     return _basis(mesh, name, settings, cache)
 
 
+def padded_bases(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> tuple[Spectrum, Spectrum]:
+    """The bases of a pair as `match` hands them to its stages.
+
+    A stage that `match` has compiled for the pair serves these without a new program.
+
+    Args:
+        mesh_x, mesh_y, settings, cache: as `match`.
+
+    Returns:
+        Spectra with equally many eigenpairs, padded to common sizes.
+
+    Raises:
+        MeshError: as `match`.
+    """
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    specs = [
+        basis(m, name=n, settings=settings, cache=cache) for n, m in meshes.items()
+    ]
+    sizes = _padded_sizes(meshes.values(), settings)
+    padded_x, padded_y = (_padded(*pair) for pair in zip(specs, sizes, strict=True))
+    return padded_x, padded_y
+
+
 def check_matchable(
     mesh: Mesh, *, name: str = "mesh", settings: Settings = Settings()
 ) -> None:

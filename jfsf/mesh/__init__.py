@@ -6,6 +6,7 @@ Read in this order:
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
@@ -13,6 +14,7 @@ Read in this order:
 """
 
 from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
     Edges,
@@ -33,6 +35,7 @@ __all__ = [
     "Submesh",
     "check",
     "check_values",
+    "coarsen",
     "components",
     "edges",
     "face_areas",
