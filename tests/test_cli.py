@@ -29,7 +29,7 @@ from jfsf.export import export_mesh
 from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import basis, match
 from jfsf.mesh import read
-from jfsf.plot import coordinate_colours, frame, texture_coordinates
+from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
 from jfsf.spectral import truncate_pair
 from jfsf.types import FIGURES, Certificate, Mesh
 
@@ -124,7 +124,7 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
 
 def test_match_exports_x_in_the_colours_of_y(folder, x, y):
     T_xy = read_match(folder / "map.npz").T_xy
-    colours = coordinate_colours(read(y).vertices)[T_xy]
+    colours = body_colours(read(y).vertices @ find_frame(read(y)).axes)[T_xy]
     for name in ("x.ply", "x.glb"):
         np.testing.assert_allclose(read(folder / name).vertices, read(x).vertices)
         np.testing.assert_array_equal(read(folder / name).faces, read(x).faces)

@@ -2,6 +2,8 @@
 
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
 interrupted.
+
+This file is long because it declares the options of most commands, with their help.
 """
 
 from enum import StrEnum

@@ -68,7 +68,6 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "energy": "departure from an isometry",
         "unevenness": "how unevenly the map stretches; 0 for a similarity",
         "residual": "distance left between the bent shapes, in sqrt(area)",
-        "distortion": "how much bending squeezes triangles; 0 for a similarity",
         "confidence": verdict(float(certificate.confidence)),
     }
     found = {}
