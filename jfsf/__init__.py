@@ -15,6 +15,7 @@ only from those above its own:
 - `refine`: ICP, ZoomOut, and deformation as rigid as possible
 - `initial`: fits to descriptors, and the search for the initial map
 - `evaluate`: geodesics, metrics, the certificate
+- `parts`: the region that two shapes share, where one is a part of the other
 - `settings`: every tuned number, and every stage that can be replaced
 - `pipeline`: spectra to maps, stage by stage
 - `arguments`: checks of what `match` is given
@@ -83,8 +84,18 @@ _HOMES = {
     "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),
 }
 _ROOMS = (
-    *("array", "solvers", "storage", "convert", "evaluate", "arguments", "mapfiles"),
-    *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
+    *("array", "solvers", "storage", "convert", "evaluate", "parts", "arguments"),
+    *(
+        "mapfiles",
+        "interop",
+        "batch",
+        "baselines",
+        "data",
+        "plot",
+        "export",
+        "report",
+        "testing",
+    ),
     "cli",
     *_HOMES,
 )

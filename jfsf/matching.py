@@ -19,9 +19,10 @@ from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import MeshError, orient, validate
+from jfsf.parts import boundary_vertices, match_parts
 from jfsf.pipeline import misses_landmarks, run_stages
 from jfsf.settings import Settings
-from jfsf.spectral import spectrum_of_valid, truncate
+from jfsf.spectral import functional_map, spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
@@ -37,6 +38,7 @@ def match(
     initial: Float[ArrayLike, "k_x k_y"] | Int[ArrayLike, " n_x"] | HasMaps | None = (
         None
     ),
+    partial: bool = False,
     settings: Settings = Settings(),
     cache: bool = True,
 ) -> Match:
@@ -58,20 +60,35 @@ def match(
             map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
             search. Its own orientation is kept, whatever `orientation` says. Of C_yx
             the leading block of `Settings.ks[0]` functions counts: 30 by default.
+        partial: one shape is a part of the other, or both overlap. Both are meshes in
+            one unit; bodies may differ in size by a factor of 1.5. It takes neither
+            landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
+            arrays, so it runs on the host, with `match` of the cuts inside: it cannot
+            be traced. It takes ten times as long. Two closed surfaces share all.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
 
     Returns:
-        T_xy, T_yx, C_yx and the certificate, in jax's default precision.
+        T_xy, T_yx, C_yx and the certificate, in jax's default precision. With `partial`
+        also matched_x and matched_y; the certificate is that of the overlap, its gap
+        and confidence also count the rivals that were found. A vertex that is not
+        matched has the image nearest to it after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
         ValueError: landmarks, descriptors or an initial map that do not fit the meshes,
-            or an unknown orientation.
+            an unknown orientation, or no overlap found with `partial`.
     """
     meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
     for name, mesh in meshes.items():
         check_matchable(mesh, name=name, settings=settings)
+    if partial:
+        if not (landmarks is None and descriptors is None and initial is None):
+            raise ValueError(
+                "match: partial=True takes neither landmarks, nor descriptors, nor an "
+                "initial map; leave them out"
+            )
+        return _partial(mesh_x, mesh_y, orientation, settings, cache)
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
     if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
         orientation = "any"
@@ -191,6 +208,44 @@ def check_matchable(
         )
 
 
+def _partial(
+    mesh_x: Mesh, mesh_y: Mesh, orientation: Orientation, settings: Settings, cache
+) -> Match:
+    """`match` with partial=True."""
+    for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y)):
+        if len(mesh.faces) == 0:
+            raise MeshError(
+                f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
+            )
+    sign = orientation_sign(orientation)
+    if not any(len(boundary_vertices(mesh)) for mesh in (mesh_x, mesh_y)):
+        found = match(
+            mesh_x, mesh_y, orientation=orientation, settings=settings, cache=cache
+        )
+        all_x, all_y = (jnp.ones(len(m.vertices), bool) for m in (mesh_x, mesh_y))
+        return found._replace(matched_x=all_x, matched_y=all_y)
+
+    def refine(part_x, part_y, T_xy):
+        sizes = len(part_x.vertices), len(part_y.vertices)
+        initial = checked_initial(T_xy, sizes)
+        given = _Given(None, None, initial, sign, False)
+        meshes = {"part of mesh_x": part_x, "part of mesh_y": part_y}
+        # The spectra of cuts on the way are never asked for again.
+        found = _match(meshes, given, settings, cache, keep_spectra=False)
+        return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
+
+    found = match_parts(mesh_x, mesh_y, refine, sign)
+    k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in (mesh_x, mesh_y))
+    spec_x, spec_y = (
+        jax.tree.map(jnp.asarray, truncate(_basis(mesh, name, settings, cache), k))
+        for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y))
+    )
+    T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, found[:4])
+    C_yx = functional_map(T_xy, spec_x, spec_y)
+    certificate = jax.tree.map(jnp.asarray, found.certificate)
+    return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)
+
+
 class _Given(NamedTuple):
     """The arguments of `run_stages` beside the spectra; None is left out."""
 
@@ -210,9 +265,15 @@ class _Size(NamedTuple):
 
 
 def _match(
-    meshes: Mapping[str, Mesh], given: _Given, settings: Settings, cache: bool
+    meshes: Mapping[str, Mesh],
+    given: _Given,
+    settings: Settings,
+    cache: bool,
+    *,
+    keep_spectra: bool = True,
 ) -> Match:
     """Of the first mesh and the last, which may be one."""
+    keep_spectra &= cache
     sizes = _padded_sizes(meshes.values(), settings)
     given = _padded_arguments(given, sizes)
     shapes = [_spectrum_like(size) for size in sizes]
@@ -221,7 +282,8 @@ def _match(
     threads = ThreadPoolExecutor(len(meshes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
         specs = pool.map(
-            lambda item: _basis(item[1], item[0], settings, cache), meshes.items()
+            lambda item: _basis(item[1], item[0], settings, keep_spectra),
+            meshes.items(),
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)

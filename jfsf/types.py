@@ -224,9 +224,13 @@ class Match(NamedTuple):
     T_yx: the vertex of X for each vertex of Y.
     C_yx: functions on Y pulled back to X, in the eigenbases of `jfsf.basis`.
     certificate: evidence of how good the maps are.
+    matched_x, matched_y: the vertices of each shape that the other has too; None if the
+        shapes were matched as wholes.
     """
 
     T_xy: Int[Array, " n_x"]
     T_yx: Int[Array, " n_y"]
     C_yx: Float[Array, "k_x k_y"]
     certificate: Certificate
+    matched_x: Bool[Array, " n_x"] | None = None
+    matched_y: Bool[Array, " n_y"] | None = None

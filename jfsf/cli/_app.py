@@ -193,6 +193,14 @@ def match(
             "index_x and index_y in the file hold their numbers in X and Y.",
         ),
     ] = False,
+    partial: Annotated[
+        bool,
+        typer.Option(
+            "--partial",
+            help="One shape is a part of the other, or both overlap; both in one unit. "
+            "The file then has matched_x and matched_y, the vertices that both have.",
+        ),
+    ] = False,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
     ] = False,
@@ -208,6 +216,7 @@ def match(
     from jfsf.export import export_map
     from jfsf.mapfiles import write_match
     from jfsf.matching import match as match_meshes
+    from jfsf.parts import looks_partial
     from jfsf.plot import draw_pair
 
     can_write(out, ".npz")
@@ -230,6 +239,7 @@ def match(
             mesh_y,
             orientation=orientation.value,
             landmarks=pairs,  # type: ignore
+            partial=partial,
             cache=not no_cache,
         )
         seconds = {"matching": perf_counter() - started}
@@ -261,6 +271,8 @@ def match(
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if one_sided(mesh):
             notes.append(f"{path}: cannot be wound consistently; check left and right")
+    if not partial and looks_partial(mesh_x, mesh_y):
+        notes.append("one shape has a long boundary: if it is a part, pass --partial")
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in filter(None, (out, png, *exports, report)):

@@ -9,7 +9,8 @@ from jfsf.types import Certificate, Match
 # The first index of each format, by convention.
 BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
-MATCH_KEYS = [name for name in Match._fields if name != "certificate"]
+MATCHED_KEYS = ["matched_x", "matched_y"]  # of a partial match only
+MATCH_KEYS = [n for n in Match._fields if n not in ("certificate", *MATCHED_KEYS)]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
 # The arrays of a file by name; each is read when it is called. In MATLAB files some are
 # sparse matrices or structs.

@@ -9,6 +9,7 @@ from jfsf.mapfiles._arrays import read_mat, read_npz, read_text
 from jfsf.mapfiles._formats import (
     CERTIFICATE_KEYS,
     MATCH_KEYS,
+    MATCHED_KEYS,
     Arrays,
     MapFileError,
     first_index,
@@ -116,12 +117,24 @@ def read_match(path: str | Path) -> Match:
         fields[name] = to_indices(
             f"{path}[{name}]", fields[name], None, sizes[other], 0
         )
+    for name, map_name in zip(MATCHED_KEYS, ("T_xy", "T_yx"), strict=True):
+        if name in arrays:
+            fields[name] = _matched(f"{path}[{name}]", arrays[name](), sizes[map_name])
     fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
     certificate: list[Any] = [
         to_figures(f"{path}[{key}]", arrays[key](), int(name == "landmarks"))
         for key, name in zip(CERTIFICATE_KEYS, Certificate._fields, strict=True)
     ]
     return Match(**fields, certificate=Certificate(*certificate))
+
+
+def _matched(where: str, values, n: int) -> np.ndarray:
+    if values.dtype != bool or values.shape != (n,):
+        raise MapFileError(
+            f"{where}: is {values.dtype} {values.shape}, expected bool ({n},); write "
+            "it with write_match"
+        )
+    return values
 
 
 def read_arrays(path: Path) -> Arrays:

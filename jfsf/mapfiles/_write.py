@@ -9,6 +9,7 @@ import scipy.io
 from jfsf.mapfiles._formats import (
     CERTIFICATE_KEYS,
     MATCH_KEYS,
+    MATCHED_KEYS,
     MapFileError,
     first_index,
 )
@@ -77,7 +78,8 @@ def write_match(
 ) -> None:
     """Write a Match as `.npz`: T_xy, T_yx (int32, 0-based), C_yx, certificate_*.
 
-    The file appears complete or not at all.
+    A partial match also has matched_x and matched_y (bool). The file appears complete
+    or not at all.
 
     Args:
         path: `.npz`.
@@ -106,6 +108,9 @@ def write_match(
                 f"write_match: {name} is {arrays[name].shape}, expected one match (n,)"
             )
         arrays[name] = arrays[name].astype(np.int32)
+    for name in MATCHED_KEYS:
+        if (matched := getattr(match, name)) is not None:
+            arrays[name] = np.asarray(matched)
     for name, index in (("index_x", index_x), ("index_y", index_y)):
         if index is not None:
             arrays[name] = np.asarray(index)

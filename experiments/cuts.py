@@ -1,0 +1,63 @@
+"""Parts of embedded shapes: cut by a plane or a geodesic ball, with their ground truth.
+
+A cut keeps the largest piece on one side, and as much of the area as is asked for.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.data import Sample
+from jfsf.evaluate import geodesics
+from jfsf.mesh import Submesh, surface_area
+from jfsf.parts import cut
+
+
+class Truth(NamedTuple):
+    """at_x, at_y: vertices of the part and their partners; inside_y: (n_y,) bool."""
+
+    at_x: np.ndarray
+    at_y: np.ndarray
+    inside_y: np.ndarray
+
+
+def plane(sample: Sample, keep: float, rng: np.random.Generator) -> Submesh:
+    """One side of a plane of random direction."""
+    return _below(sample, sample.mesh.vertices @ rng.normal(size=3), keep)
+
+
+def ball(sample: Sample, keep: float, rng: np.random.Generator) -> Submesh:
+    """A geodesic ball around a random vertex."""
+    centre = rng.choice(len(sample.mesh.vertices), 1)
+    return _below(sample, geodesics(sample.mesh, centre)[0], keep)
+
+
+def _below(sample: Sample, height: np.ndarray, keep: float) -> Submesh:
+    """The largest piece of lowest vertices with a share of the area, by bisection."""
+    order, wanted = np.argsort(height), keep * surface_area(sample.mesh)
+    low, high = 0, len(order)
+    while high - low > 1:
+        middle = (low + high) // 2
+        part = cut(sample.mesh, _first(order, middle))
+        smaller = len(part.mesh.faces) == 0 or surface_area(part.mesh) < wanted
+        low, high = (middle, high) if smaller else (low, middle)
+    return cut(sample.mesh, _first(order, high))
+
+
+def _first(order, count):
+    kept = np.zeros(len(order), bool)
+    kept[order[:count]] = True
+    return kept
+
+
+def truth(x: Sample, part: Submesh, y: Sample) -> Truth:
+    """Of a part of X, and all of Y."""
+    place = np.full(len(x.mesh.vertices), -1)
+    place[part.index] = np.arange(len(part.index))
+    at_x = place[x.template_to_vertex]
+    there = at_x >= 0
+    # Three vertices in ten have no template point: that of the nearest with one.
+    points = KDTree(y.mesh.vertices[y.template_to_vertex])
+    nearest = points.query(y.mesh.vertices)[1]
+    return Truth(at_x[there], y.template_to_vertex[there], there[nearest])

@@ -1,0 +1,167 @@
+"""Match parts of embedded shapes with whole ones: errors and regions, beside rivals.
+
+X is cut to a share of its area (`cuts.py`), by a plane or by a geodesic ball in turn.
+The error is over the part, on the clean Y, in sqrt(area of Y). `iou` is the area of Y
+in the found and the true region, over that in either. `whole` is `jfsf.match` before
+the cut. ZoomOut starts from a fit to descriptors, as pyFM does; the region of both is
+what the map hits, spread to near vertices.
+
+Each row goes to OUT.jsonl at once, so that a killed run can go on; OUT.json has the
+means and all rows.
+
+    python experiments/partial.py --keep 0.7 0.5 --pairs 40 --out RESULT.json
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import cuts
+import jax
+import jax.numpy as jnp
+import numpy as np
+import results_file
+from bench_zoomout import recipe
+from scipy.spatial import KDTree
+
+import jfsf
+from jfsf import data
+from jfsf.convert import nearest
+from jfsf.evaluate import pair_distances
+from jfsf.initial import fit
+from jfsf.mesh import surface_area
+from jfsf.parts import vertex_normals
+from jfsf.refine import zoomout
+from jfsf.spectral import embeddings, spectrum, wks
+
+METHODS = ("jfsf", "whole", "zoomout", "pyfm")
+KS = tuple(range(20, 101, 5))
+RIGHT = 0.1  # mean error of a right map, at most
+NEAR = 0.05  # a vertex of Y so near to the image of a rival's map is in its region
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--keep", type=float, nargs="+", default=[0.7, 0.5])
+    parser.add_argument("--pairs", type=int, default=40)
+    parser.add_argument("--methods", nargs="+", choices=METHODS, default=["jfsf"])
+    parser.add_argument("--every", type=int, default=20, help="points of truth: 1 in N")
+    parser.add_argument("--out", type=Path, required=True)
+    args = parser.parse_args()
+    lines = args.out.with_suffix(".jsonl")
+    rows = [json.loads(line) for line in _lines(lines)]
+    done = {(r["method"], r["keep"], r["pair"]) for r in rows}
+    for pair, (name_x, name_y) in enumerate(pairs(args.pairs)):
+        for keep in args.keep:
+            for method in args.methods:
+                share = 1.0 if method == "whole" else keep
+                if (method, share, pair) in done:
+                    continue
+                done.add((method, share, pair))
+                row = {"method": method, "keep": share, "pair": pair}
+                row |= {"x": name_x, "y": name_y}
+                row |= measure(method, name_x, name_y, share, pair, args.every)
+                rows.append(row)
+                with lines.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+                print(row, flush=True)
+    settings = {"every": args.every, "near": NEAR}
+    results_file.write(args.out, settings=settings, summary=summary(rows), rows=rows)
+
+
+def pairs(number: int) -> list[tuple[str, str]]:
+    """Ordered pairs of embedded shapes, each once, in a fixed random order."""
+    names = data.names()
+    all_pairs = [(a, b) for a in names for b in names if a != b]
+    order = np.random.default_rng(0).permutation(len(all_pairs))
+    return [all_pairs[i] for i in order[:number]]
+
+
+def part_of(name: str, keep: float, pair: int):
+    """The cut of a pair: by a plane if its number is even, else by a ball."""
+    kind = (cuts.plane, cuts.ball)[pair % 2]
+    return kind(data.load(name), keep, np.random.default_rng(pair))
+
+
+def measure(method, name_x, name_y, keep, pair, every) -> dict:
+    """One row: the error, the regions, the evidence, the seconds."""
+    x, y = data.load(name_x), data.load(name_y)
+    if method == "whole":
+        n = len(x.mesh.vertices)
+        part = jfsf.mesh.Submesh(x.mesh, np.arange(n))
+    else:
+        part = part_of(name_x, keep, pair)
+    truth = cuts.truth(x, part, y)
+    start = time.perf_counter()
+    T_xy, inside, extra = _run(method, part.mesh, y.mesh)
+    seconds = time.perf_counter() - start
+    away = pair_distances(y.mesh, T_xy[truth.at_x[::every]], truth.at_y[::every])
+    _, mass = vertex_normals(y.mesh)
+    common, both = truth.inside_y & inside, truth.inside_y | inside
+    return {
+        "error": float(away.mean() / np.sqrt(surface_area(y.mesh))),
+        "iou": float(mass[common].sum() / mass[both].sum()),
+        "seconds": seconds,
+        **extra,
+    }
+
+
+def _run(method, x, y):
+    """T_xy, the region of Y, and further figures."""
+    if method in ("jfsf", "whole"):
+        found = jax.block_until_ready(jfsf.match(x, y, partial=method == "jfsf"))
+        inside = np.ones(len(y.vertices), bool)
+        extra = {"confidence": float(found.certificate.confidence)}
+        if method == "jfsf":
+            inside = np.asarray(found.matched_y)
+            extra["iou_x"] = float(np.mean(found.matched_x))
+            extra["gap"] = min(float(found.certificate.gap), 1e3)
+        return np.asarray(found.T_xy), inside, extra
+    T_xy = np.asarray(recipe(x, y)[0] if method == "pyfm" else _zoomout(x, y))
+    image = KDTree(y.vertices[np.unique(T_xy)])
+    away = image.query(y.vertices)[0] / np.sqrt(surface_area(y))
+    return T_xy, away < NEAR, {}
+
+
+def _zoomout(x, y) -> np.ndarray:
+    specs = [jax.tree.map(jnp.asarray, spectrum(mesh, KS[-1])) for mesh in (x, y)]
+    start = fit(*specs, *(wks(spec)[:, ::5] for spec in specs), k=KS[0]).C_yx
+    C_yx = zoomout(*specs, start, ks=KS, converter=nearest)
+    emb_x, emb_y = embeddings(C_yx, *(spec.evecs for spec in specs), space="direct")
+    return np.asarray(nearest(emb_x, emb_y).T_xy)
+
+
+def summary(rows: list[dict]) -> list[dict]:
+    """Means of each method and share."""
+    found = []
+    for key in sorted({(r["method"], r["keep"]) for r in rows}):
+        these = [r for r in rows if (r["method"], r["keep"]) == key]
+        errors = np.array([r["error"] for r in these])
+        row = {
+            "method": key[0],
+            "keep": key[1],
+            "pairs": len(these),
+            "mean": float(errors.mean()),
+            "median": float(np.median(errors)),
+            "wrong": int((errors > RIGHT).sum()),
+            "iou": float(np.mean([r["iou"] for r in these])),
+            "seconds_median": float(np.median([r["seconds"] for r in these])),
+        }
+        if "confidence" in these[0]:
+            sure = np.array([r["confidence"] >= 0.7 for r in these])
+            row["wrong_in_silence"] = int(((errors > RIGHT) & sure).sum())
+            row["right_with_warning"] = int(((errors <= RIGHT) & ~sure).sum())
+        found.append(row)
+    return found
+
+
+def _lines(path: Path) -> list[str]:
+    text = path.read_text() if path.exists() else ""
+    return [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
+
+
+if __name__ == "__main__":
+    main()

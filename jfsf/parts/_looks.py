@@ -1,0 +1,59 @@
+"""What a point sees within some distances: descriptors that no cut beyond changes."""
+
+import numpy as np
+
+from jfsf.parts._shape import PartSamples
+
+# In the common unit, in which the larger shape has area 1.
+RADII = (0.05, 0.08, 0.12, 0.17, 0.23, 0.3)
+# Columns of a radius.
+COLUMNS = 5
+
+
+def looks(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
+    """Area, curvature and extent of the geodesic balls around samples.
+
+    Args:
+        samples: the shape.
+        which: (a,) samples.
+        scale: factor that brings the shape to the size of the other.
+
+    Returns:
+        (a, radii, columns); nan where the ball meets the boundary.
+    """
+    points, mass = samples.mesh.vertices * scale, samples.mass * scale**2
+    out = np.full((len(which), len(RADII), COLUMNS), np.nan)
+    distance = samples.distance[which] * scale
+    free = samples.to_boundary[samples.at[which]] * scale
+    for row, (i, far) in enumerate(zip(which, distance, strict=True)):
+        near = np.flatnonzero(far < RADII[-1] * 1.2)
+        centre = samples.at[i]
+        apart = points[near] - points[centre]
+        for col, radius in enumerate(RADII):
+            if free[row] < radius:
+                continue
+            # A soft border: few vertices lie in a small ball.
+            weight = mass[near] / (1 + np.exp(12 * (far[near] / radius - 1)))
+            total = weight.sum()
+            middle = weight @ apart / total
+            spread = (apart - middle).T @ ((apart - middle) * weight[:, None]) / total
+            extent = np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0)) / radius
+            rise = middle @ samples.normal[centre] / radius
+            out[row, col] = np.log(total / radius**2), 2 * rise, *(2 * extent)
+    return out
+
+
+def unlikeness(looks_x: np.ndarray, looks_y: np.ndarray) -> np.ndarray:
+    """(a, b) mean difference of what two points see, in standard deviations; below 1.
+
+    Where nothing can be compared it is the mean of all that can.
+    """
+    flat = looks_y.reshape(-1, *looks_y.shape[1:])
+    width = np.nanstd(flat, axis=0) + 1e-6
+    apart = np.abs(looks_x[:, None] - looks_y[None]) / width
+    known = ~np.isnan(apart)
+    total = np.where(known, np.minimum(apart, 3), 0).sum((2, 3))
+    count = known.sum((2, 3))
+    mean = total / np.maximum(count, 1)
+    usual = mean[count > 0].mean() if (count > 0).any() else 0.5
+    return np.where(count > 0, mean, usual) / 1.5

@@ -1,0 +1,253 @@
+"""Two shapes of which one is a part of the other, or that overlap. Host side.
+
+A cut changes all eigenfunctions, but where the region that both share is known, and cut
+out of both, the shapes are whole again: the usual refinement then is as accurate as for
+whole shapes. So the work is to find that region.
+
+1. Assign a few samples by what a cut leaves (`_beam`): several assignments.
+2. Bend X onto Y by each (`_region`), and rank them by evidence (`_evidence`).
+3. Cut both shapes to the region, refine the map between the cuts, bend again: twice for
+   the best, once for its rivals.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.mesh import orient, surface_area
+from jfsf.parts._beam import assign
+from jfsf.parts._evidence import Evidence, curvatures, evidence
+from jfsf.parts._region import (
+    Bent,
+    Target,
+    bend_onto,
+    covered_by,
+    cut,
+    dense_map,
+    target,
+)
+from jfsf.parts._shape import PartSamples, boundary_vertices, part_samples
+from jfsf.types import Certificate, Mesh
+
+# Samples of the part, and of the other shape, in which partners are looked for.
+SAMPLES_X, SAMPLES_Y = 80, 300
+# Assignments that are bent again, and those of them that are refined.
+BENT_TWICE, REFINED = 3, 3
+# A rival this much worse is not refined.
+HOPELESS = 0.8
+# Steps of the logarithm of a scale in which curvature is read anew.
+SCALE_STEP = 0.05
+# Rounds of refinement for the best.
+ROUNDS = 2
+# A region with fewer vertices cannot be matched, see `jfsf.Settings.min_vertices`.
+LEAST_REGION = 160
+# Weights of the logarithms of the evidence.
+WEIGHTS = Evidence(1.0, 1.5, 1.0, 0.5)
+# The rival's score over that of the best at which the best is even with chance.
+UNSURE = 0.05
+
+# (part of X, part of Y, T_xy) -> a match of these.
+Refine = Callable[[Mesh, Mesh, np.ndarray], Any]
+
+
+class Parts(NamedTuple):
+    """Maps between shapes that share a region.
+
+    T_xy, T_yx: of all vertices; outside of the region the nearest after bending.
+    matched_x, matched_y: whether a vertex is in the region.
+    certificate: of the map between the regions.
+    scale: factor that brings X to the size of Y.
+    """
+
+    T_xy: np.ndarray
+    T_yx: np.ndarray
+    matched_x: np.ndarray
+    matched_y: np.ndarray
+    certificate: Certificate
+    scale: float
+
+
+class _Sides(NamedTuple):
+    """Both shapes in the unit of Y, and what is read of them once.
+
+    curved_x: `curvatures` by step of the scale, filled when they are needed.
+    """
+
+    x: PartSamples
+    y: PartSamples
+    onto: Target
+    curved_x: dict[int, np.ndarray]
+    curved_y: np.ndarray
+    sign: int
+
+
+class _State(NamedTuple):
+    """A map on the way; `score` is the weighted evidence, small is good."""
+
+    bent: Bent
+    scale: float
+    score: float
+    match: Any = None
+    T_xy: Any = None
+    T_yx: Any = None
+
+
+def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Parts:
+    """Find the region that two shapes share, and the maps.
+
+    Args:
+        mesh_x, mesh_y: one connected piece each, with faces, in one unit: bodies may
+            differ in size by a factor of 1.57 either way.
+        refine: makes a match of two meshes from a map between their vertices.
+        sign: 1 for a map that keeps left and right, -1 for its mirror image, 0 for the
+            better one.
+
+    Raises:
+        ValueError: no region of enough vertices was found.
+    """
+    # The one with the longer cut is bent onto the other, so a swap changes nothing.
+    if _openness(mesh_x) < _openness(mesh_y):
+        return _swapped(match_parts(mesh_y, mesh_x, refine, sign))
+    states = []
+    for way in (1, -1) if sign == 0 else (sign,):
+        sides = _sides(mesh_x, mesh_y, way)
+        states += [(state, sides) for state in _candidates(sides)]
+    states.sort(key=lambda pair: pair[0].score)
+    best = states[0][0].score
+    refined = []
+    for state, sides in states[:REFINED]:
+        if state.score < best + HOPELESS:
+            found = _refined(state, sides, mesh_x, mesh_y, refine)
+            refined += [] if found is None else [(found, sides)]
+    if not refined:
+        raise ValueError(
+            "match: partial=True found no region of "
+            f"{LEAST_REGION} vertices that both shapes share; finer meshes, or one "
+            "unit for both, may help"
+        )
+    refined.sort(key=lambda pair: pair[0].score)
+    state, sides = refined[0]
+    others = [s.score for s, _ in refined[1:]] + [s.score for s, _ in states[REFINED:]]
+    margin = min(others, default=np.inf) - state.score
+    for _ in range(ROUNDS - 1):
+        state = _refined(state, sides, mesh_x, mesh_y, refine) or state
+    return _result(state, sides, margin)
+
+
+def _openness(mesh: Mesh) -> tuple[float, float]:
+    edge = boundary_vertices(mesh)
+    return len(edge) > 0, -surface_area(mesh)
+
+
+def _swapped(found: Parts) -> Parts:
+    certificate = found.certificate
+    other = {"x": "y", "y": "x", "xy": "yx", "yx": "xy"}
+    both = {
+        f"{name}_{end}": getattr(certificate, f"{name}_{other[end]}")
+        for name, ends in (("coverage", ("xy", "yx")), ("bijectivity", ("x", "y")))
+        for end in ends
+    }
+    return Parts(
+        found.T_yx,
+        found.T_xy,
+        found.matched_y,
+        found.matched_x,
+        certificate._replace(**both),
+        1 / found.scale,
+    )
+
+
+def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int) -> _Sides:
+    unit = np.sqrt(surface_area(mesh_y))
+
+    def scaled(mesh):
+        wound = orient(mesh)
+        return Mesh(np.asarray(wound.vertices, float) / unit, np.asarray(wound.faces))
+
+    x, y = (
+        part_samples(scaled(mesh_x), SAMPLES_X),
+        part_samples(scaled(mesh_y), SAMPLES_Y),
+    )
+    return _Sides(x, y, target(y.mesh), {}, curvatures(y.mesh), sign)
+
+
+def _curved_x(sides: _Sides, scale: float) -> np.ndarray:
+    step = round(float(np.log(scale)) / SCALE_STEP)
+    if step not in sides.curved_x:
+        sides.curved_x[step] = curvatures(
+            sides.x.mesh, float(np.exp(step * SCALE_STEP))
+        )
+    return sides.curved_x[step]
+
+
+def _candidates(sides: _Sides) -> list[_State]:
+    found = assign(sides.x, sides.y, orientation=sides.sign)
+    states = []
+    for partner, scale in zip(found.partner, found.scale, strict=True):
+        T_xy = dense_map(sides.x, sides.y, found.which, partner, scale)
+        states.append(_bent(sides, T_xy, float(scale), rounds=4))
+    states.sort(key=lambda state: state.score)
+    again = [_bent(sides, s.bent.T_xy, s.scale) for s in states[:BENT_TWICE]]
+    return again + states[BENT_TWICE:]
+
+
+def _bent(sides: _Sides, T_xy, scale: float, rounds: int = 6) -> _State:
+    """Bend X, score it, and correct the scale."""
+    mesh = _scaled(sides.x.mesh, scale)
+    bent = bend_onto(mesh, sides.onto, T_xy, sides.sign, rounds=rounds)
+    figures, ratio = evidence(
+        *(sides.x, sides.y, _curved_x(sides, scale), sides.curved_y),
+        *(bent.moved, bent.T_xy, bent.matched_x, scale, sides.sign),
+    )
+    score = sum(w * np.log(f + 1e-4) for w, f in zip(WEIGHTS, figures, strict=True))
+    # What nothing covers costs: else a map of a corner would do.
+    mass = sides.x.mass
+    score -= 2 * np.log(max(mass[bent.matched_x].sum() / mass.sum(), 1e-3))
+    return _State(bent, scale * float(np.clip(ratio, 0.9, 1.1)), float(score))
+
+
+def _refined(state: _State, sides: _Sides, mesh_x, mesh_y, refine) -> _State | None:
+    """Cut both shapes to the region, refine the map between the cuts, bend again."""
+    x, y = _scaled(sides.x.mesh, state.scale), sides.y.mesh
+    near, inside = covered_by(state.bent, x, sides.onto, sides.sign)
+    part_x, part_y = cut(x, state.bent.matched_x), cut(y, inside)
+    if min(len(part_x.index), len(part_y.index)) < LEAST_REGION:
+        return None
+    # A partner outside of the cut gives way to the nearest inside.
+    tree = KDTree(part_y.mesh.vertices)
+    start = tree.query(y.vertices[state.bent.T_xy[part_x.index]])[1].astype(np.int32)
+    found = refine(part_x.mesh, part_y.mesh, start)
+    T_xy = state.bent.T_xy.copy()
+    T_xy[part_x.index] = part_y.index[np.asarray(found.T_xy)]
+    after = _bent(sides, T_xy, state.scale)
+    T_yx, _ = covered_by(after.bent, x, sides.onto, sides.sign)
+    T_yx[part_y.index] = part_x.index[np.asarray(found.T_yx)]
+    outside = np.ones(len(T_xy), bool)
+    outside[part_x.index] = False
+    T_xy[outside] = after.bent.T_xy[outside]
+    return after._replace(match=found, T_xy=T_xy, T_yx=T_yx)
+
+
+def _result(state: _State, sides: _Sides, margin: float) -> Parts:
+    x = _scaled(sides.x.mesh, state.scale)
+    _, inside = covered_by(state.bent, x, sides.onto, sides.sign)
+    certificate = state.match.certificate
+    sure = certificate.confidence / (1 + np.exp(-margin / UNSURE))
+    gap = np.asarray(np.expm1(max(margin, 0)), certificate.gap.dtype)
+    certificate = certificate._replace(
+        confidence=np.asarray(sure, certificate.confidence.dtype), gap=gap
+    )
+    return Parts(
+        state.T_xy.astype(np.int32),
+        state.T_yx.astype(np.int32),
+        state.bent.matched_x,
+        inside,
+        certificate,
+        state.scale,
+    )
+
+
+def _scaled(mesh: Mesh, scale: float) -> Mesh:
+    return Mesh(mesh.vertices * scale, mesh.faces)

@@ -1,0 +1,164 @@
+"""Which part of a shape another covers: one is bent onto the other as it is.
+
+A vertex whose nearest vertex of the other surface lies on its boundary, on the outer
+side, is not covered. So a part covers of the whole what lies below it, and the whole
+covers all of the part.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.array import common_size
+from jfsf.mesh import Submesh, largest_component
+from jfsf.parts._shape import PartSamples, boundary_edges, vertex_normals
+from jfsf.refine import deform, surface
+from jfsf.types import Mesh, Spectrum
+
+# Half the distance that opposite normals count for, as in `jfsf.refine.ArapSettings`.
+NORMAL_WEIGHT = 0.03
+# A surface further away covers nothing.
+FAR = 0.1
+# Vertices that nothing covers follow their partners this much.
+LOOSE = 1e-3
+
+
+class Target(NamedTuple):
+    """A surface at rest, and what finds its nearest vertices.
+
+    outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
+    """
+
+    mesh: Mesh
+    normal: np.ndarray
+    outward: np.ndarray
+    tree: KDTree
+
+
+class Bent(NamedTuple):
+    """A shape X bent onto Y.
+
+    moved: (n_x, 3) positions.
+    T_xy: (n_x,) the nearest vertex of Y to each.
+    matched_x: (n_x,) whether Y covers it.
+    """
+
+    moved: np.ndarray
+    T_xy: np.ndarray
+    matched_x: np.ndarray
+
+
+def target(mesh: Mesh) -> Target:
+    """The surface to bend onto."""
+    normal, _ = vertex_normals(mesh)
+    outward = np.zeros_like(normal)
+    ends = boundary_edges(mesh)
+    along = mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]]
+    # The face lies to the left of its edge, seen against the normal.
+    for end in ends.T:
+        np.add.at(outward, end, np.cross(along, normal[end]))
+    points = np.concatenate([mesh.vertices, NORMAL_WEIGHT * normal], 1)
+    return Target(mesh, normal, outward, KDTree(points))
+
+
+def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
+    """The nearest vertex to each point, and whether the surface covers the point."""
+    query = np.concatenate([points, NORMAL_WEIGHT * normal], 1)
+    away, near = onto.tree.query(query)
+    step = points - onto.mesh.vertices[near]
+    beyond = np.sum(step * onto.outward[near], 1) > 0
+    return near, (away < FAR) & ~beyond
+
+
+def bend_onto(x: Mesh, y: Target, T_xy, sign: int = 1, *, rounds: int = 6) -> Bent:
+    """X deformed onto Y as rigidly as possible, again and again.
+
+    What Y does not cover is not drawn to it.
+
+    Args:
+        x: in the unit of Y, wound outward.
+        y: `target`.
+        T_xy: the start.
+        sign: -1 for a map that mirrors.
+        rounds: deformations, each followed by a search for the nearest vertices.
+    """
+    n, (_, mass) = len(x.vertices), vertex_normals(x)
+    side, size = _padded_surface(x, sign), _size(x)
+    moved, matched = y.mesh.vertices[T_xy], np.ones(n, bool)
+    for _ in range(rounds):
+        pull = np.zeros(size)
+        pull[:n] = mass * np.where(matched, 1, LOOSE)
+        goal, start = (_rows(v, size) for v in (y.mesh.vertices[T_xy], moved))
+        found = _deform(side._replace(mass=jnp.asarray(pull)), goal, start)
+        moved = np.asarray(found)[:n].astype(float)
+        T_xy, matched = nearest(
+            y, moved, sign * vertex_normals(Mesh(moved, x.faces))[0]
+        )
+    return Bent(moved, T_xy, matched)
+
+
+def covered_by(bent: Bent, x: Mesh, y: Target, sign: int = 1):
+    """The nearest vertex of the bent X to each of Y, and whether X covers that."""
+    faces = x.faces if sign > 0 else x.faces[:, ::-1]
+    return nearest(target(Mesh(bent.moved, faces)), y.mesh.vertices, y.normal)
+
+
+def cut(mesh: Mesh, keep: np.ndarray) -> Submesh:
+    """The largest piece of the faces whose corners are all kept."""
+    faces = np.asarray(mesh.faces)
+    return largest_component(Mesh(mesh.vertices, faces[keep[faces].all(1)]))
+
+
+def dense_map(x: PartSamples, y: PartSamples, which, partner, scale: float):
+    """T_xy: the vertex of Y that is as far from the partners as X's from its samples.
+
+    Near samples count most.
+
+    Args:
+        x, y: both shapes.
+        which: samples of X.
+        partner: samples of Y, -1 for none.
+        scale: factor of X's lengths.
+    """
+    there = partner >= 0
+    from_x, from_y = scale * x.distance[which[there]], y.distance[partner[there]]
+    weight = 1 / (from_x + 0.05) ** 2
+    weight /= weight.sum(0)
+    out, square = np.empty(from_x.shape[1], np.int64), from_y**2
+    for rows in np.array_split(np.arange(len(out)), -(-len(out) // 1000)):
+        w, d = weight[:, rows].T, from_x[:, rows].T
+        out[rows] = (w @ square - 2 * (w * d) @ from_y).argmin(1)
+    return out
+
+
+@jax.jit
+def _deform(side, goal, start):
+    return deform(side, goal, start)
+
+
+def _size(x: Mesh) -> int:
+    return common_size(max(len(x.vertices), -(-len(x.faces) // 2)))
+
+
+def _padded_surface(x: Mesh, sign: int):
+    """At a common size, so that few programs serve all cuts."""
+    size = _size(x)
+    faces = np.zeros((2 * size, 3), np.int32)
+    faces[: len(x.faces)] = x.faces
+    spec = Spectrum(
+        jnp.zeros(1),
+        jnp.zeros((size, 1)),
+        jnp.zeros(size),
+        jnp.asarray(faces),
+        _rows(x.vertices, size),
+    )
+    return surface(spec, float(sign))
+
+
+def _rows(values, size: int):
+    out = np.zeros((size, 3))
+    out[: len(values)] = values
+    return jnp.asarray(out)

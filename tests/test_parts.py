@@ -1,0 +1,200 @@
+"""Parts of shapes: the laws of `match(..., partial=True)`, and its stages."""
+
+import numpy as np
+import pytest
+
+import jfsf
+from jfsf import matching, testing
+from jfsf.evaluate import pair_distances
+from jfsf.initial import SearchSettings
+from jfsf.mapfiles import MapFileError, read_match, write_match
+from jfsf.mesh import MeshError, surface_area
+from jfsf.parts import (
+    boundary_vertices,
+    cut,
+    longest_loop,
+    looks_partial,
+    vertex_normals,
+)
+from jfsf.parts._beam import assign
+from jfsf.parts._evidence import curvatures
+from jfsf.parts._looks import looks
+from jfsf.parts._region import bend_onto, covered_by, nearest, target
+from jfsf.parts._shape import part_samples
+from jfsf.types import Mesh
+
+# One that differs in all directions, and fine enough that half of it can be matched.
+WHOLE = testing.blob(3, subdivisions=3)
+AREA = surface_area(WHOLE)
+UP = np.array([0.2, 0.3, 0.93])
+HEIGHT = WHOLE.vertices @ UP
+PART = cut(WHOLE, HEIGHT < np.quantile(HEIGHT, 0.7))
+
+
+# Small programs: neither the search nor the details are under test.
+SETTINGS = jfsf.Settings(
+    k=40,
+    ks=(30, 30, 40),
+    confident=0,
+    bend_rounds=3,
+    search=SearchSettings(samples=60, final_samples=100, assignments=20),
+)
+
+
+def partial_match(mesh_x, mesh_y):
+    return jfsf.match(mesh_x, mesh_y, partial=True, settings=SETTINGS, cache=False)
+
+
+def turned(mesh: Mesh, seed: int = 0) -> Mesh:
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return testing.move(mesh, (turn * np.sign(np.linalg.det(turn)), rng.normal(size=3)))
+
+
+@pytest.fixture(scope="module")
+def found():
+    """The part, turned, matched with the whole."""
+    return partial_match(turned(PART.mesh), WHOLE)
+
+
+def error(T, wanted) -> float:
+    return float(pair_distances(WHOLE, np.asarray(T), wanted).mean() / np.sqrt(AREA))
+
+
+def overlap(found, wanted) -> float:
+    found = np.asarray(found)
+    _, mass = vertex_normals(WHOLE)
+    return mass[found & wanted].sum() / mass[found | wanted].sum()
+
+
+def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
+    inside = np.zeros(len(WHOLE.vertices), bool)
+    inside[PART.index] = True
+    # Less than an edge: they are cut in other places, so vertices may slide.
+    assert error(found.T_xy, PART.index) < 0.03
+    assert np.asarray(found.matched_x).mean() > 0.98
+    # One ring of vertices along the cut is a tenth of so coarse a part.
+    assert overlap(found.matched_y, inside) > 0.8
+    assert found.matched_y.shape == found.T_yx.shape == (len(WHOLE.vertices),)
+    assert float(found.certificate.confidence) > 0.7
+
+
+def test_a_swap_of_the_shapes_swaps_the_maps(found):
+    other = partial_match(WHOLE, turned(PART.mesh))
+    np.testing.assert_array_equal(other.T_yx, found.T_xy)
+    np.testing.assert_array_equal(other.matched_x, found.matched_y)
+    np.testing.assert_array_equal(other.matched_y, found.matched_x)
+    named = "coverage_xy", "bijectivity_x"
+    for a, b in zip(named, ("coverage_yx", "bijectivity_y"), strict=True):
+        assert getattr(other.certificate, a) == getattr(found.certificate, b)
+
+
+def test_units_do_not_matter_if_both_have_them(found):
+    scaled = [
+        m._replace(vertices=1000 * m.vertices) for m in (turned(PART.mesh), WHOLE)
+    ]
+    other = partial_match(*scaled)
+    assert error(other.T_xy, PART.index) < 0.03
+    agree = np.asarray(other.matched_y) == np.asarray(found.matched_y)
+    assert agree.mean() > 0.98
+
+
+def test_two_closed_shapes_share_all(found, monkeypatch):
+    n = len(WHOLE.vertices)
+    whole = found._replace(T_xy=found.T_yx, matched_x=None, matched_y=None)
+    monkeypatch.setattr(matching, "_match", lambda *args, **options: whole)
+    same, closed = jfsf.match(WHOLE, WHOLE), partial_match(WHOLE, WHOLE)
+    assert same.matched_x is None and same.matched_y is None
+    np.testing.assert_array_equal(closed.T_xy, same.T_xy)
+    np.testing.assert_array_equal(closed.matched_x, np.ones(n, bool))
+    np.testing.assert_array_equal(closed.matched_y, np.ones(n, bool))
+
+
+def test_a_match_file_keeps_what_is_matched(found, tmp_path):
+    path = tmp_path / "part.npz"
+    write_match(path, found)
+    read = read_match(path)
+    np.testing.assert_array_equal(read.matched_x, found.matched_x)
+    np.testing.assert_array_equal(read.matched_y, found.matched_y)
+    write_match(path, found._replace(matched_x=None, matched_y=None))
+    assert read_match(path).matched_x is None
+    write_match(path, found._replace(matched_x=found.matched_x[1:]))
+    with pytest.raises(MapFileError, match="matched_x"):
+        read_match(path)
+
+
+def test_what_cannot_be_partial_is_refused():
+    cloud = WHOLE._replace(faces=WHOLE.faces[:0])
+    with pytest.raises(MeshError, match="mesh_y: has no faces"):
+        jfsf.match(WHOLE, cloud, partial=True)
+    with pytest.raises(ValueError, match="neither landmarks"):
+        jfsf.match(WHOLE, WHOLE, partial=True, landmarks=np.array([[0, 0]]))
+
+
+def test_a_long_boundary_is_a_hint():
+    assert looks_partial(PART.mesh, WHOLE) and looks_partial(WHOLE, PART.mesh)
+    assert not looks_partial(WHOLE, WHOLE) and not looks_partial(PART.mesh, PART.mesh)
+    assert longest_loop(WHOLE) == 0
+    square = Mesh(
+        np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+    )
+    assert longest_loop(square) == pytest.approx(4)
+
+
+def test_samples_of_a_part_see_what_they_see_in_the_whole():
+    whole, part = part_samples(WHOLE, 60), part_samples(PART.mesh, 60)
+    inner = part.to_boundary[part.at] > 0.35
+    seen = looks(part, np.flatnonzero(inner))
+    at = PART.index[part.at[inner]]
+    same = part_samples(WHOLE, 60)._replace(
+        at=at, distance=jfsf.evaluate.geodesics(WHOLE, at)
+    )
+    # Heat geodesics near a cut differ a little.
+    away = np.abs(seen - looks(same, np.arange(len(at))))
+    assert away.mean() < 0.02
+    assert np.isinf(whole.to_boundary).all()
+    edge = boundary_vertices(PART.mesh)
+    assert (part.to_boundary[edge] == 0).all() and len(edge) > 10
+
+
+def test_directions_turn_with_the_shape_and_flip_in_a_mirror():
+    samples = part_samples(WHOLE, 12)
+    relative = lambda s: np.conj(s.direction[:, :1]) * s.direction[:, 1:2]
+    moved = part_samples(turned(WHOLE), 12)
+    mirrored = part_samples(testing.mirror(WHOLE), 12)
+    np.testing.assert_array_equal(moved.at, samples.at)
+    at = slice(2, None)
+    np.testing.assert_allclose(relative(moved)[at], relative(samples)[at], atol=1e-6)
+    flipped = np.conj(relative(mirrored))[at]
+    np.testing.assert_allclose(flipped, relative(samples)[at], atol=1e-6)
+
+
+def test_the_beam_finds_the_scale():
+    unit = np.sqrt(AREA)
+    small = Mesh(PART.mesh.vertices / unit / 1.25, PART.mesh.faces)
+    x = part_samples(small, 60)
+    y = part_samples(Mesh(WHOLE.vertices / unit, WHOLE.faces), 150)
+    best = assign(x, y, anchors=10, width=400)
+    assert abs(np.log(best.scale[0] / 1.25)) < 0.11
+    assert (np.diff(best.cost) >= 0).all()
+
+
+def test_a_part_in_place_covers_its_region():
+    onto = target(WHOLE)
+    bent = bend_onto(PART.mesh, onto, PART.index, rounds=2)
+    np.testing.assert_allclose(bent.moved, PART.mesh.vertices, atol=0.02)
+    assert bent.matched_x.all()
+    _, inside = covered_by(bent, PART.mesh, onto)
+    wanted = np.zeros(len(WHOLE.vertices), bool)
+    wanted[PART.index] = True
+    assert overlap(inside, wanted) > 0.97
+    # The other way round the part covers only itself.
+    _, matched = nearest(target(PART.mesh), WHOLE.vertices, onto.normal)
+    assert overlap(matched, wanted) > 0.97
+
+
+def test_curvature_has_no_unit():
+    there = curvatures(WHOLE, 1.0)
+    small = Mesh(WHOLE.vertices / 2, WHOLE.faces)
+    np.testing.assert_allclose(curvatures(small, 2.0), there, atol=1e-9)
