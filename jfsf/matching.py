@@ -234,7 +234,7 @@ def _partial(
         found = _match(meshes, given, settings, cache, keep_spectra=False)
         return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
 
-    found = match_parts(mesh_x, mesh_y, refine, sign)
+    found = match_parts(mesh_x, mesh_y, refine, int(sign))
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in (mesh_x, mesh_y))
     spec_x, spec_y = (
         jax.tree.map(jnp.asarray, truncate(_basis(mesh, name, settings, cache), k))

@@ -72,14 +72,14 @@ def assign(
     which = anchors_of(x, anchors)
     signs = (1, -1) if orientation == 0 else (orientation,)
     pair = _Pair(x, y, which)
-    scale = np.array(scales, float)
+    scale: np.ndarray = np.array(scales, float)
     unlike = np.stack([pair.unlike(s) for s in scale])  # (scales, a, s_y)
     num = len(y.at)
     # A state: partners, the number of its scale, its sign, its cost.
     first = LOOKS_WEIGHT * unlike[:, 0] + SCALE_WEIGHT * np.abs(np.log(scale))[:, None]
-    partner = np.tile(np.arange(num), len(scale))[:, None]
-    of_scale = np.repeat(np.arange(len(scale)), num)
-    cost = first.ravel()
+    partner: np.ndarray = np.tile(np.arange(num), len(scale))[:, None]
+    of_scale: np.ndarray = np.repeat(np.arange(len(scale)), num)
+    cost: np.ndarray = first.ravel()
     sign = np.repeat(np.asarray(signs), len(cost))
     partner, of_scale, cost = (
         np.concatenate([v] * len(signs)) for v in (partner, of_scale, cost)
@@ -138,7 +138,7 @@ class _Pair:
         self.turn_y = y.direction
         self.looks_y = looks(y, np.arange(len(y.at)))
 
-    def unlike(self, scale):
+    def unlike(self, scale) -> np.ndarray:
         return unlikeness(looks(self.x, self.which, scale), self.looks_y)
 
     def cost(self, m, partner, scale, sign):
