@@ -1,6 +1,6 @@
 """The curve of errors over the share that is kept, and a picture of some pairs.
 
-Reads what `partial.py` wrote. The pictures are matched anew: cuts of its first pairs,
+Small numbers at the points of the curves are those of pairs. Reads what `partial.py` wrote. The pictures are matched anew: cuts of its first pairs,
 and the upper half of one body with the whole of another. Y is coloured where it is
 matched; X has the colours of its images.
 
@@ -96,7 +96,11 @@ def draw_curves(axis, summary: list[dict], name: str, label: str) -> None:
         rows = [row for row in summary if row["method"] == method]
         if rows:
             shares = [100 * row["keep"] for row in rows]
-            axis.plot(shares, [row[name] for row in rows], "o-", label=text)
+            values = [row[name] for row in rows]
+            axis.plot(shares, values, "o-", label=text)
+            for share, value, row in zip(shares, values, rows, strict=True):
+                above = {"xytext": (0, 5), "textcoords": "offset points"}
+                axis.annotate(str(row["pairs"]), (share, value), fontsize=7, **above)
     whole = [row for row in summary if row["method"] == "whole"]
     if whole and name == "mean":
         axis.axhline(whole[0][name], ls="--", c="0.5", label="whole pairs")

@@ -64,7 +64,8 @@ def match(
             one unit; bodies may differ in size by a factor of 1.5. It takes neither
             landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
             arrays, so it runs on the host, with `match` of the cuts inside: it cannot
-            be traced. It takes ten times as long. Two closed surfaces share all.
+            be traced. It takes ten times as long. Two closed surfaces share all. Where
+            both are cut the search fails more often: heed the confidence.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
 

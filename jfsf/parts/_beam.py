@@ -28,8 +28,8 @@ CHILDREN = 6
 # are a group, and no group has more than a share of all: else one would crowd out the
 # others before it is known to be wrong.
 CELLS, GROUPED, GROUPS = 24, 3, 12
-# A sample without a partner costs as much.
-ALONE = 1.1
+# A sample without a partner costs as much, beside a closed shape and an open one.
+ALONE, ALONE_OPEN = 1.1, 0.75
 
 
 class Assigned(NamedTuple):
@@ -86,11 +86,12 @@ def assign(
     )
     # Near partners of the first samples make one group; the last cell is no partner.
     cell = np.append(np.argmin(pair.between_y[: min(CELLS, num)], 0), -1)
+    lonely = ALONE if np.isinf(y.to_boundary).all() else ALONE_OPEN
     for m in range(1, len(which)):
         new = cost[:, None] + LOOKS_WEIGHT * unlike[of_scale, m]
         new += SCALE_WEIGHT * np.abs(np.log(scale))[of_scale, None]
         new += pair.cost(m, partner, scale[of_scale], sign)
-        alone = cost + ALONE
+        alone = cost + lonely
         new = np.concatenate([new, alone[:, None]], 1)
         if CHILDREN < num:
             worse = np.argpartition(new, CHILDREN, axis=1)[:, CHILDREN:]
