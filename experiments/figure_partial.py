@@ -1,8 +1,9 @@
 """The curve of errors over the share that is kept, and a picture of some pairs.
 
-Small numbers at the points of the curves are those of pairs. Reads what `partial.py` wrote. The pictures are matched anew: cuts of its first pairs,
-and the upper half of one body with the whole of another. Y is coloured where it is
-matched; X has the colours of its images.
+Small numbers at the points of the curves are those of pairs. Reads what `partial.py`
+wrote. The pictures are matched anew: cuts of its pairs, and the upper half of one body
+with the whole of another. Y, above, is coloured where it is matched; X has the colours
+of its images.
 
     python experiments/figure_partial.py [--results RESULT.json] --out FIGURE.png
 """
