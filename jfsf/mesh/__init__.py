@@ -5,6 +5,7 @@ Read in this order:
 - `_values`: check the arrays of a mesh, and split polygons into triangles
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
+- `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
@@ -13,6 +14,7 @@ Read in this order:
 """
 
 from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
     Edges,
@@ -34,15 +36,19 @@ __all__ = [
     "check",
     "check_values",
     "components",
+    "denoised",
     "edges",
     "face_areas",
     "face_normals",
     "largest_component",
+    "noise",
     "orient",
     "read",
+    "spikes",
     "surface_area",
     "triangulate",
     "validate",
     "vertex_components",
     "weld",
+    "without_spikes",
 ]

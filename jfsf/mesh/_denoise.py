@@ -1,0 +1,191 @@
+"""Noise and spikes: measured on the mesh itself, and taken from its positions.
+
+A clean surface is smooth where noise is not: the height of a vertex above its
+neighbours resembles their heights, while that of a noisy one is independent of them.
+So noise is told from detail whatever its size. Clean meshes are left as they are.
+"""
+
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import cg
+
+from jfsf.mesh._geometry import edges, face_areas, face_normals
+from jfsf.types import ArrayLike, Mesh
+
+# Height of a spike over the size of the ring around it, or over a common edge. All
+# vertices of 370 meshes of people, animals and objects are below 2.1, but for the
+# artefacts of some, which are above 6.
+SPIKE = 4.0
+SPIKE_ROUNDS = 5  # neighbouring spikes are seen one after the other
+# Correlation of heights with those of the neighbours. It is 0.3 to 0.97 on these
+# meshes, and below -0.1 with noise of a third of the spacing of vertices.
+MIN_CORRELATION = 0.1
+# Noise in the spacing of vertices below which it does no harm.
+MIN_NOISE = 0.1
+# Root mean square by which noisy vertices are moved, over that of the noise: what
+# remains of the noise is the rest. Of 0.8 to 1.1 it left the least error.
+MOVED = 0.92
+# Averages over neighbours before normals are read.
+NORMAL_STEPS = 3
+# Bisections of the logarithm of the smoothing, between these bounds.
+STEPS, LEAST, MOST = 10, 1e-2, 1e4
+TOLERANCE = 1e-3  # relative residual of a linear solve
+
+
+def denoised(mesh: Mesh) -> Mesh:
+    """The mesh without spikes, and smoothed as far as its noise asks for.
+
+    The vertices are moved by as much as the noise that `noise` measures, those of
+    spikes between their neighbours.
+
+    Args:
+        mesh: n vertices, m faces; indices in range, coordinates finite.
+
+    Returns:
+        The same mesh if it has neither, and for a point cloud; else one with other
+        vertices and the same faces. Vertices keep their numbers.
+    """
+    flat = without_spikes(mesh)
+    size = noise(flat)
+    return flat if size == 0 else Mesh(_smoothed(flat, size), flat.faces)
+
+
+def spikes(mesh: Mesh) -> Any:
+    """Whether each vertex (n,) sticks out far beyond the ring of its neighbours."""
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    if len(faces) == 0:
+        return np.zeros(len(vertices), bool)
+    height, ring, edge = _heights(vertices, faces)[1:]
+    return height > SPIKE * np.maximum(ring, edge)
+
+
+def without_spikes(mesh: Mesh) -> Mesh:
+    """The mesh with each of its `spikes` moved to the median of its neighbours."""
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    for _ in range(SPIKE_ROUNDS):
+        at = spikes(Mesh(vertices, faces))
+        if not at.any():
+            break
+        centre = _heights(np.asarray(vertices, np.float64), faces)[0]
+        vertices = np.where(at[:, None], centre, vertices)
+    return mesh if vertices is mesh.vertices else Mesh(vertices, faces)
+
+
+def noise(mesh: Mesh) -> float:
+    """Deviation of the noise of each coordinate, in units of the mesh.
+
+    Args:
+        mesh: as `denoised`.
+
+    Returns:
+        0 where heights of neighbouring vertices are alike, as on a clean surface; where
+        noise is less than a tenth of the spacing of vertices; and for a point cloud.
+    """
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    if len(faces) == 0:
+        return 0.0
+    n = len(vertices)
+    average = _average(faces, n)
+    smooth = vertices
+    for _ in range(NORMAL_STEPS):
+        smooth = average @ smooth
+    normal = _vertex_normals(smooth, faces)
+    once = sp.identity(n) - average
+    twice = (once @ once).tocsr()
+    height = ((once @ vertices) * normal).sum(1)
+    # Detail outweighs noise in few vertices, so they are cut off.
+    limit = 3 * np.median(np.abs(height))
+    height = np.clip(height, -limit, limit)
+    square = (height**2).sum()
+    if square == 0 or height @ (average @ height) > MIN_CORRELATION * square:
+        return 0.0
+    # Second differences: what is left of a smooth surface is of fourth order.
+    factor = np.sqrt(np.asarray(twice.multiply(twice).sum(1)).ravel())
+    rough = np.abs(((twice @ vertices) * normal).sum(1)) / factor
+    size = float(np.median(rough)) / 0.6745  # of a normal distribution
+    spacing = np.sqrt(face_areas(smooth, faces).sum() / n)
+    return size if size > MIN_NOISE * spacing else 0.0
+
+
+def _smoothed(mesh: Mesh, size: float) -> Any:
+    """Positions whose second differences are least, at this distance from the old.
+
+    The distance is the discrepancy principle's: as far as noise of `size` has moved
+    them. All neighbours count alike, since noise spoils all lengths.
+    """
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    n = len(vertices)
+    average = _average(faces, n)
+    degree = sp.diags(_degree(faces, n))
+    once = sp.identity(n) - average
+    bend = (once.T @ degree @ once).tocsr()
+    target = MOVED * size * np.sqrt(3)
+    low, high = np.log(LEAST), np.log(MOST)
+    found = vertices
+    for _ in range(STEPS):
+        middle = (low + high) / 2
+        matrix = (degree + np.exp(middle) * bend).tocsr()
+        scale = sp.diags(1 / matrix.diagonal())
+        found = np.stack(
+            [
+                cg(matrix, degree @ old, x0=new, rtol=TOLERANCE, M=scale)[0]
+                for old, new in zip(vertices.T, found.T, strict=True)
+            ],
+            axis=1,
+        )
+        moved = np.sqrt(((found - vertices) ** 2).sum(1).mean())
+        low, high = (low, middle) if moved > target else (middle, high)
+    return found
+
+
+def _degree(faces: ArrayLike, n: int) -> Any:
+    """Neighbours of each vertex; 1 for a vertex without any."""
+    count = np.bincount(edges(faces).ends.ravel(), minlength=n)
+    return np.maximum(count, 1).astype(float)
+
+
+def _average(faces: ArrayLike, n: int) -> Any:
+    """The matrix (n, n) of means over neighbours, which count alike."""
+    one, two = edges(faces).ends.T
+    pairs = np.concatenate([one, two]), np.concatenate([two, one])
+    joined = sp.csr_array((np.ones(2 * len(one)), pairs), (n, n))
+    lonely = np.bincount(pairs[0], minlength=n) == 0
+    joined = joined + sp.diags_array(lonely.astype(float))
+    return sp.csr_array(sp.diags_array(1 / _degree(faces, n)) @ joined)
+
+
+def _vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    normal = np.zeros_like(vertices)
+    np.add.at(normal, faces, face_normals(vertices, faces)[:, None])
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal / np.where(size > 0, size, 1)
+
+
+def _heights(vertices: ArrayLike, faces: ArrayLike) -> tuple[Any, Any, Any, Any]:
+    """The median of each vertex's neighbours, its distance from there, theirs, an edge.
+
+    Medians, so that one neighbour that is a spike does not count.
+    """
+    one, two = edges(faces).ends.T
+    owner, near = np.concatenate([one, two]), np.concatenate([two, one])
+    n = len(vertices)
+    centre = np.stack([_medians(owner, x[near], n) for x in vertices.T], axis=1)
+    away = np.linalg.norm(vertices[near] - centre[owner], axis=1)
+    height = np.linalg.norm(vertices - centre, axis=1)
+    lonely = np.bincount(owner, minlength=n) == 0
+    length = np.linalg.norm(vertices[one] - vertices[two], axis=1)
+    edge = np.median(length) if len(length) else 0.0
+    return centre, np.where(lonely, 0, height), _medians(owner, away, n), edge
+
+
+def _medians(owner: ArrayLike, values: ArrayLike, n: int) -> Any:
+    """The median (n,) of the values of each owner; 0 where it has none."""
+    ordered = values[np.lexsort((values, owner))]
+    count = np.bincount(owner, minlength=n)
+    first = np.cumsum(count) - count
+    low, high = first + (count - 1) // 2, first + count // 2
+    found = np.concatenate([ordered, [0.0]])
+    middle = (found[np.minimum(low, len(ordered))] + found[high]) / 2
+    return np.where(count > 0, middle, 0)
