@@ -20,7 +20,6 @@ from pathlib import Path
 
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import numpy_filter
 import ot
@@ -36,6 +35,7 @@ from jfsf.neighbours import (
     spectral_tiles,
     tiled_neighbours,
 )
+from jfsf.plot import Panel, draw_curves
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "woman_up")
@@ -172,26 +172,23 @@ def measure(n: int, k: int, repeats: int) -> dict:
 
 def draw(rows: list[dict], path: Path) -> None:
     """Seconds and memory against n, both axes logarithmic."""
-    figure, (left, right) = plt.subplots(1, 2, figsize=(12, 4), width_ratios=(1, 0.8))
-    names = list(dict.fromkeys(name for row in rows for name in row["seconds"]))
-    for name in names:
-        seen = [row for row in rows if name in row["seconds"]]
-        size, seconds = zip(*((r["n"], r["seconds"][name]) for r in seen), strict=True)
-        left.loglog(size, seconds, "o-", label=LABELS[name], markersize=3)
-    left.set(xlabel="vertices", ylabel="seconds, both ways", title="Time")
+
+    def curves(unit):
+        names = dict.fromkeys(name for row in rows for name in row[unit])
+        seen = {name: [row for row in rows if name in row[unit]] for name in names}
+        return {
+            LABELS[name]: (
+                [r["n"] for r in seen[name]],
+                [r[unit][name] for r in seen[name]],
+            )
+            for name in names
+        }
+
     sizes = [row["n"] for row in rows]
-    for name in rows[0]["megabytes"]:
-        used = [row["megabytes"][name] for row in rows]
-        right.loglog(sizes, used, "o-", label=LABELS[name], markersize=3)
-    matrix = [4e-6 * n**2 for n in sizes]
-    right.loglog(sizes, matrix, "k:", label="one n x n matrix, float32")
-    right.set(xlabel="vertices", ylabel="MB", title="Memory")
-    left.legend(fontsize=7, loc="center left", bbox_to_anchor=(1, 0.5), frameon=False)
-    right.legend(fontsize=7)
-    for axes in (left, right):
-        axes.grid(alpha=0.3)
-    figure.tight_layout()
-    figure.savefig(path, dpi=130)
+    matrix = {"one n x n matrix, float32": (sizes, [4e-6 * n**2 for n in sizes])}
+    time = Panel(curves("seconds"), "vertices", "seconds, both ways", "Time", "xy")
+    memory = Panel(curves("megabytes") | matrix, "vertices", "MB", "Memory", "xy")
+    draw_curves([time, memory], path=path)
 
 
 def main() -> None:

@@ -12,7 +12,6 @@ import argparse
 from pathlib import Path
 
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import results_file
 import trimesh
@@ -21,6 +20,7 @@ from scipy.spatial import ConvexHull, KDTree
 from jfsf.convert import nearest
 from jfsf.evaluate import geodesic_error
 from jfsf.mesh import face_normals
+from jfsf.plot import Panel, draw_curves
 from jfsf.spectral import functional_map, spectrum, truncate
 from jfsf.types import Mesh, Spectrum
 
@@ -113,15 +113,12 @@ def _spectrum(mesh: Mesh) -> Spectrum:
 
 def draw(curves: dict, path: Path) -> None:
     """Two panels, error over basis size."""
-    figure, panels = plt.subplots(1, len(curves), figsize=(8, 3.2), sharey=True)
-    for panel, (name, lines) in zip(panels, curves.items(), strict=True):
-        for label, values in lines.items():
-            panel.plot(KS, values, marker=".", label=label)
-        panel.set(title=name, xlabel="eigenfunctions")
-    panels[0].set_ylabel("mean geodesic error / sqrt(area)")
-    panels[0].legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    axes = "eigenfunctions", "mean geodesic error / sqrt(area)"
+    panels = [
+        Panel({label: (KS, row) for label, row in lines.items()}, *axes, title=name)
+        for name, lines in curves.items()
+    ]
+    draw_curves(panels, path=path)
 
 
 if __name__ == "__main__":

@@ -16,13 +16,13 @@ from pathlib import Path
 import compare
 import datasets
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import results_file
 import table2
 
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error, spectral_chamfer
+from jfsf.plot import Panel, draw_curves
 from jfsf.refine import icp, zoomout
 from jfsf.spectral import embeddings, functional_map
 
@@ -106,21 +106,21 @@ def _columns(rounds) -> dict[str, list[float]]:
 
 def draw(means: dict, path: Path) -> None:
     """Error and chamfer distance by iteration; error by updates."""
-    figure, (left, middle, right) = plt.subplots(1, 3, figsize=(12, 3.4))
-    for name, curve in means.items():
-        if name.startswith("updates"):
-            right.semilogx(UPDATES, curve["error"], marker=".", label=name[9:-1])
-        else:
-            for panel, metric in ((left, "error"), (middle, "chamfer")):
-                along = np.arange(1, len(curve[metric]) + 1)
-                panel.plot(along, curve[metric], marker=".", label=name)
-    left.set(xlabel="iteration", ylabel="mean geodesic error / sqrt(area)")
-    middle.set(xlabel="iteration", ylabel="spectral chamfer distance")
-    right.set(xlabel=f"Sinkhorn updates, k = {K}", ylabel="error")
-    for panel in (left, right):
-        panel.legend(fontsize=7)
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    rounds = {n: c for n, c in means.items() if not n.startswith("updates")}
+    updates = {n[9:-1]: c["error"] for n, c in means.items() if n not in rounds}
+
+    def by_round(metric):
+        rows = {name: curve[metric] for name, curve in rounds.items()}
+        return {name: (np.arange(1, len(row) + 1), row) for name, row in rows.items()}
+
+    error = "mean geodesic error / sqrt(area)"
+    by_update = {name: (UPDATES, row) for name, row in updates.items()}
+    panels = [
+        Panel(by_round("error"), "iteration", error),
+        Panel(by_round("chamfer"), "iteration", "spectral chamfer distance"),
+        Panel(by_update, f"Sinkhorn updates, k = {K}", error, log="x"),
+    ]
+    draw_curves(panels, path=path)
 
 
 if __name__ == "__main__":

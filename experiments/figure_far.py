@@ -14,11 +14,10 @@ import jax
 import matplotlib.pyplot as plt
 import numpy as np
 import results_file
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 import jfsf
 from jfsf.evaluate import evaluate
-from jfsf.plot import draw_maps
+from jfsf.plot import draw_maps, picture_of
 
 ROWS, COLUMNS = 2, 3
 
@@ -43,9 +42,7 @@ def main() -> None:
         confidence = float(found.certificate.confidence)
         label = f"error {error:.2f}, confidence {confidence:.2f}"
         drawn = draw_maps(x, y, {label: np.asarray(found.T_xy)})
-        canvas = FigureCanvasAgg(drawn)
-        canvas.draw()
-        pictures.append(np.asarray(canvas.buffer_rgba()))
+        pictures.append(picture_of(drawn))
         rows.append(
             {"x": name_x, "y": name_y, "error": error, "confidence": confidence}
         )

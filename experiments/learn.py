@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import matplotlib.pyplot as plt
 import numpy as np
 import optax
 import results_file
@@ -28,7 +27,7 @@ from jfsf.convert import pull_back, sinkhorn
 from jfsf.data import load, names
 from jfsf.evaluate import evaluate
 from jfsf.initial import ShapeTerms, Weights, combine, shape_terms, solve
-from jfsf.plot import draw_maps
+from jfsf.plot import Panel, draw_curves, draw_maps
 from jfsf.refine import soft_map, soft_zoomout_step
 from jfsf.spectral import embeddings, farthest_points, features, restrict
 from jfsf.types import Maps, Spectrum
@@ -213,16 +212,15 @@ def _errors(maps: list[Maps], pairs, *, every: int) -> list[float]:
 
 
 def _draw_errors(path: Path, curve: list[float], errors: np.ndarray) -> None:
-    figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.5))
-    left.plot(range(1, len(curve) + 1), curve)
-    left.set(xlabel="step", ylabel="loss on the pairs learned from", ylim=(0, None))
     order = np.argsort(errors[0])
-    for label, values in zip(("equal weights", "learned weights"), errors, strict=True):
-        right.plot(values[order], ".-", label=f"{label} (mean {np.mean(values):.3f})")
-    right.set(xlabel="held-out pair", ylabel="mean geodesic error", ylim=(0, None))
-    right.legend()
-    figure.tight_layout()
-    figure.savefig(path, dpi=120)
+    pairs = np.arange(1, len(order) + 1)
+    held_out = {
+        f"{label} (mean {np.mean(values):.3f})": (pairs, values[order])
+        for label, values in zip(("equal", "learned"), errors, strict=True)
+    }
+    steps = {"": (np.arange(1, len(curve) + 1), curve)}
+    loss = Panel(steps, "step", "loss on the pairs learned from")
+    draw_curves([loss, Panel(held_out, "held-out pair", "mean error")], path=path)
 
 
 def _draw_maps(path: Path, pair, maps: list[Maps], errors: np.ndarray) -> None:

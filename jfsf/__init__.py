@@ -24,8 +24,9 @@ only from those above its own:
 - `batch`: many pairs, over devices, hosts and clusters
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
-- `plot`: pictures by colour transfer
+- `plot`: pictures by colour transfer, and charts
 - `export`: meshes in the colours of a map, for other programs
+- `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
 """
@@ -83,7 +84,8 @@ _HOMES = {
 }
 _ROOMS = (
     *("array", "solvers", "storage", "convert", "evaluate", "arguments", "mapfiles"),
-    *("interop", "batch", "baselines", "data", "plot", "export", "testing", "cli"),
+    *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
+    "cli",
     *_HOMES,
 )
 

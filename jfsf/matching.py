@@ -141,6 +141,35 @@ def basis(
     return _basis(mesh, name, settings, cache)
 
 
+def padded_bases(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> tuple[Spectrum, Spectrum]:
+    """The bases of a pair as `match` hands them to its stages.
+
+    A stage that `match` has compiled for the pair serves these without a new program.
+
+    Args:
+        mesh_x, mesh_y, settings, cache: as `match`.
+
+    Returns:
+        Spectra with equally many eigenpairs, padded to common sizes.
+
+    Raises:
+        MeshError: as `match`.
+    """
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    specs = [
+        basis(m, name=n, settings=settings, cache=cache) for n, m in meshes.items()
+    ]
+    sizes = _padded_sizes(meshes.values(), settings)
+    padded_x, padded_y = (_padded(*pair) for pair in zip(specs, sizes, strict=True))
+    return padded_x, padded_y
+
+
 def check_matchable(
     mesh: Mesh, *, name: str = "mesh", settings: Settings = Settings()
 ) -> None:
@@ -207,21 +236,23 @@ def _first(attempt, first, *_) -> Match:
     return attempt(first)
 
 
-def _most_confident(attempt, first, others, confident: float) -> Match:
+def _most_confident(attempt, first, others, confident, least: int = 1) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
     # Not so with nan: there is nothing to compare.
     doubtful = found.certificate.confidence < confident
     if not (doubtful or misses_landmarks(found)):
         return found
+    made = 1
     for make in others:
         starts = jax.device_get(make())
         for i in range(len(starts.gap)):
             start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
             other = attempt(start)
+            made += 1
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
-            if found.certificate.confidence >= confident:
+            if found.certificate.confidence >= confident and made >= least:
                 return found
     return found
 

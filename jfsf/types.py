@@ -182,8 +182,8 @@ class Certificate(NamedTuple):
     energy: departure from an isometry, of the final functional map at samples
         (`jfsf.initial.energies`); nan without samples.
     unevenness: how unevenly this map stretches (`jfsf.initial.unevenness`); likewise.
-    residual, distortion: distance left between shapes bent onto each other, and how
-        much triangles are squeezed (`jfsf.evaluate.bending`); nan without bending.
+    residual: distance left between shapes that were bent onto each other, in sqrt(area)
+        (`jfsf.evaluate.bending_residual`); nan if they were not.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
         `jfsf.evaluate.confidence`; less if the map misses landmarks; nan without
         samples.
@@ -206,7 +206,6 @@ class Certificate(NamedTuple):
     energy: Float[Array, ""]
     unevenness: Float[Array, ""]
     residual: Float[Array, ""]
-    distortion: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
 

@@ -25,11 +25,11 @@ from jfsf.cli import app, certificate_table, warnings_of
 from jfsf.cli._summary import doubtful_first
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
-from jfsf.export import export_mesh, texture_coordinates
+from jfsf.export import export_mesh
 from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import basis, match
 from jfsf.mesh import read
-from jfsf.plot import coordinate_colours
+from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
 from jfsf.spectral import truncate_pair
 from jfsf.types import FIGURES, Certificate, Mesh
 
@@ -124,7 +124,7 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
 
 def test_match_exports_x_in_the_colours_of_y(folder, x, y):
     T_xy = read_match(folder / "map.npz").T_xy
-    colours = coordinate_colours(read(y).vertices)[T_xy]
+    colours = body_colours(read(y).vertices @ find_frame(read(y)).axes)[T_xy]
     for name in ("x.ply", "x.glb"):
         np.testing.assert_allclose(read(folder / name).vertices, read(x).vertices)
         np.testing.assert_array_equal(read(folder / name).faces, read(x).faces)
@@ -264,7 +264,8 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     exports = ("--export", folder / "c.obj", "--export", folder / "c.glb")
     assert run(*args[:5], *exports, "--checker", "--up", "z").exit_code == 0
     (carried,) = trimesh.load(folder / "c.glb").geometry.values()
-    uv = texture_coordinates(read(y).vertices, up="z")[found.T_xy]
+    body = read(y).vertices @ frame("z")
+    uv = 8 * texture_coordinates(body)[found.T_xy]
     np.testing.assert_allclose(carried.visual.uv, uv, atol=1e-5)
     assert (folder / "c_checker.png").exists()
 
@@ -279,6 +280,75 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     for data in (b"\xff\xfe\n", "\u0663 1\n".encode(), b"1 " + b"9" * 30):
         pairs.write_bytes(data)
         assert "a vertex of X and one of Y" in refused(*args)
+
+
+@pytest.fixture
+def no_search(monkeypatch):
+    """Reports without candidates: their search is tested elsewhere."""
+    monkeypatch.setattr("jfsf.report._page.considered", lambda *_, **__: [])
+
+
+def record_of(page):
+    _, _, rest = page.read_text().partition('id="record">')
+    return json.loads(rest.partition("</script>")[0])
+
+
+def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
+    found = read_match(folder / "map.npz")
+    monkeypatch.setattr("jfsf.matching.match", lambda *_, **__: found)
+    page = folder / "map.html"
+    args = ("match", x, y, "--out", folder / "m.npz", "--report", page)
+    truth = ("--gt-x", folder / "man_walk.vts", "--gt-y", folder / "man_up.vts")
+    result = run(*args, *truth)
+    assert result.exit_code == 0, result.output
+    assert f"wrote {page}" in result.stdout
+    plain = record_of(page)
+    assert plain["title"] == "man_walk to man_up" and plain["seconds"]["matching"] >= 0
+    assert plain["scene"]["y"]["numbers"] is None
+
+    # The same, of a part of the mesh, whose vertices the page counts as the file does.
+    write_map(folder / "pieces.vts", read_map(folder / "man_up.vts") + np.int32(3))
+    args = ("match", x, in_pieces, *args[3:], "--largest-component")
+    result = run(*args, *truth[:2], "--gt-y", folder / "pieces.vts")
+    assert result.exit_code == 0, result.output
+    part = record_of(page)
+    assert part["truth"] == plain["truth"] and part["scene"]["y"]["numbers"]
+
+    assert "both --gt-x and --gt-y" in refused(*args, *truth[:2])
+    assert "for the report" in refused(*args[:5], *truth)
+    assert "written as .html" in refused(*args[:5], "--report", folder / "a.pdf")
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert "jfsf[viz]" in refused(*args[:5], "--report", page)
+
+
+def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
+    from jfsf.batch import Job
+    from jfsf.cli._batch import _is_done, _is_reported, work
+    from jfsf.cli._pages import batch_index, pages_of
+
+    found, calls = read_match(folder / "map.npz"), []
+    monkeypatch.setattr(
+        "jfsf.matching.match", lambda *_, **__: calls.append(1) or found
+    )
+    (out := folder / "many").mkdir()
+    job = Job((x, y), out / "a__b.npz")
+    options = {"orientation": "preserve", "largest_component": False}
+    work(job, **options)
+    assert _is_done(job) and not _is_reported(job)
+    work(job, **options, report=True)  # makes the page only
+    assert _is_reported(job) and len(calls) == 1
+    page, picture = pages_of(job.out)
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert record_of(page)["x"]["name"] == "man_walk"
+    row = {"x": str(x), "y": str(y), "reason": "", "file": "a__b.npz"}
+    row |= {"confidence": 0.9, "warnings": ["look"]}
+    failed = row | {"reason": "no file", "file": "", "confidence": None}
+    listed = record_of(batch_index(out, [row, failed]))["pairs"]
+    assert listed[0]["lines"] == ["no file"] and listed[0]["page"] is None
+    assert listed[1]["page"] == "report/a__b.html" and listed[1]["lines"] == ["look"]
+    assert all((out / listed[1][name]).exists() for name in ("page", "picture"))
+    page.unlink()
+    assert not _is_reported(job)
 
 
 def test_match_refuses_before_it_works(folder, x, y, monkeypatch):
@@ -457,8 +527,10 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)
-    result = run("demo", "--out", folder / "demo")
+    monkeypatch.setattr("jfsf.report._page.considered", lambda *_, **__: [])
+    result = run("demo", "--out", folder / "demo", "--report")
     assert result.exit_code == 0, result.output
+    assert record_of(folder / "demo" / "man_walk_man_up.html")["truth"]
     assert (folder / "demo" / "man_walk_man_up.png").exists()
     record = json.loads((folder / "demo" / "man_walk_man_up.json").read_text())
     assert record["settings"]["zoomout"] == list(range(40, 101, 10))

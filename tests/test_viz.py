@@ -9,7 +9,22 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.data import load
-from jfsf.plot import coordinate_colours, draw_maps, draw_pair, pull_back
+from jfsf.plot import (
+    Panel,
+    coordinate_colours,
+    draw_convergence,
+    draw_curves,
+    draw_error_curves,
+    draw_errors,
+    draw_functional_map,
+    draw_maps,
+    draw_pair,
+    draw_shape,
+    draw_texture,
+    picture_of,
+    pull_back,
+    texture_coordinates,
+)
 from jfsf.types import Mesh
 
 TETRA = Mesh(
@@ -96,7 +111,7 @@ def test_picture_shows_the_maps_colours():
     # Constant map: X wears one colour, only lighter or darker; Y wears many.
     from matplotlib.collections import TriMesh
 
-    fig = draw_pair(TETRA, PYRAMID, np.full(4, 2))
+    fig = draw_pair(TETRA, PYRAMID, np.full(4, 2), up="y")
     x, y = (c for c in fig.axes[0].collections if isinstance(c, TriMesh))
     paint = coordinate_colours(PYRAMID.vertices)[2]
     ratio = np.asarray(x.get_facecolor())[:, :3] / paint
@@ -141,9 +156,9 @@ def test_missing_matplotlib_says_how_to_install(monkeypatch):
     [
         ({"T_xy": T[:3]}, r"X has 4 vertices, T_xy has shape \(3,\)"),
         ({"T_xy": T + 1}, "from 1 to 5"),
-        ({"errors": np.zeros(5)}, r"X has 4 vertices, errors \(5,\)"),
+        ({"errors": np.zeros(5)}, r"has 4 vertices, errors \(5,\)"),
         ({"path": "map.pdf"}, "ends in .png; got map.pdf"),
-        ({"up": "w"}, "x, y, z; got 'w'"),
+        ({"up": "w"}, "x, y, z, -x, -y, -z; got 'w'"),
         ({"mesh_x": Mesh(np.zeros((4, 2)), TETRA.faces)}, r"got \(4, 2\)"),
         ({"mesh_y": PYRAMID._replace(vertices=np.full((5, 3), np.nan))}, "not finite"),
     ],
@@ -156,3 +171,141 @@ def test_wrong_input_is_named(change, message):
 def test_no_maps():
     with pytest.raises(ValueError, match="no map"):
         draw_maps(TETRA, PYRAMID, {})
+
+
+def faces_of(fig, i):
+    """Facecolours of the i-th shape of a picture."""
+    from matplotlib.collections import TriMesh
+
+    shapes = [c for c in fig.axes[0].collections if isinstance(c, TriMesh)]
+    return np.asarray(shapes[i].get_facecolor())[:, :3]
+
+
+@pytest.fixture
+def unlit(monkeypatch):
+    """Colours as they are, without light."""
+    monkeypatch.setattr("jfsf.plot._layout.lit", lambda colours, *_: colours)
+
+
+def test_a_pair_in_other_axes_is_the_same_picture():
+    x, y = load("man_walk").mesh, load("man_up").mesh
+    T_xy = np.zeros(len(x.vertices), np.int32)
+    lying = y._replace(vertices=y.vertices[:, [2, 0, 1]])
+    with_y, with_z = (
+        picture_of(draw_pair(x, mesh, T_xy + 7), 40) for mesh in (y, lying)
+    )
+    assert with_y.shape == with_z.shape
+    assert np.mean(with_y != with_z) < 0.01
+
+
+def test_texture_takes_the_colours_of_the_image(unlit):
+    # Left half red, right half blue, seen from the front.
+    image = np.zeros((4, 4, 3), np.uint8)
+    image[:, :2, 0] = image[:, 2:, 2] = 255
+    flat = Mesh(
+        np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]),
+        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
+    )
+    fig = draw_texture(flat, flat, np.arange(4), image=image, up="y", turn=0.0)
+    x, y = faces_of(fig, 0), faces_of(fig, 1)
+    assert np.array_equal(x, y)
+    red, blue = (np.mean((y == c).all(1)) for c in ([1, 0, 0], [0, 0, 1]))
+    assert 0.4 < red < 0.6 and 0.4 < blue < 0.6 and red + blue == 1
+    # The map turns the square by a quarter: above red, below blue.
+    fig = draw_texture(flat, flat, np.array([1, 2, 3, 0]), image=image, up="y", turn=0)
+    assert not np.array_equal(faces_of(fig, 0), y)
+
+
+def test_checker_has_both_shades_and_as_many_squares(unlit):
+    flat = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
+    light = draw_texture(flat, flat, np.arange(3), checks=1, up="y")
+    dark = draw_texture(flat, flat, np.arange(3), checks=8, up="y")
+    assert faces_of(dark, 1).sum() < faces_of(light, 1).sum()
+    constant = draw_texture(flat, flat, np.zeros(3, int), checks=8, up="y")
+    assert np.ptp(faces_of(constant, 0), axis=0).max() == 0
+
+
+def test_texture_refuses_what_it_cannot_draw():
+    cloud = TETRA._replace(faces=np.zeros((0, 3), np.int32))
+    with pytest.raises(ValueError, match="mesh_y has no faces"):
+        draw_texture(TETRA, cloud, np.arange(4))
+    with pytest.raises(ValueError, match=r"\(h, w, 3\); got \(2, 2\)"):
+        draw_texture(TETRA, TETRA, np.arange(4), image=np.zeros((2, 2)))
+    with pytest.raises(ValueError, match=r"in \[0, 1\]"):
+        draw_texture(TETRA, TETRA, np.arange(4), image=np.full((2, 2, 3), 2.0))
+
+
+def test_errors_share_one_scale(unlit):
+    small, large = np.array([0, 0.1, 0.2, np.nan]), np.array([0, 0.1, 0.4, 0.4])
+    fig = draw_errors(TETRA, {"small": small, "large": large}, top=0.4, up="y")
+    one, two = faces_of(fig, 0), faces_of(fig, 1)
+    assert np.array_equal(one[:2], two[:2]) and not np.array_equal(one[2], two[2])
+    assert np.array_equal(one[3], [0.6] * 3)
+    texts = [t.get_text() for t in fig.axes[0].texts]
+    assert texts == ["small", "large", "0", "0.4"]
+    with pytest.raises(ValueError, match="no errors"):
+        draw_errors(TETRA, {})
+
+
+def test_a_shape_wears_its_own_colours_or_grey(unlit):
+    paint = np.random.default_rng(0).random((4, 3))
+    assert np.array_equal(faces_of(draw_shape(TETRA, paint), 0), paint)
+    grey = faces_of(draw_shape(TETRA), 0)
+    assert np.ptp(grey, axis=0).max() == 0
+    with pytest.raises(ValueError, match=r"4 vertices, colours \(3, 3\)"):
+        draw_shape(TETRA, paint[:3])
+
+
+def test_error_curves_end_where_all_points_are_within():
+    fig = draw_error_curves({"a": [0.0, 0.1, 0.2, np.nan], "b": [0.01]}, limit=0.25)
+    a, b = fig.axes[0].lines
+    x, y = map(np.asarray, a.get_data())
+    assert np.array_equal(y[[0, -1]], [25, 75]) and x[-1] == 0.25
+    assert y[np.searchsorted(x, 0.1001)] == 50
+    assert a.get_label() == "a (mean 0.100)" and np.asarray(b.get_ydata())[-1] == 100
+    with pytest.raises(ValueError, match="limit is 0"):
+        draw_error_curves({"a": [0.1]}, limit=0)
+
+
+def test_convergence_has_a_point_for_each_value(tmp_path):
+    fig = draw_convergence({"one": [3, 2, 1], "two": [3, 1]}, log="y")
+    one, two = fig.axes[0].lines
+    assert np.array_equal(one.get_data(), [[1, 2, 3], [3, 2, 1]])
+    assert np.array_equal(two.get_xdata(), [1, 2])
+    assert fig.axes[0].get_yscale() == "log"
+    draw_convergence({"one": [3, 2]}, steps=[20, 40], path=tmp_path / "c.png")
+    assert (tmp_path / "c.png").read_bytes().startswith(PNG)
+
+
+def test_a_label_keeps_its_colour_in_all_panels():
+    many = {str(i): ([0, 1], [i, i]) for i in range(9)}
+    fig = draw_curves([Panel(many), Panel({"8": many["8"]}), Panel({"": many["0"]})])
+    first, second, third = fig.axes
+    assert first.lines[8].get_color() == second.lines[0].get_color()
+    assert len({(a.get_color(), a.get_linestyle()) for a in first.lines}) == 9
+    assert third.get_legend() is None
+    with pytest.raises(ValueError, match=r"'a' has x of shape \(2,\) and y of \(3,\)"):
+        draw_curves([Panel({"a": ([1, 2], [1, 2, 3])})])
+    with pytest.raises(ValueError, match="no curve"):
+        draw_curves([])
+
+
+def test_functional_map_is_red_above_zero_and_blue_below():
+    C_yx = np.array([[1.0, 0, -1], [0, 0.5, 0]])
+    (image,) = draw_functional_map(C_yx, title="C_yx").axes[0].images
+    red, white, blue = np.asarray(image.get_array())[0]
+    assert red[0] > red[2] + 0.3 and blue[2] > blue[0] + 0.3
+    assert np.allclose(white, 1, atol=1e-3)
+    (image,) = draw_functional_map(C_yx, size=2).axes[0].images
+    assert np.shape(image.get_array())[:2] == (2, 2)
+    for wrong in (C_yx[0], C_yx * np.nan, C_yx[:0]):
+        with pytest.raises(ValueError, match="finite matrix"):
+            draw_functional_map(wrong)
+
+
+def test_texture_coordinates_are_what_the_viewer_sees():
+    flat = np.array([[0.0, 0, 9], [2, 0, 5], [2, 4, 1]])
+    wanted = np.array([[0, 0], [0.5, 0], [0.5, 1]])
+    np.testing.assert_allclose(texture_coordinates(flat), wanted)
+    np.testing.assert_allclose(texture_coordinates(100 * flat + 7), wanted)
+    assert not texture_coordinates(flat[:1]).any()

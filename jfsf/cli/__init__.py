@@ -5,8 +5,9 @@ Heavy imports are made inside the commands, so that help and wrong usage answer 
 Read in this order:
 
 - `_files`: the files that the commands read, check and write
-- `_report`: the certificate as a table, its warnings, and the figures of a map
+- `_report`: the certificate as a table, and the figures of a map
 - `_summary`: the results of many pairs, as a table and as files
+- `_pages`: the reports of the commands
 - `_demo`: the comparison that `jfsf demo` runs
 - `_batch`: `jfsf batch`
 - `_evaluate`: `jfsf evaluate`
@@ -15,7 +16,8 @@ Read in this order:
 
 from jfsf.cli._app import app, main
 from jfsf.cli._demo import measure
-from jfsf.cli._report import LIKELY, certificate_table, verdict, warnings_of
+from jfsf.cli._report import certificate_table
+from jfsf.report import LIKELY, verdict, warnings_of
 
 __all__ = [
     "LIKELY",

@@ -2,10 +2,13 @@
 
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
 interrupted.
+
+This file is long because it declares the options of most commands, with their help.
 """
 
 from enum import StrEnum
 from pathlib import Path
+from time import perf_counter
 from typing import Annotated
 
 import numpy as np
@@ -31,7 +34,9 @@ from jfsf.cli._files import (
     one_sided,
     read_landmarks,
 )
-from jfsf.cli._report import certificate_table, warnings_of
+from jfsf.cli._pages import can_report, kept_truth
+from jfsf.cli._report import certificate_table
+from jfsf.report import Side, warnings_of, write_report
 
 
 class _OneLine(TyperGroup):
@@ -70,9 +75,17 @@ class Up(StrEnum):
     x = "x"
     y = "y"
     z = "z"
+    minus_x = "-x"
+    minus_y = "-y"
+    minus_z = "-z"
 
 
-UpAxis = Annotated[Up, typer.Option(help="Axis that points up, for the picture.")]
+UpAxis = Annotated[
+    Up | None,
+    typer.Option(
+        help="Axis that points up in both files, for the picture. Found when absent."
+    ),
+]
 
 
 def main() -> None:
@@ -108,18 +121,26 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for the JSON and the PNG.")] = Path(
         "jfsf-demo"
     ),
+    report: Annotated[
+        bool, typer.Option("--report", help="Write a page to look at, too.")
+    ] = False,
 ) -> None:
     """Match two embedded shapes; compare nearest neighbour and Sinkhorn.
 
-    Example: jfsf demo --pair man_walk woman_up --out results
+    Example: jfsf demo --pair man_walk woman_up --out results --report
     """
-    from jfsf.cli._demo import measure, table, write
+    from jfsf.cli._demo import measure, table, write, write_page
 
+    if report:
+        need_matplotlib()
     can_write_in(out)
     with _status("starting ...") as status:
         result = measure(*pair, lambda step: status.update(f"{step} ..."))
         status.update("drawing ...")
         written = write(result, out)
+        if report:
+            status.update("report ...")
+            written.append(write_page(result, out))
     console = Console()
     console.print(table(result.record))
     for path in written:
@@ -148,6 +169,14 @@ def match(
             "--checker", help="Export a checker carried from Y too (.obj and .glb)."
         ),
     ] = False,
+    report: Annotated[
+        Path | None,
+        typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
+    ] = None,
+    gt_x: Annotated[
+        Path | None, typer.Option(help="Ground truth for the page, as in evaluate.")
+    ] = None,
+    gt_y: Annotated[Path | None, typer.Option(help="The same for Y.")] = None,
     orientation: OrientationOption = Orientation.preserve,
     landmarks: Annotated[
         Path | None,
@@ -167,14 +196,14 @@ def match(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
     ] = False,
-    up: UpAxis = Up.y,
+    up: UpAxis = None,
 ) -> None:
     """Map two meshes to each other, both ways.
 
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
     counted from 0), C_yx (the functional map) and certificate_* (evidence of quality).
 
-    Example: jfsf match cat.off lion.off --out map.npz --png map.png
+    Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
     from jfsf.export import export_map
     from jfsf.mapfiles import write_match
@@ -187,11 +216,14 @@ def match(
         need_matplotlib()
     exports = export or []
     can_export(exports, checker, (x, y))
+    can_report(report, gt_x, gt_y)
     mesh_x, index_x = matchable(x, largest_component)
     mesh_y, index_y = matchable(y, largest_component)
+    truth = kept_truth(gt_x, gt_y, ((mesh_x, index_x), (mesh_y, index_y)))
     pairs = None
     if landmarks is not None:
         pairs = read_landmarks(landmarks, (index_x, index_y))
+    started = perf_counter()
     with _status("matching (the first time, this compiles) ...") as status:
         found = match_meshes(
             mesh_x,
@@ -200,14 +232,29 @@ def match(
             landmarks=pairs,  # type: ignore
             cache=not no_cache,
         )
+        seconds = {"matching": perf_counter() - started}
         status.update("writing ...")
         write_match(out, found, index_x=index_x, index_y=index_y)
+        axis = None if up is None else up.value
         if png is not None:
             T_xy = np.asarray(found.T_xy)
-            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=up.value)
+            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=axis)
         for path in exports:
             pair = mesh_x, mesh_y, np.asarray(found.T_xy)
-            export_map(path, *pair, up=up.value, checker=checker)
+            export_map(path, *pair, up=axis, checker=checker)
+        if report is not None:
+            write_report(
+                report,
+                Side(mesh_x, x.stem, index_x),
+                Side(mesh_y, y.stem, index_y),
+                found,
+                orientation=orientation.value,  # type: ignore
+                truth=truth,
+                up=axis,
+                seconds=seconds,
+                cache=not no_cache,
+                progress=lambda step: status.update(f"report: {step} ..."),
+            )
     console = Console()
     console.print(certificate_table(found.certificate))
     notes = warnings_of(found.certificate, orientation.value)
@@ -216,7 +263,7 @@ def match(
             notes.append(f"{path}: cannot be wound consistently; check left and right")
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in filter(None, (out, png, *exports)):
+    for path in filter(None, (out, png, *exports, report)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 
 

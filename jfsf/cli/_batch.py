@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from threading import current_thread, main_thread
+from time import perf_counter
 from typing import Annotated
 
 import numpy as np
@@ -14,7 +15,14 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
-from jfsf.cli._files import Orientation, OrientationOption, can_write_in, matchable
+from jfsf.cli._files import (
+    Orientation,
+    OrientationOption,
+    can_write_in,
+    matchable,
+    need_matplotlib,
+)
+from jfsf.cli._pages import batch_index, pages_of, pair_page
 from jfsf.cli._summary import (
     doubtful_first,
     summary_row,
@@ -55,6 +63,12 @@ def batch(
             "--largest-component", help="Match the largest pieces only; see match."
         ),
     ] = False,
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report", help="A page a pair, and index.html with links to all."
+        ),
+    ] = False,
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
@@ -63,10 +77,12 @@ def batch(
     that are not older than their meshes are kept. Exit code 1 if a pair failed; the
     others are matched all the same.
 
-    Example: jfsf batch pairs.csv --out maps
+    Example: jfsf batch pairs.csv --out maps --report
     """
     from jfsf.batch import Job, connect, read_pairs, run_jobs
 
+    if report:
+        need_matplotlib()
     listed = read_pairs(pairs)
     can_write_in(out)
     jobs = {
@@ -91,8 +107,8 @@ def batch(
                 list(jobs.values()),
                 client,
                 prepare=partial(prepare, largest=largest_component),
-                work=partial(work, **options),
-                done=_is_done,
+                work=partial(work, report=report, **options),
+                done=_is_reported if report else _is_done,
                 progress=lambda n, total: bars.update(shapes, completed=n, total=total),
             )
             for outcome in outcomes:
@@ -105,6 +121,8 @@ def batch(
         ]
     )
     written = write_summary(out, ordered, options)
+    if report:
+        written = *written, batch_index(out, ordered)
     console = Console()
     console.print(summary_table(ordered))
     failed = [row for row in ordered if row["reason"]]
@@ -124,16 +142,25 @@ def prepare(path: Path, largest: bool) -> None:
     basis(matchable(path, largest)[0], name=str(path))
 
 
-def work(job, orientation: str, largest_component: bool) -> None:
-    """Match a pair and write it, as `jfsf match` does."""
-    from jfsf.mapfiles import write_match
+def work(job, orientation: str, largest_component: bool, report: bool = False) -> None:
+    """Match a pair and write it, and its page, as `jfsf match` does."""
+    from jfsf.mapfiles import read_match, write_match
     from jfsf.matching import match
 
     (mesh_x, index_x), (mesh_y, index_y) = (
         matchable(path, largest_component) for path in job.inputs
     )
-    found = match(mesh_x, mesh_y, orientation=orientation)  # type: ignore
-    write_match(job.out, found, index_x=index_x, index_y=index_y)
+    if report and _is_done(job):
+        found, seconds = read_match(job.out), {}  # only its page is missing
+    else:
+        started = perf_counter()
+        found = match(mesh_x, mesh_y, orientation=orientation)  # type: ignore
+        seconds = {"matching": perf_counter() - started}
+        write_match(job.out, found, index_x=index_x, index_y=index_y)
+    if report:
+        meshes = (mesh_x, index_x), (mesh_y, index_y)
+        inputs = [(path, *own) for path, own in zip(job.inputs, meshes, strict=True)]
+        pair_page(job.out, inputs, found, orientation=orientation, seconds=seconds)
 
 
 def _is_done(job) -> bool:
@@ -144,6 +171,14 @@ def _is_done(job) -> bool:
         return is_done(job) and bool(np.size(read_match(job.out).T_xy))
     except MapFileError:  # damaged, say by a crash of the machine: made again
         return False
+
+
+def _is_reported(job) -> bool:
+    if not _is_done(job):
+        return False
+    made = job.out.stat().st_mtime_ns
+    files = pages_of(job.out)
+    return all(f.exists() and f.stat().st_mtime_ns >= made for f in files)
 
 
 def _begin(out: Path, options: dict) -> None:

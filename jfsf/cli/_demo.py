@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.table import Table
 
-from jfsf.types import Mesh
+from jfsf.types import Match, Mesh
 
 HEADINGS = (
     "\nerror\nx1000",
@@ -34,13 +34,15 @@ class Demo(NamedTuple):
 
     record: for the JSON file: settings, versions, a row for each way; plain values.
     mesh_x, mesh_y: the pair.
-    T_xy: the map of the last row, `match`.
+    found: the last row, `match`.
+    truth: vertices of X and of Y that correspond.
     """
 
     record: dict[str, Any]
     mesh_x: Mesh
     mesh_y: Mesh
-    T_xy: np.ndarray
+    found: Match
+    truth: tuple[np.ndarray, np.ndarray]
 
 
 def measure(
@@ -125,12 +127,11 @@ def measure(
         "operators_x": (stiffness_x, spec_x.mass),
         "operators_y": (None, np.asarray(spec_y.mass)),
     }
-    rows, T_xy = {}, np.zeros(0, np.int32)
+    rows, found = {}, None
     for name, method in methods.items():
         _, first_call = timed(name, method)
         found, seconds = timed(name, method)
         progress(f"{name}: geodesics")
-        T_xy = np.asarray(found.T_xy)
         figures = evaluate(found, mesh_x, mesh_y, **measured)
         rows[name] = {
             "error": figures.error_mean,
@@ -175,7 +176,7 @@ def measure(
         },
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    return Demo(record, mesh_x, mesh_y, T_xy)
+    return Demo(record, mesh_x, mesh_y, found, (points_x, points_y))  # type: ignore
 
 
 def table(record: dict[str, Any]) -> Table:
@@ -222,7 +223,30 @@ def write(demo: Demo, folder: Path) -> list[Path]:
     try:
         from jfsf.plot import draw_pair
 
-        draw_pair(demo.mesh_x, demo.mesh_y, demo.T_xy, path=picture)
+        draw_pair(demo.mesh_x, demo.mesh_y, demo.found.T_xy, path=picture)
     except ImportError:
         return written
     return [*written, picture]
+
+
+def write_page(demo: Demo, folder: Path) -> Path:
+    """Write PAIR.html, the report of the last row; returns its path.
+
+    Raises:
+        ImportError: matplotlib is missing.
+    """
+    from jfsf.report import Side, write_report
+
+    name_x, name_y = demo.record["pair"]
+    path = folder / f"{name_x}_{name_y}.html"
+    rows = demo.record["rows"]
+    write_report(
+        path,
+        Side(demo.mesh_x, name_x),
+        Side(demo.mesh_y, name_y),
+        demo.found,
+        truth=demo.truth,
+        seconds={"matching": rows["jfsf.match"]["seconds"]},
+        cache=False,
+    )
+    return path

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from jfsf.cli._report import warnings_of
+from jfsf.report import warnings_of
 from jfsf.types import FIGURES
 
 

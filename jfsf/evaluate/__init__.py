@@ -5,14 +5,14 @@ Read in this order:
 - `_geodesics`: distances on a mesh, by the heat method or exact
 - `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
 - `_functional_metrics`: orthogonality, commutativity and energy of a functional map
-- `_bending`: how well bent shapes coincide, and how they are stretched
+- `_bending`: how well shapes bent onto each other coincide
 - `_landmarks`: whether it agrees with landmarks
 - `_confidence`: the probability that a map is right
 - `_certificate`: the evidence that `match` returns, without ground truth
 - `_evaluate`: all figures of one map in one call
 """
 
-from jfsf.evaluate._bending import Bending, bending
+from jfsf.evaluate._bending import bending_residual
 from jfsf.evaluate._certificate import certify
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._evaluate import MEASURED, Figures, evaluate
@@ -41,11 +41,10 @@ from jfsf.evaluate._map_metrics import (
 __all__ = [
     "MEASURED",
     "MISSED",
-    "Bending",
     "Figures",
     "Progress",
     "auc",
-    "bending",
+    "bending_residual",
     "bijectivity",
     "certify",
     "confidence",

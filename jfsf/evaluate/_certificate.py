@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.convert import maps_of
-from jfsf.evaluate._bending import Bending, bending
+from jfsf.evaluate._bending import bending_residual
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
 from jfsf.evaluate._landmarks import MISSED, landmark_distances, mean_distance
@@ -85,12 +85,12 @@ def certify(
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
     energy, uneven = _at_samples(C_yx, samples)
-    unknown = jnp.full((), jnp.nan, dtype)
-    shape = Bending(unknown, unknown)
+    residual = jnp.full((), jnp.nan, dtype)
     if bent:
-        shape = bending(maps_of(maps), emb_x, emb_y, spec_x, spec_y)
+        pair = spec_x, spec_y
+        residual = bending_residual(maps_of(maps), emb_x, emb_y, *pair).astype(dtype)
     agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
-    likely = confidence(agrees, energy, uneven, *shape)
+    likely = confidence(agrees, energy, uneven, residual)
     missed = jnp.zeros(0, dtype)
     if landmarks is not None:
         at_x, at_y = landmarks
@@ -113,8 +113,7 @@ def certify(
         finite=finite,
         energy=energy,
         unevenness=uneven,
-        residual=shape.residual.astype(dtype),
-        distortion=shape.distortion.astype(dtype),
+        residual=residual,
         confidence=likely,
         landmarks=missed,
     )

@@ -16,6 +16,5 @@ Read in this order:
 """
 
 from jfsf.export._export import FORMATS, check_path, export_map, export_mesh
-from jfsf.export._paint import texture_coordinates
 
-__all__ = ["FORMATS", "check_path", "export_map", "export_mesh", "texture_coordinates"]
+__all__ = ["FORMATS", "check_path", "export_map", "export_mesh"]

@@ -8,14 +8,22 @@ from jaxtyping import Float, Int
 
 from jfsf.export._glb import glb_bytes
 from jfsf.export._obj import obj_files
-from jfsf.export._paint import painted, texture_coordinates
+from jfsf.export._paint import painted
 from jfsf.export._ply import ply_bytes
 from jfsf.export._texture import checker as checker_png
-from jfsf.plot import Up, coordinate_colours, pull_back
+from jfsf.plot import (
+    Up,
+    body_colours,
+    find_frame,
+    frame,
+    pull_back,
+    texture_coordinates,
+)
 from jfsf.storage import write_atomically
 from jfsf.types import ArrayLike, Mesh
 
 FORMATS = (".ply", ".obj", ".glb")
+TILES = 16  # squares of the checker along the longer side of Y
 
 
 def export_map(
@@ -24,7 +32,7 @@ def export_map(
     mesh_y: Mesh,
     T_xy: Int[ArrayLike, " n_x"],
     *,
-    up: Up = "y",
+    up: Up | None = None,
     checker: bool = False,
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
 ) -> None:
@@ -37,11 +45,12 @@ def export_map(
         path: `.ply`, `.obj` or `.glb`; see `export_mesh`.
         mesh_x, mesh_y: meshes or point clouds.
         T_xy: the vertex of Y for each vertex of X.
-        up: the axis that points up in Y's file, as in `jfsf.plot.draw_pair`, whose
-            colours these are.
+        up: the axis that points up in Y's file; found in its shape when absent, as in
+            the pictures of `jfsf.plot`, whose colours these are.
         checker: carry a checker from Y to X too, as texture (OBJ and GLB). Viewers
             multiply it with the colours, or show it alone.
-        uv_y: texture coordinates of Y for it; the default is `texture_coordinates`.
+        uv_y: texture coordinates of Y for it; by default a projection from the front,
+            with `TILES` squares along the longer side.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -52,11 +61,14 @@ def export_map(
             f"export_map: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}"
         )
     T_xy = np.asarray(T_xy)
-    colours = pull_back(coordinate_colours(mesh_y.vertices, up=up), T_xy)
+    # Of Y alone, so that X and Y can be written one by one.
+    axes = frame(up) if up else find_frame(mesh_y).axes
+    body = np.asarray(mesh_y.vertices, float) @ axes
+    colours = pull_back(body_colours(body), T_xy)
     uv = None
     if checker or uv_y is not None:
         if uv_y is None:
-            uv_y = texture_coordinates(mesh_y.vertices, up=up)
+            uv_y = texture_coordinates(body) * (TILES / 2)
         if np.shape(uv_y) != (len(mesh_y.vertices), 2):
             raise ValueError(
                 f"export_map: Y has {len(mesh_y.vertices)} vertices, uv_y has shape "

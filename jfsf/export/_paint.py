@@ -3,13 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Float
 
 from jfsf.mesh import check_values
-from jfsf.plot import Up
 from jfsf.types import ArrayLike, Mesh
-
-TILES = 16  # squares of the checker along the larger side of Y
 
 
 class Painted(NamedTuple):
@@ -50,37 +46,6 @@ def painted(mesh: Mesh, colours: ArrayLike | None, uv: ArrayLike | None) -> Pain
         if not len(faces):
             raise ValueError("export_mesh: a point cloud has no texture; leave out uv")
     return Painted(vertices.astype(np.float64), faces.astype(np.int32), colours, uv)
-
-
-def texture_coordinates(
-    vertices: Float[ArrayLike, "n 3"], *, up: Up = "y"
-) -> Float[np.ndarray, "n 2"]:
-    """Texture coordinates of a shape as the viewer sees it, by parallel projection.
-
-    Args:
-        vertices: in any unit.
-        up: the axis that points up, as in `jfsf.plot.draw_pair`.
-
-    Returns:
-        u to the right and v up, from 0; the larger side of the shape has `TILES` / 2
-        periods of two squares. Where the surface turns away from the viewer, squares
-        are long.
-
-    Raises:
-        ValueError: vertices that are not (n, 3), or an unknown axis.
-    """
-    axes = {"x": (1, 0), "y": (0, 1), "z": (0, 2)}
-    if up not in axes:
-        raise ValueError(
-            f"texture_coordinates: up is one of {', '.join(axes)}; got {up!r}"
-        )
-    vertices = np.asarray(vertices, float)
-    if vertices.ndim != 2 or vertices.shape[1] != 3 or not len(vertices):
-        raise ValueError(
-            f"texture_coordinates: vertices are (n, 3) and n > 0; got {vertices.shape}"
-        )
-    flat = vertices[:, axes[up]] - vertices[:, axes[up]].min(0)
-    return flat * (TILES / 2 / (flat.max() or 1))
 
 
 def _rows(name, values, n, width):

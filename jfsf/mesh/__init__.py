@@ -7,6 +7,7 @@ Read in this order:
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
@@ -14,6 +15,7 @@ Read in this order:
 """
 
 from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
@@ -35,6 +37,7 @@ __all__ = [
     "Submesh",
     "check",
     "check_values",
+    "coarsen",
     "components",
     "denoised",
     "edges",

@@ -1,12 +1,68 @@
-"""Pictures of maps by colour transfer, drawn by matplotlib (the extra `viz`).
+"""Pictures of maps and charts of figures, drawn by matplotlib (the extra `viz`).
 
-Read in this order:
+Shapes stand and face the viewer whatever the axes of their files, as far as their
+geometry tells (`Frame`). Read in this order:
 
-- `_colours`: colours of vertices: by coordinates, through a map, of errors
-- `_pictures`: pairs and maps, drawn and written as PNG
+- `_colours`: colours of vertices: by place, through a map, of errors, of a texture
+- `_cues`: what in the geometry of a body tells its up and its front
+- `_upright`: the right, up and front of a shape, and of a pair
+- `_page`: the look that all pictures share; PNG files
+- `_shading`: shapes as the viewer sees them, turned and lit
+- `_layout`: shapes beside each other on one page
+- `_pictures`: shapes and maps by colour, by texture and by error
+- `_charts`: error curves, convergence, a functional map as a matrix
 """
 
-from jfsf.plot._colours import Up, coordinate_colours, pull_back
-from jfsf.plot._pictures import draw_maps, draw_pair
+from jfsf.plot._charts import (
+    Panel,
+    draw_convergence,
+    draw_curves,
+    draw_error_curves,
+    draw_functional_map,
+)
+from jfsf.plot._colours import (
+    Up,
+    body_colours,
+    coordinate_colours,
+    error_colours,
+    frame,
+    pull_back,
+    ramp,
+)
+from jfsf.plot._page import picture_of
+from jfsf.plot._pictures import (
+    draw_errors,
+    draw_maps,
+    draw_pair,
+    draw_shape,
+    draw_texture,
+    texture_coordinates,
+)
+from jfsf.plot._shading import natural_turn
+from jfsf.plot._upright import Frame, find_frame, find_frames
 
-__all__ = ["Up", "coordinate_colours", "draw_maps", "draw_pair", "pull_back"]
+__all__ = [
+    "Frame",
+    "Panel",
+    "Up",
+    "body_colours",
+    "coordinate_colours",
+    "draw_convergence",
+    "draw_curves",
+    "draw_error_curves",
+    "draw_errors",
+    "draw_functional_map",
+    "draw_maps",
+    "draw_pair",
+    "draw_shape",
+    "draw_texture",
+    "error_colours",
+    "find_frame",
+    "find_frames",
+    "frame",
+    "natural_turn",
+    "picture_of",
+    "pull_back",
+    "ramp",
+    "texture_coordinates",
+]

@@ -1,4 +1,4 @@
-"""Colours of vertices: of a shape by its coordinates, through a map, of errors."""
+"""Colours of vertices: by place, through a map, of errors, of a texture."""
 
 from typing import Literal
 
@@ -7,7 +7,7 @@ from jaxtyping import Float, Int
 
 from jfsf.types import ArrayLike
 
-Up = Literal["x", "y", "z"]
+Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 
 def coordinate_colours(
@@ -28,10 +28,14 @@ def coordinate_colours(
     Raises:
         ValueError: vertices that are not finite (n, 3), or an unknown axis.
     """
-    coords = points_of(vertices) @ frame(up)
-    spread = coords.std(0)
+    return body_colours(points_of(vertices) @ frame(up))
+
+
+def body_colours(body: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """`coordinate_colours` of points whose axes are right, up and front."""
+    spread = body.std(0)
     # A flat shape has no spread in some direction: its coordinate there stays 0.
-    coords = (coords - coords.mean(0)) / np.where(spread > 0, spread, 1)
+    coords = (body - body.mean(0)) / np.where(spread > 0, spread, 1)
     side, height, depth = np.tanh(coords * [0.8, 0.8, 1]).T
     # The root keeps the middle of the body from being grey.
     chroma = 0.15 * np.sqrt(np.hypot(side, height))
@@ -62,14 +66,15 @@ def pull_back(
     return np.asarray(colours_y)[T_xy]
 
 
-def error_colours(errors, n_x):
-    """Colours (n_x, 3) of errors (n_x,), and the error of the darkest; nan is grey."""
+def error_colours(errors, n, top=None):
+    """Colours (n, 3) of errors (n,), and the error of the darkest; nan is grey."""
     errors = np.asarray(errors, float)
-    if errors.shape != (n_x,):
-        raise ValueError(f"draw_pair: X has {n_x} vertices, errors {errors.shape}")
+    if errors.shape != (n,):
+        raise ValueError(f"draw: the shape has {n} vertices, errors {errors.shape}")
     known = np.isfinite(errors)
-    # By a quantile: with the maximum one outlier would make all others pale.
-    top = float(np.quantile(errors[known], 0.99)) if known.any() else 0.0
+    if top is None:
+        # By a quantile: with the maximum one outlier would make all others pale.
+        top = float(np.quantile(errors[known], 0.99)) if known.any() else 0.0
     share = np.where(known, errors, 0) / (top if top > 0 else 1)
     return np.where(known[:, None], ramp(share), 0.6), top
 
@@ -79,6 +84,38 @@ def ramp(share):
     share = np.clip(share, 0, 1)
     chroma, hue = 0.03 + 0.15 * share, np.radians(95 - 75 * share)
     return _oklab(0.93 - 0.5 * share, chroma * np.cos(hue), chroma * np.sin(hue))
+
+
+def diverging(share):
+    """sRGB (..., 3): blue at -1, white at 0, red at 1, in even steps of lightness."""
+    share = np.clip(share, -1, 1)
+    size, hue = np.abs(share), np.where(share < 0, np.radians(245), np.radians(35))
+    return _oklab(1 - 0.5 * size, 0.17 * size * np.cos(hue), 0.17 * size * np.sin(hue))
+
+
+def checkered(
+    uv: Float[np.ndarray, "n 2"], colours: Float[np.ndarray, "n 3"], checks: int
+) -> Float[np.ndarray, "n 3"]:
+    """Colours darkened in every other square, of which `checks` are in a unit of uv."""
+    dark = (np.floor(uv * checks + 1e-6).sum(1) % 2)[:, None]
+    return colours * (1 - 0.5 * dark) + 0.25 * (1 - colours) * (1 - dark)
+
+
+def sampled(uv: Float[np.ndarray, "n 2"], image: ArrayLike) -> Float[np.ndarray, "n 3"]:
+    """Colours of an image, its lower left corner at (0, 0), its longer side 1.
+
+    Raises:
+        ValueError: image is not (h, w, 3), uint8 or in [0, 1].
+    """
+    pixels = np.asarray(image)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
+        raise ValueError(f"draw_texture: image is (h, w, 3); got {pixels.shape}")
+    pixels = pixels / 255 if pixels.dtype == np.uint8 else np.asarray(pixels, float)
+    if not (np.isfinite(pixels).all() and 0 <= pixels.min() <= pixels.max() <= 1):
+        raise ValueError("draw_texture: image is uint8 or has values in [0, 1]")
+    high, wide = pixels.shape[:2]
+    across, down = (uv * [1, -1] * max(high, wide) + [0, high]).astype(int).T
+    return pixels[np.clip(down, 0, high - 1), np.clip(across, 0, wide - 1)]
 
 
 def _oklab(lightness, a, b):
@@ -119,6 +156,10 @@ def frame(up):
         "x": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
         "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
         "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
+    }
+    # Upside down: half a turn about the axis to the front.
+    frames |= {
+        f"-{axis}": np.array(rows) * [[-1], [-1], [1]] for axis, rows in frames.items()
     }
     if up not in frames:
         raise ValueError(f"draw: up is one of {', '.join(frames)}; got {up!r}")

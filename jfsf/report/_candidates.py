@@ -1,0 +1,102 @@
+"""The candidates of the search as maps of points, to look at."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jfsf.initial import Orientation, candidates, orientation_sign
+from jfsf.matching import padded_bases
+from jfsf.pipeline import shape_samples
+from jfsf.settings import Settings
+from jfsf.storage import compile_ahead
+from jfsf.types import ArrayLike, Maps, Mesh
+
+# Rows of a product of embeddings that are in memory at a time.
+_ROWS = 4096
+
+
+class Considered(NamedTuple):
+    """A candidate of the first search, before any refinement.
+
+    maps: nearest neighbour in its embeddings, between the vertices asked for.
+    energy: departure from an isometry that keeps the descriptors; lower is better.
+    orientation: score in [-1, 1]; nan for point clouds.
+    """
+
+    maps: Maps
+    energy: float
+    orientation: float
+
+
+def considered(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    at: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " q"]] | None = None,
+    orientation: Orientation = "preserve",
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> list[Considered]:
+    """The maps that `match` chooses from before it refines the best, best first.
+
+    Without landmarks, descriptors and further starts: those of the first search.
+
+    Args:
+        mesh_x, mesh_y, orientation, settings, cache: as `jfsf.match`.
+        at: vertices of X and of Y between which the maps are; all when absent.
+
+    Returns:
+        Candidates that differ; their maps count the vertices in `at`.
+
+    Raises:
+        MeshError, ValueError: as `jfsf.match`.
+    """
+    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
+        orientation = "any"
+    pair = padded_bases(mesh_x, mesh_y, settings=settings, cache=cache)
+    options = {"settings": settings, "keep": cache}
+    sides = []
+    for spec in pair:
+        arguments = spec, None, None, False
+        sides.append(compile_ahead(shape_samples, *arguments, **options)(*arguments))
+    arguments = *(side.search for side in sides), orientation_sign(orientation), False
+    search = compile_ahead(
+        _candidates, *arguments, settings=settings.search, keep=cache
+    )
+    found = search(*arguments)
+    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
+    at_x, at_y = at if at is not None else map(np.arange, sizes)
+    evecs_x, evecs_y = (
+        np.asarray(spec.evecs)[np.asarray(rows)]
+        for spec, rows in zip(pair, (at_x, at_y), strict=True)
+    )
+    made = []
+    for C_yx, energy, score in zip(*map(np.asarray, found), strict=True):
+        if np.isfinite(energy):  # inf: a copy of a better one
+            k_x, k_y = C_yx.shape
+            # The direct space, as in the search.
+            maps = _nearest(evecs_x[:, :k_x], evecs_y[:, :k_y] @ C_yx.T)
+            made.append(Considered(maps, float(energy), float(score)))
+    return made
+
+
+def _candidates(x, y, sign, self_map, *, settings):
+    return candidates(x, y, orientation=sign, self_map=self_map, settings=settings)
+
+
+def _nearest(emb_x: Float[np.ndarray, "p k"], emb_y: Float[np.ndarray, "q k"]) -> Maps:
+    """Nearest neighbours both ways, block by block of X."""
+    half_x, half_y = (emb_x**2).sum(1) / 2, (emb_y**2).sum(1) / 2
+    T_xy: Any = np.zeros(len(emb_x), np.int32)
+    T_yx: Any = np.zeros(len(emb_y), np.int32)
+    best = np.full(len(emb_y), -np.inf)
+    for start in range(0, len(emb_x), _ROWS):
+        rows = slice(start, start + _ROWS)
+        near = emb_x[rows] @ emb_y.T
+        T_xy[rows] = (near - half_y).argmax(1)
+        near = near - half_x[rows, None]
+        top = near.max(0)
+        T_yx = np.where(top > best, near.argmax(0) + start, T_yx).astype(np.int32)
+        best = np.maximum(best, top)
+    return Maps(T_xy, T_yx)

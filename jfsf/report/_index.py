@@ -1,0 +1,74 @@
+"""Many matches as one page: a row a pair, linked to the page of the pair."""
+
+import os
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from jfsf.report._page import level, page
+from jfsf.report._words import verdict
+from jfsf.storage import write_text
+
+
+class Row(NamedTuple):
+    """A pair in the index.
+
+    x, y: names of the shapes.
+    page, picture: addresses relative to the index; None if there are none.
+    confidence: of its certificate; nan if it is not known.
+    lines: what to say of it, such as its warnings.
+    failed: there is no match; the lines say why.
+    """
+
+    x: str
+    y: str
+    page: str | None
+    picture: str | None
+    confidence: float
+    lines: Sequence[str]
+    failed: bool = False
+
+
+def write_index(
+    path: str | os.PathLike[str],
+    rows: Sequence[Row],
+    *,
+    title: str = "Pairs by confidence",
+) -> None:
+    """Write a page with a row a pair: failed ones, then the least confident first.
+
+    Args:
+        path: the page, written completely or not at all.
+        rows: the pairs, in any order.
+        title: above all.
+    """
+
+    def place(row: Row):
+        unknown = row.confidence != row.confidence
+        return not row.failed, unknown, 0 if unknown else row.confidence
+
+    ordered = sorted(rows, key=place)
+    failed = sum(row.failed for row in rows)
+    counts = f"{len(rows)} pairs, {len(rows) - failed} matched"
+    if failed:
+        counts += f", {failed} failed"
+    record = {"title": title, "counts": counts, "pairs": [_plain(r) for r in ordered]}
+    write_text(path, page("index", record))
+
+
+def _plain(row: Row):
+    likely = row.confidence
+    if row.failed:
+        words = "failed"
+    elif likely != likely:
+        words = "unknown"
+    else:
+        words = f"{verdict(likely)}, {likely:.0%}"
+    return {
+        "x": row.x,
+        "y": row.y,
+        "page": row.page,
+        "picture": row.picture,
+        "lines": list(row.lines),
+        "verdict": words,
+        "level": "failed" if row.failed else level(likely),
+    }

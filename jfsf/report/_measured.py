@@ -1,0 +1,115 @@
+"""Figures of a map for the page: means for a table, and a number for each vertex."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
+from jfsf.types import ArrayLike, Match, Mesh
+
+SOURCES = 500  # geodesics are measured from about so many vertices,
+FEWER_ABOVE = 20_000  # and from fewer in shapes of more vertices: each takes longer
+MOST = 100_000  # vertices of a shape; geodesics on larger ones take minutes
+_AMONG = 4
+LIMITS = (0.02, 0.05, 0.1)  # of the error, for the table
+
+
+class Measured(NamedTuple):
+    """Figures of a map; distances are geodesic, over sqrt(area).
+
+    rows: name, value as text, and what it means.
+    truth_rows: likewise, against the ground truth; empty without one.
+    back: (n_x,) distance from x to T_yx[T_xy[x]]; mean of those measured nearby.
+    error: (n_x,) error likewise; None without ground truth.
+    errors: (p,) at the points of the ground truth that were measured.
+    """
+
+    rows: list[tuple[str, str, str]]
+    truth_rows: list[tuple[str, str, str]]
+    back: Float[np.ndarray, " n_x"] | None
+    error: Float[np.ndarray, " n_x"] | None
+    errors: Float[np.ndarray, " p"] | None
+
+
+def measure(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    found: Match,
+    truth: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " p"]] | None = None,
+) -> Measured:
+    """Measure a match, against ground truth if there is one.
+
+    Args:
+        mesh_x, mesh_y: the shapes. Of shapes above `MOST` vertices the figures without
+            geodesics are measured only.
+        found: their match.
+        truth: vertices of X and of Y that correspond.
+
+    Raises:
+        ValueError: as `jfsf.evaluate.geodesic_error`.
+    """
+    T_xy, T_yx = np.asarray(found.T_xy), np.asarray(found.T_yx)
+    n_x, n_y = len(T_xy), len(T_yx)
+    only = "coverage_xy", "coverage_yx", "smoothness", "orthogonality"
+    figures = evaluate(found, mesh_x, mesh_y, only=only)
+    rows = []
+    back = None
+    small = max(n_x, n_y) <= MOST
+    if small:
+        at_x, at_y = _spread(n_x, n_x), _spread(n_y, n_y)
+        there = bijectivity(T_xy, T_yx, mesh_x, at=at_x)
+        other = bijectivity(T_yx, T_xy, mesh_y, at=at_y)
+        back = _everywhere(mesh_x, at_x, there)
+        meaning = "mean distance from a vertex to its image there and back"
+        rows += [
+            ("bijectivity on X", f"{there.mean():.4f}", meaning),
+            ("bijectivity on Y", f"{other.mean():.4f}", meaning),
+        ]
+    rows += [
+        (
+            "coverage of Y",
+            f"{figures.coverage_xy:.1%}",
+            "share of the area that is hit",
+        ),
+        ("coverage of X", f"{figures.coverage_yx:.1%}", "likewise, the other way"),
+        (
+            "smoothness",
+            f"{figures.smoothness:.2f}",
+            "mean Dirichlet energy; less is smoother",
+        ),
+        ("orthogonality", f"{figures.orthogonality:.2f}", "|C^T C - I|; 0 keeps areas"),
+    ]
+    if truth is None or not small:
+        return Measured(rows, [], back, None, None)
+    at_x, at_y = (np.asarray(side) for side in truth)
+    some = _spread(len(at_x), n_y)
+    errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
+    shares = error_curve(errors, LIMITS)
+    truth_rows = [
+        ("mean error", f"{errors.mean():.4f}", "geodesic distance / sqrt(area of Y)"),
+        ("median error", f"{np.median(errors):.4f}", ""),
+        ("largest error", f"{errors.max():.4f}", ""),
+        ("AUC to 0.25", f"{auc(errors):.3f}", "area under the curve; 1 is perfect"),
+        *(
+            (f"within {limit}", f"{share:.1%}", "share of the points")
+            for limit, share in zip(LIMITS, shares, strict=True)
+        ),
+        ("points measured", f"{len(some)} of {len(at_x)}", ""),
+    ]
+    error = _everywhere(mesh_x, at_x[some], errors)
+    return Measured(rows, truth_rows, back, error, errors)
+
+
+def _spread(n: int, vertices: int) -> np.ndarray:
+    """Of n points those to measure at, on a shape of so many vertices."""
+    sources = int(SOURCES * min(1, FEWER_ABOVE / vertices))
+    return np.arange(0, n, -(-n // sources) or 1)
+
+
+def _everywhere(mesh: Mesh, at: np.ndarray, values: np.ndarray) -> Any:
+    """At each vertex the mean of the nearest ones that have a value."""
+    points, values = np.asarray(mesh.vertices), np.asarray(values)
+    near = KDTree(points[at]).query(points, k=min(_AMONG, len(at)))[1]
+    return values[near.reshape(len(points), -1)].mean(1)

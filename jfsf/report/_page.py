@@ -1,0 +1,280 @@
+"""A match as one page for the browser that needs no network."""
+
+import json
+import os
+import platform
+import re
+import time
+from collections.abc import Callable, Mapping
+from datetime import UTC, datetime
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from jfsf.initial import Orientation
+from jfsf.plot import (
+    Up,
+    body_colours,
+    draw_error_curves,
+    draw_functional_map,
+    draw_shape,
+    find_frames,
+    frame,
+    natural_turn,
+)
+from jfsf.report._candidates import Considered, considered
+from jfsf.report._measured import measure
+from jfsf.report._scene import Shown, data_url, scene, shown, shown_maps
+from jfsf.report._words import DOUBTFUL, LIKELY, findings, readings, reasons, verdict
+from jfsf.settings import Settings
+from jfsf.storage import write_text
+from jfsf.types import ArrayLike, Maps, Match, Mesh
+
+_FEW = 6000  # vertices by which candidates are drawn and compared
+_SMALL, _LARGE = 60, 110  # dots per inch
+# Mean distance of images, where 1 is the size of Y, up to which a map is a candidate's.
+_SAME = 0.25
+
+
+class Side(NamedTuple):
+    """A shape of a pair.
+
+    mesh: as it was matched.
+    name: for the titles, such as the file.
+    numbers: (n,) the file's numbers of its vertices; None if they are the mesh's.
+    """
+
+    mesh: Mesh
+    name: str
+    numbers: Int[ArrayLike, " n"] | None = None
+
+
+def write_report(
+    path: str | os.PathLike[str],
+    x: Side,
+    y: Side,
+    found: Match,
+    *,
+    orientation: Orientation = "preserve",
+    truth: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " p"]] | None = None,
+    up: Up | None = None,
+    settings: Settings = Settings(),
+    seconds: Mapping[str, float] | None = None,
+    cache: bool = True,
+    progress: Callable[[str], object] | None = None,
+) -> str:
+    """Write a match as one HTML page: both shapes to turn and click, and the evidence.
+
+    Args:
+        path: the page, written completely or not at all.
+        x, y: both shapes.
+        found: their match.
+        orientation: as it was asked for.
+        truth: vertices of X and of Y that correspond, counted as the meshes'.
+        up: the axis that points up in both meshes; found when absent.
+        settings: with which it was made.
+        seconds: what took how long, for the table.
+        cache: as in `jfsf.match`; the search is made once more, for its candidates.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        A picture of the pair, as the address of an image (`data:`).
+
+    Raises:
+        ImportError: matplotlib is missing; the message says how to install it.
+        ValueError: maps or ground truth that do not fit the meshes.
+    """
+    step = progress or (lambda name: None)
+    seconds = dict(seconds or {})
+    started = time.perf_counter()
+
+    def lap(name: str) -> None:
+        nonlocal started
+        now = time.perf_counter()
+        seconds[name], started = now - started, now
+
+    step("frames of the shapes")
+    axes_x = axes_y = frame(up) if up else None
+    if axes_x is None or axes_y is None:
+        frames = find_frames(x.mesh, y.mesh, np.asarray(found.T_xy))
+        axes_x, axes_y = (one.axes for one in frames)
+    shown_x, shown_y = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
+    few_x, few_y = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
+    step("figures")
+    measured = measure(x.mesh, y.mesh, found, truth)
+    lap("figures")
+    step("candidates")
+    candidates = considered(
+        x.mesh,
+        y.mesh,
+        at=(few_x.index, few_y.index),
+        orientation=orientation,
+        settings=settings,
+        cache=cache,
+    )
+    lap("candidates")
+    step("pictures")
+    maps = {"the map found": shown_maps(found, shown_x, shown_y)}
+    rows = []
+    own = shown_maps(found, few_x, few_y)
+    apart = [_distance(own, one.maps, few_y) for one in candidates]
+    for i, one in enumerate(candidates):
+        name = f"candidate {i + 1}"
+        maps[name] = _lifted(one.maps, (few_x, few_y), (shown_x, shown_y))
+        nearest = apart[i] == min(apart) and apart[i] < _SAME
+        rows.append(_candidate(name, one, few_x, few_y, nearest))
+    picture = _pair_picture(few_x, few_y, own)
+    colours = body_colours(few_y.body.vertices)
+    pictures = {
+        "pair": picture,
+        "found": data_url(_drawn(few_x, colours[own.T_xy]), _SMALL),
+        "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
+    }
+    if measured.errors is not None:
+        curves = draw_error_curves({"the map": measured.errors})
+        pictures["errors"] = data_url(curves, _LARGE)
+    figures = {"error": measured.error, "there and back": measured.back}
+    record = {
+        "title": f"{x.name} to {y.name}",
+        "x": {"name": x.name, "vertices": len(x.mesh.vertices)},
+        "y": {"name": y.name, "vertices": len(y.mesh.vertices)},
+        "shown": [len(shown_x.index), len(shown_y.index)],
+        "verdict": _verdict(float(found.certificate.confidence)),
+        "reasons": reasons(found.certificate),
+        "findings": [one._asdict() for one in findings(found.certificate, orientation)],
+        "certificate": [
+            (name.replace("_", " "), *texts)
+            for name, texts in readings(found.certificate).items()
+        ],
+        "figures": measured.rows,
+        "truth": measured.truth_rows,
+        "candidates": rows,
+        "pictures": pictures,
+        "scene": scene(
+            shown_x,
+            shown_y,
+            maps,
+            {
+                name: values[shown_x.index]
+                for name, values in figures.items()
+                if values is not None
+            },
+            (x.numbers, y.numbers),
+        ),
+        "settings": {"orientation": orientation, **settings.as_record()},
+        "versions": versions(),
+    }
+    lap("page")
+    record["seconds"] = {name: round(took, 2) for name, took in seconds.items()}
+    write_text(path, page("report", record))
+    return picture
+
+
+def page(name: str, record: dict[str, Any]) -> str:
+    """The text of a page: its template with the style, scripts and record put in.
+
+    Args:
+        name: "report" or "index": the template NAME.html, and NAME.js.
+        record: plain values, which the script reads.
+    """
+    folder = files("jfsf.report") / "page"
+    # No text ends a script, whatever the names of files.
+    data = json.dumps(record, separators=(",", ":"), allow_nan=False)
+    parts = {
+        "title": record["title"].translate({ord(c): f"&#{ord(c)};" for c in "<>&\"'"}),
+        "style": (folder / "style.css").read_text(),
+        "record": data.replace("<", "\\u003c"),
+        "script": (folder / f"{name}.js").read_text(),
+    }
+    if name == "report":
+        licence = (folder / "three.LICENSE.txt").read_text()
+        three = (folder / "three.min.js").read_text()
+        parts["three"] = f"/*\n{licence}*/\n{three}"
+    template = (folder / f"{name}.html").read_text()
+    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+
+
+def versions() -> dict[str, str]:
+    """Of python and the packages that decide the result, the device, and the date."""
+    import jax
+
+    from jfsf import __version__
+
+    device = jax.devices()[0]
+    return {
+        "jfsf": __version__,
+        "python": platform.python_version(),
+        **{name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy")},
+        "device": f"{device.platform} {device.device_kind}",
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def level(confidence: float) -> str:
+    """The colour of a confidence: good, fair, poor or unknown."""
+    if np.isnan(confidence):
+        return "unknown"
+    if confidence >= LIKELY:
+        return "good"
+    return "fair" if confidence >= DOUBTFUL else "poor"
+
+
+def _verdict(confidence: float) -> dict[str, Any]:
+    known = None if np.isnan(confidence) else confidence
+    words = verdict(confidence)
+    return {"words": words, "level": level(confidence), "confidence": known}
+
+
+def _candidate(name, one: Considered, x: Shown, y: Shown, nearest: bool):
+    colours = body_colours(y.body.vertices)[one.maps.T_xy]
+    score = None if np.isnan(one.orientation) else one.orientation
+    return {
+        "name": name,
+        "picture": data_url(_drawn(x, colours), _SMALL),
+        "energy": one.energy,
+        "orientation": score,
+        "nearest": bool(nearest),
+    }
+
+
+def _drawn(shape: Shown, colours):
+    # In its frame y is up, and the viewer in front.
+    turn = natural_turn(shape.body.vertices)
+    return draw_shape(shape.body, colours, up="y", turn=turn)
+
+
+def _pair_picture(x: Shown, y: Shown, maps: Maps) -> str:
+    from jfsf.plot import draw_pair
+
+    turn = natural_turn(x.body.vertices, y.body.vertices)
+    return data_url(draw_pair(x.body, y.body, maps.T_xy, up="y", turn=turn), _SMALL)
+
+
+def _distance(one: Maps, other: Maps, y: Shown) -> float:
+    """Mean distance on Y of the images of X, where 1 is the spread of Y."""
+    points = y.body.vertices
+    away = np.linalg.norm(points[one.T_xy] - points[other.T_xy], axis=1)
+    spread = np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean())
+    return float(away.mean() / (spread or 1))
+
+
+def _lifted(maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]) -> Maps:
+    """Maps between few vertices as maps between many: each like the nearest."""
+    (few_x, few_y), (x, y) = few, many
+    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
+    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
+    return Maps(T_xy, T_yx)
+
+
+def thumbnail(found: str, path: str | os.PathLike[str]) -> None:
+    """Write a picture that `write_report` returned as a PNG file."""
+    import base64
+
+    from jfsf.storage import write_atomically
+
+    data = base64.b64decode(found.partition(",")[2])
+    write_atomically(Path(path), lambda file: file.write(data))

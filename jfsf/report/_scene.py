@@ -1,0 +1,132 @@
+"""What the page's viewer shows: shapes in their frames, maps, colours and figures."""
+
+import base64
+import io
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial import KDTree
+
+from jfsf.mesh import coarsen
+from jfsf.plot import body_colours, natural_turn, picture_of, ramp, texture_coordinates
+from jfsf.types import ArrayLike, Maps, Mesh
+
+MOST = 50_000  # vertices of a shape; larger ones are shown by some of their vertices
+_TOP = 0.05  # of sqrt(area): where the scale of a figure ends, at least
+_NOT_KNOWN = 255  # a figure of a vertex that was not measured
+
+
+class Shown(NamedTuple):
+    """A shape as it is shown.
+
+    body: its mesh, whole or coarsened; axes right, up and front, centred.
+    index: (p,) number of each shown vertex in the shape.
+    near: (n,) the shown vertex nearest to each vertex of the shape.
+    """
+
+    body: Mesh
+    index: ArrayLike
+    near: ArrayLike
+
+
+def shown(mesh: Mesh, axes: Float[np.ndarray, "3 3"], most: int = MOST) -> Shown:
+    """The shape in this frame, with at most so many vertices."""
+    coarse, index = coarsen(mesh, most)
+    points = np.asarray(coarse.vertices, float) @ axes
+    middle = (points.min(0) + points.max(0)) / 2
+    body = Mesh(points - middle, np.asarray(coarse.faces, np.int32).reshape(-1, 3))
+    near = np.arange(len(index))
+    if len(index) < len(mesh.vertices):
+        near = KDTree(coarse.vertices).query(mesh.vertices)[1]
+    return Shown(body, np.asarray(index), near.astype(np.int32))
+
+
+def shown_maps(maps: Any, x: Shown, y: Shown) -> Maps:
+    """Maps between shapes as maps between what is shown of them."""
+    T_xy: Any = y.near[np.asarray(maps.T_xy)[x.index]]
+    T_yx: Any = x.near[np.asarray(maps.T_yx)[y.index]]
+    return Maps(T_xy, T_yx)
+
+
+def scene(
+    x: Shown,
+    y: Shown,
+    maps: Mapping[str, Maps],
+    figures: Mapping[str, Float[ArrayLike, " p"]],
+    numbers: tuple[Int[ArrayLike, " n_x"] | None, Int[ArrayLike, " n_y"] | None],
+) -> dict[str, Any]:
+    """The shapes and maps as plain values for JSON; arrays are base64, little endian.
+
+    Args:
+        x, y: both shapes.
+        maps: label -> maps between shown vertices; the first is shown at first.
+        figures: label -> a number for each shown vertex of X, nan if not known.
+        numbers: the file's numbers of the vertices of X and Y; None if they are these.
+    """
+    return {
+        "turn": natural_turn(x.body.vertices, y.body.vertices),
+        "x": _shape(x, numbers[0]),
+        "y": _shape(y, numbers[1])
+        | {
+            "colours": _packed(255 * body_colours(y.body.vertices), "u1"),
+            "uv": _packed(65535 * texture_coordinates(y.body.vertices), "<u2"),
+        },
+        "maps": [
+            {
+                "name": name,
+                "xy": _indices(T_xy, len(y.index)),
+                "yx": _indices(T_yx, len(x.index)),
+            }
+            for name, (T_xy, T_yx) in maps.items()
+        ],
+        "figures": [_figure(name, values) for name, values in figures.items()],
+        "ramp": _packed(255 * ramp(np.linspace(0, 1, _NOT_KNOWN)), "u1"),
+    }
+
+
+def data_url(figure: Any, dpi: float) -> str:
+    """A figure of `jfsf.plot` as the address of an image that needs no file."""
+    from matplotlib.image import imsave
+
+    file = io.BytesIO()
+    imsave(file, picture_of(figure, dpi), format="png")
+    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
+
+
+def _shape(shape: Shown, numbers) -> dict[str, Any]:
+    points = shape.body.vertices
+    low, size = points.min(0), float(np.ptp(points, axis=0).max()) or 1.0
+    index = shape.index
+    if numbers is not None:
+        index = np.asarray(numbers)[index]
+    same = np.array_equal(index, np.arange(len(index)))
+    return {
+        "n": len(points),
+        "points": _packed(65535 * (points - low) / size, "<u2"),
+        "low": (low / size).tolist(),
+        "faces": _indices(shape.body.faces.ravel(), len(points)),
+        "numbers": None if same else _packed(index, "<u4"),
+    }
+
+
+def _figure(name: str, values) -> dict[str, Any]:
+    values = np.asarray(values, float)
+    known = np.isfinite(values)
+    top = float(np.quantile(values[known], 0.99)) if known.any() else 0.0
+    # A good map is to look good: the scale does not end at its small errors.
+    top = max(top, _TOP)
+    share = np.where(known, values, 0) / top
+    steps = np.where(known, np.clip(share, 0, 1) * (_NOT_KNOWN - 1), _NOT_KNOWN)
+    return {"name": name, "top": top, "steps": _packed(steps, "u1")}
+
+
+def _indices(index, count: int) -> str:
+    """Two bytes each, or four where there are more vertices than that."""
+    return _packed(index, "<u2" if count <= 65536 else "<u4")
+
+
+def _packed(array, dtype: str) -> str:
+    array = np.rint(np.asarray(array)).astype(dtype)
+    return base64.b64encode(array.tobytes()).decode()

@@ -1,0 +1,178 @@
+"""A certificate in words: how sure, why, and what to try."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.evaluate import MISSED
+from jfsf.types import Certificate
+
+# A figure of the certificate beyond one of these limits gives a warning.
+# Of 154 first maps, cross-validated by data set, 3 of the 95 above 0.9 were wrong.
+LIKELY = 0.9
+DOUBTFUL = 0.7
+# The score of right maps is about 0.9 and of mirrored ones about -0.9. Below half, a
+# part of the shape is likely to be mirrored.
+MIN_ORIENTATION = 0.5
+# Right maps hit about 0.9 of the area. One that misses half of it has collapsed there.
+MIN_COVERAGE = 0.5
+# A tenth of the mean distance of two random vertices is many edges: beyond it the two
+# maps contradict each other.
+MAX_BIJECTIVITY = 0.1
+# Below, another map fits the shapes nearly as well. Right maps have such rivals too.
+SMALL_GAP = 0.1
+
+
+class Finding(NamedTuple):
+    """Something that makes a map doubtful.
+
+    why: one line.
+    advice: what to try, in sentences.
+    """
+
+    why: str
+    advice: str
+
+
+def verdict(confidence: float) -> str:
+    """The confidence of a certificate in words."""
+    if np.isnan(confidence):
+        return "unknown: the shapes were not sampled"
+    if confidence >= LIKELY:
+        return "very likely right"
+    if confidence >= DOUBTFUL:
+        return "probably right"
+    return "doubtful" if confidence >= 0.5 else "probably wrong"
+
+
+def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
+    """Figure of the certificate -> its value as text, and what it means."""
+    score = float(certificate.orientation)
+    side = "keeps left and right" if score > 0 else "swaps left and right"
+    if np.isnan(score):
+        side = "unknown: a point cloud, or no winding"
+    elif abs(score) < MIN_ORIENTATION:
+        side = "unclear: parts may be flipped"
+    meaning = {
+        "marginal_error": "transport plan's gap to its marginals; 0 is exact",
+        "empty": "vertices that no mass reached",
+        "coverage_xy": "share of Y's area that is hit",
+        "coverage_yx": "share of X's area that is hit",
+        "bijectivity_x": "mean distance, X to Y and back; 1 for random vertices",
+        "bijectivity_y": "mean distance, Y to X and back",
+        "orthogonality": "|C^T C - I|; 0 if areas are kept",
+        "orientation": side,
+        "gap": "extra energy of the second candidate, relative; 0 is a tie",
+        "nn_agreement": "share that nearest neighbour maps alike",
+        "finite": "every number is finite",
+        "energy": "departure from an isometry",
+        "unevenness": "how unevenly the map stretches; 0 for a similarity",
+        "residual": "distance left between the bent shapes, in sqrt(area)",
+        "confidence": verdict(float(certificate.confidence)),
+    }
+    found = {}
+    for name, value in certificate.figures().items():
+        value = np.asarray(value)
+        form = "+.2f" if name == "orientation" else ".4g"
+        text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
+        found[name] = text, meaning.get(name, "")
+    return found
+
+
+def findings(certificate: Certificate, orientation: str) -> list[Finding]:
+    """Each figure of the certificate that makes the map doubtful, gravest first.
+
+    Args:
+        certificate: of one map.
+        orientation: "preserve", "reverse" or "any", as the map was asked for.
+    """
+    score = float(certificate.orientation)
+    agrees = {"preserve": score, "reverse": -score, "any": abs(score)}[orientation]
+    likely = float(certificate.confidence)
+    covered = min(float(certificate.coverage_xy), float(certificate.coverage_yx))
+    away = max(float(certificate.bijectivity_x), float(certificate.bijectivity_y))
+    known = [
+        (
+            not bool(certificate.finite),
+            "a number is not finite: do not use this map",
+            "Look for broken triangles with `jfsf info`, and repair the mesh.",
+        ),
+        (
+            agrees < MIN_ORIENTATION,
+            f"orientation {score:+.2f} is not what {orientation!r} asks for: left and "
+            "right, or front and back, may be swapped; landmarks decide",
+            "Give one pair of vertices that you know (--landmarks), or try "
+            "--orientation any.",
+        ),
+        (
+            likely < DOUBTFUL,
+            f"{verdict(likely)}, confidence {likely:.0%}: look at the picture; "
+            "landmarks at hands, feet and head decide",
+            "See whether a candidate looks right where the map does not. Then give "
+            "landmarks at the ends: hands, feet, head (--landmarks).",
+        ),
+        (
+            covered < MIN_COVERAGE,
+            f"only {covered:.0%} of a shape is hit: the shapes may differ too much",
+            "See whether both shapes are whole, and whether they have the same parts.",
+        ),
+        (
+            away > MAX_BIJECTIVITY,
+            f"there and back again ends {away:.2f} away: the maps disagree",
+            "Colour by there and back to see where, and trust the rest.",
+        ),
+        (
+            bool(certificate.empty),
+            f"{int(certificate.empty)} vertices got no mass",
+            "A few do no harm. Many: remesh the shapes more evenly.",
+        ),
+    ]
+    found = [Finding(why, advice) for wrong, why, advice in known if wrong]
+    for row in np.flatnonzero(np.asarray(certificate.landmarks) > MISSED):
+        why = f"landmark {row + 1} ends far from its partner: check that row"
+        advice = "Either the row is wrong, or the map is. Try without it."
+        found.append(Finding(why, advice))
+    return found
+
+
+def warnings_of(certificate: Certificate, orientation: str) -> list[str]:
+    """A line for each figure of the certificate that makes the map doubtful.
+
+    Args:
+        certificate, orientation: as `findings`.
+    """
+    return [finding.why for finding in findings(certificate, orientation)]
+
+
+def reasons(certificate: Certificate) -> list[str]:
+    """Sentences on what the confidence rests on, each with its number."""
+    figure = {name: float(value) for name, value in certificate.figures().items()}
+    found = []
+    score = figure["orientation"]
+    if np.isnan(score):
+        found.append("Left and right cannot be told: a shape has no oriented faces.")
+    elif abs(score) < MIN_ORIENTATION:
+        found.append(f"Left and right are unclear (score {score:+.2f}).")
+    else:
+        way = "keeps" if score > 0 else "swaps"
+        found.append(f"It {way} left and right (score {score:+.2f}, at most 1).")
+    if not np.isnan(figure["energy"]):
+        found.append(
+            f"It departs from an isometry by {figure['energy']:.2f} and stretches "
+            f"unevenly by {figure['unevenness']:.2f}; the confidence is read from "
+            "these two and the score."
+        )
+    back = max(figure["bijectivity_x"], figure["bijectivity_y"])
+    covered = min(figure["coverage_xy"], figure["coverage_yx"])
+    found.append(
+        f"There and back again ends {back:.3f} away, where 1 is the distance of two "
+        f"random points; {covered:.0%} of the area or more is hit."
+    )
+    gap = figure["gap"]
+    if np.isinf(gap):
+        found.append("The search found no second map that differs.")
+    elif gap < SMALL_GAP:
+        found.append(f"The second candidate fits nearly as well (gap {gap:.0%}).")
+    elif not np.isnan(gap):
+        found.append(f"The second candidate fits worse (gap {gap:.0%}).")
+    return found

@@ -1,0 +1,439 @@
+"use strict";
+
+// Reads the record of the page, fills in its texts, and shows both shapes with three.js.
+
+const record = JSON.parse(document.getElementById("record").textContent);
+const byId = (id) => document.getElementById(id);
+
+// sRGB in 0..255 to the linear light that three.js computes with.
+const LINEAR = Float32Array.from({ length: 256 }, (_, i) => {
+  const share = i / 255;
+  return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
+});
+
+fillTexts();
+try {
+  startViewer();
+} catch (error) {
+  // Without WebGL a picture stands in for the shapes.
+  console.warn(`no viewer: ${error.message}`);
+  showPicture();
+}
+document.body.dataset.ready = "yes";
+
+// ---------------------------------------------------------------- texts
+
+function element(tag, text, name) {
+  const made = document.createElement(tag);
+  if (text !== undefined) made.textContent = text;
+  if (name) made.className = name;
+  return made;
+}
+
+function fillTexts() {
+  const { verdict } = record;
+  byId("title").textContent = `${record.x.name} → ${record.y.name}`;
+  const percent = verdict.confidence === null ? "" : ` (${percentOf(verdict.confidence)})`;
+  byId("verdict").textContent = verdict.words + percent;
+  byId("verdict").classList.add(verdict.level);
+  byId("sentence").textContent = {
+    good: `The map is ${verdict.words}. Look at the shapes all the same.`,
+    fair: `The map is ${verdict.words}. Look for parts that are exchanged.`,
+    poor: `The map is ${verdict.words}. Do not use it before you have looked at it.`,
+    unknown: "How likely the map is right is not known. Look at the shapes.",
+  }[verdict.level];
+  for (const reason of record.reasons) byId("reasons").append(element("li", reason));
+  for (const { why, advice } of record.findings) {
+    const box = element("div", undefined, "finding");
+    box.append(element("b", sentence(why)), advice);
+    byId("findings").append(box);
+  }
+  for (const side of ["x", "y"]) {
+    const { name, vertices } = record[side];
+    const shown = record.shown[side === "x" ? 0 : 1];
+    const counted = `${vertices.toLocaleString("en")} vertices`;
+    const part = shown < vertices ? `, ${shown.toLocaleString("en")} shown` : "";
+    byId(`label-${side}`).append(element("b", side.toUpperCase()), ` ${name}, ${counted}${part}`);
+  }
+  fillTable("figures", record.figures);
+  fillTable("truth", record.truth);
+  fillTable("certificate", record.certificate);
+  for (const name of ["settings", "versions", "seconds"]) {
+    fillTable(name, Object.entries(record[name]));
+    byId(name).prepend(element("caption", name[0].toUpperCase() + name.slice(1)));
+  }
+  byId("functional_map").src = record.pictures.functional_map;
+  if (record.pictures.errors) byId("errors").src = record.pictures.errors;
+  else byId("truth-card").remove();
+  if (!record.candidates.length) byId("candidates-card").remove();
+}
+
+function fillTable(id, rows) {
+  for (const cells of rows) {
+    const row = element("tr");
+    for (const cell of cells) row.append(element("td", String(cell)));
+    byId(id).append(row);
+  }
+}
+
+function percentOf(share) {
+  const percent = Math.round(100 * share);
+  if (percent === 100 && share < 1) return "over 99 %";
+  return percent === 0 && share > 0 ? "under 1 %" : `${percent} %`;
+}
+
+function sentence(text) {
+  return text[0].toUpperCase() + text.slice(1) + ".";
+}
+
+function showPicture() {
+  const image = element("img");
+  image.src = record.pictures.pair;
+  image.alt = "X in the colours of Y, beside Y";
+  document.querySelector(".panes").replaceChildren(image);
+  document.querySelector(".tools").remove();
+  byId("hint").textContent = "This browser has no WebGL, so the shapes cannot be turned.";
+  byId("candidates").append(...record.candidates.map((row) => candidateButton(row)));
+}
+
+// ---------------------------------------------------------------- arrays
+
+function unpacked(text, Kind) {
+  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
+  return new Kind(bytes.buffer);
+}
+
+function indices(text, count) {
+  return unpacked(text, count <= 65536 ? Uint16Array : Uint32Array);
+}
+
+// ---------------------------------------------------------------- the viewer
+
+function startViewer() {
+  const { scene } = record;
+  const panes = {
+    x: makePane("x", scene.x),
+    y: makePane("y", scene.y),
+  };
+  const maps = scene.maps.map(({ name, xy, yx }) => ({
+    name,
+    xy: indices(xy, scene.y.n),
+    yx: indices(yx, scene.x.n),
+  }));
+  const coloursY = unpacked(scene.y.colours, Uint8Array);
+  const uvY = unpacked(scene.y.uv, Uint16Array);
+  const ramp = unpacked(scene.ramp, Uint8Array);
+  const figures = scene.figures.map((figure) => ({
+    ...figure,
+    steps: unpacked(figure.steps, Uint8Array),
+  }));
+  const checker = makeChecker();
+  const state = { map: 0, mode: "colours", marks: [] };
+
+  linkCameras(panes, scene.turn);
+  makeControls();
+  paint();
+  new ResizeObserver(() => Object.values(panes).forEach(resize)).observe(byId("pane-x"));
+
+  // X is painted as Y is, through the map.
+  function paint() {
+    const { xy } = maps[state.map];
+    const figure = figures.find(({ name }) => name === state.mode);
+    const grey = [188, 194, 204];
+    setColours(panes.x, (i) => {
+      if (!figure) return coloursY.subarray(3 * xy[i], 3 * xy[i] + 3);
+      const step = figure.steps[i];
+      return step === 255 ? grey : ramp.subarray(3 * step, 3 * step + 3);
+    });
+    setColours(panes.y, (j) => (figure ? grey : coloursY.subarray(3 * j, 3 * j + 3)));
+    setTexture(panes.x, (i) => xy[i]);
+    setTexture(panes.y, (j) => j);
+    byId("scale").hidden = !figure;
+    if (figure) {
+      byId("scale-top").textContent = figure.top.toPrecision(2);
+      byId("scale-name").textContent = `${figure.name}, on X: geodesic distance / √area, of the map found`;
+      const stops = [0, 63, 127, 190, 254].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
+      byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;
+    }
+    drawMarks();
+  }
+
+  function setColours(pane, colourOf) {
+    const { array } = pane.geometry.attributes.color;
+    for (let i = 0; i < pane.shape.n; i++) {
+      const colour = colourOf(i);
+      for (let c = 0; c < 3; c++) array[3 * i + c] = LINEAR[colour[c]];
+    }
+    pane.geometry.attributes.color.needsUpdate = true;
+  }
+
+  function setTexture(pane, sourceOf) {
+    const { array } = pane.geometry.attributes.uv;
+    for (let i = 0; i < pane.shape.n; i++) {
+      const j = sourceOf(i);
+      array[2 * i] = uvY[2 * j] / 65535;
+      array[2 * i + 1] = uvY[2 * j + 1] / 65535;
+    }
+    pane.geometry.attributes.uv.needsUpdate = true;
+    const map = state.mode === "checker" ? checker : null;
+    if (pane.material.map !== map) {
+      pane.material.map = map;
+      pane.material.needsUpdate = true;
+    }
+  }
+
+  // A click on either shape marks the point and its image. The colour tells pairs apart.
+  function mark(side, vertex) {
+    const colours = ["#e4572e", "#2e86ab", "#8e44ad", "#2a9d55", "#c08a00", "#d6336c"];
+    const used = state.marks.map((one) => one.colour);
+    const free = colours.find((colour) => !used.includes(colour));
+    if (!free) state.marks.shift();
+    const colour = free || colours.find((one) => !state.marks.some((m) => m.colour === one));
+    state.marks.push({ side, vertex, colour });
+    drawMarks();
+  }
+
+  function drawMarks() {
+    const { xy, yx } = maps[state.map];
+    for (const pane of Object.values(panes)) pane.marks.clear();
+    byId("marks").replaceChildren();
+    for (const { side, vertex, colour } of state.marks) {
+      const other = side === "x" ? "y" : "x";
+      const image = (side === "x" ? xy : yx)[vertex];
+      addMark(panes[side], vertex, colour);
+      addMark(panes[other], image, colour);
+      const name = (s, v) => `${s.toUpperCase()} ${panes[s].numbers ? panes[s].numbers[v] : v}`;
+      const line = element("li", `${name(side, vertex)} → ${name(other, image)}`);
+      line.style.setProperty("--dot", colour);
+      byId("marks").append(line);
+    }
+    byId("clear").disabled = !state.marks.length;
+    Object.values(panes).forEach(redraw);
+  }
+
+  function makeControls() {
+    const modes = ["colours", "checker", ...figures.map(({ name }) => name)];
+    for (const mode of modes) {
+      const button = element("button", mode[0].toUpperCase() + mode.slice(1));
+      button.type = "button";
+      button.dataset.mode = mode;
+      button.onclick = () => {
+        state.mode = mode;
+        press(byId("modes").children, button);
+        paint();
+      };
+      byId("modes").append(button);
+    }
+    press(byId("modes").children, byId("modes").firstChild);
+    const choose = (index) => {
+      state.map = index;
+      byId("map").selectedIndex = index;
+      if (record.candidates.length) press(byId("candidates").children, byId("candidates").children[index]);
+      paint();
+    };
+    for (const { name } of maps) byId("map").append(element("option", name));
+    byId("map").onchange = () => choose(byId("map").selectedIndex);
+    const found = { name: maps[0].name, picture: record.pictures.found };
+    if (record.candidates.length) {
+      [found, ...record.candidates].forEach((row, index) => {
+        const button = candidateButton(row);
+        button.onclick = () => {
+          choose(index);
+          document.querySelector(".viewer").scrollIntoView({ behavior: "smooth" });
+        };
+        byId("candidates").append(button);
+      });
+      press(byId("candidates").children, byId("candidates").firstChild);
+    }
+    byId("reset").onclick = () => linkCameras.reset();
+    byId("clear").onclick = () => {
+      state.marks = [];
+      drawMarks();
+    };
+    for (const [side, pane] of Object.entries(panes)) onPick(pane, (vertex) => mark(side, vertex));
+  }
+}
+
+function press(buttons, pressed) {
+  for (const button of buttons) button.setAttribute("aria-pressed", button === pressed);
+}
+
+function candidateButton({ name, picture, energy, orientation, nearest }) {
+  const button = element("button", undefined, "candidate");
+  button.type = "button";
+  const image = element("img");
+  image.src = picture;
+  image.alt = `X in the colours of Y, through ${name}`;
+  button.append(image, element("b", name));
+  if (energy !== undefined) {
+    button.append(element("span", `energy ${energy.toFixed(2)}`));
+    const way = orientation > 0 ? "keeps" : "swaps";
+    const sure = orientation !== null && Math.abs(orientation) >= 0.5;
+    button.append(element("span", sure ? `${way} left and right` : "left and right unclear"));
+  }
+  if (nearest) button.append(element("em", "nearest to the map found"));
+  return button;
+}
+
+// ---------------------------------------------------------------- three.js
+
+function makePane(side, shape) {
+  const canvas = byId(`canvas-${side}`);
+  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
+  const scene = new THREE.Scene();
+  const camera = new THREE.PerspectiveCamera(24, 1, 0.1, 50);
+  // Lights move with the camera: a key light from the upper left, a fill from the right.
+  const lights = [[new THREE.DirectionalLight("white", 2.1), -2, 2.5, 3], [new THREE.DirectionalLight("white", 0.7), 4, 0.5, 2]];
+  for (const [light, ...place] of lights) {
+    light.position.set(...place);
+    camera.add(light, light.target);
+  }
+  scene.add(camera, new THREE.AmbientLight("white", 1.25));
+
+  const quantised = unpacked(shape.points, Uint16Array);
+  const points = Float32Array.from(quantised, (q, i) => shape.low[i % 3] + q / 65535);
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
+  geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * shape.n), 3));
+  geometry.setAttribute("uv", new THREE.BufferAttribute(new Float32Array(2 * shape.n), 2));
+  const faces = indices(shape.faces, shape.n);
+  let material, body;
+  if (faces.length) {
+    geometry.setIndex(new THREE.BufferAttribute(faces, 1));
+    geometry.computeVertexNormals();
+    material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
+    body = new THREE.Mesh(geometry, material);
+  } else {
+    material = new THREE.PointsMaterial({ vertexColors: true, size: 0.012 });
+    body = new THREE.Points(geometry, material);
+  }
+  const marks = new THREE.Group();
+  scene.add(body, marks);
+  const numbers = shape.numbers ? unpacked(shape.numbers, Uint32Array) : null;
+  return { side, shape, canvas, renderer, scene, camera, geometry, material, body, points, marks, numbers };
+}
+
+function makeChecker() {
+  const canvas = document.createElement("canvas");
+  canvas.width = canvas.height = 128;
+  const context = canvas.getContext("2d");
+  context.fillStyle = "#ffffff";
+  context.fillRect(0, 0, 128, 128);
+  context.fillStyle = "#6d6d6d";
+  context.fillRect(0, 0, 64, 64);
+  context.fillRect(64, 64, 64, 64);
+  const texture = new THREE.CanvasTexture(canvas);
+  texture.colorSpace = THREE.SRGBColorSpace;
+  texture.wrapS = texture.wrapT = THREE.RepeatWrapping;
+  texture.repeat.set(12, 12);
+  texture.anisotropy = 8;
+  return texture;
+}
+
+// One view for both shapes: whichever is turned, the other follows.
+function linkCameras(panes, turn) {
+  const angle = (-turn * Math.PI) / 180;
+  const all = Object.values(panes);
+  for (const pane of all) {
+    pane.controls = new THREE.OrbitControls(pane.camera, pane.canvas);
+    pane.controls.enableDamping = false;
+    pane.controls.addEventListener("change", () => follow(pane));
+  }
+  function follow(moved) {
+    for (const pane of all) {
+      if (pane !== moved) {
+        pane.camera.position.copy(moved.camera.position);
+        pane.camera.quaternion.copy(moved.camera.quaternion);
+        pane.controls.target.copy(moved.controls.target);
+      }
+      redraw(pane);
+    }
+  }
+  linkCameras.reset = () => {
+    const [pane] = all;
+    // Far enough for the taller and the wider shape, in panes of this form.
+    let high = 0, wide = 0;
+    for (const { geometry } of all) {
+      geometry.computeBoundingBox();
+      const { min, max } = geometry.boundingBox;
+      high = Math.max(high, max.y - min.y);
+      const across = Math.cos(angle) * (max.x - min.x) - Math.sin(angle) * (max.z - min.z);
+      wide = Math.max(wide, across);
+    }
+    const form = pane.canvas.clientWidth / pane.canvas.clientHeight;
+    const half = Math.tan((pane.camera.fov * Math.PI) / 360);
+    const away = 0.53 * Math.max(high, wide / form) / half + 0.2;
+    pane.controls.target.set(0, 0, 0);
+    pane.camera.position.set(away * Math.sin(angle), 0.14 * away, away * Math.cos(angle));
+    pane.controls.update();
+    follow(pane);
+  };
+  all.forEach(resize);
+  linkCameras.reset();
+}
+
+function resize(pane) {
+  const { clientWidth, clientHeight } = pane.canvas;
+  pane.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
+  pane.renderer.setSize(clientWidth, clientHeight, false);
+  pane.camera.aspect = clientWidth / clientHeight;
+  pane.camera.updateProjectionMatrix();
+  // At once: a canvas of a new size is blank until it is drawn.
+  draw(pane);
+}
+
+function redraw(pane) {
+  pane.waiting ??= requestAnimationFrame(() => draw(pane));
+}
+
+function draw(pane) {
+  pane.waiting = null;
+  pane.renderer.render(pane.scene, pane.camera);
+}
+
+// Solid in front, faint through the body where it is behind.
+function addMark(pane, vertex, colour) {
+  const ball = new THREE.SphereGeometry(0.016, 24, 16);
+  for (const through of [true, false]) {
+    const material = new THREE.MeshBasicMaterial({
+      color: colour,
+      depthTest: !through,
+      transparent: through,
+      opacity: through ? 0.35 : 1,
+    });
+    const made = new THREE.Mesh(ball, material);
+    made.position.fromArray(pane.points, 3 * vertex);
+    made.renderOrder = through ? 1 : 2;
+    pane.marks.add(made);
+  }
+}
+
+// A press that does not move is a click on the nearest corner under it.
+function onPick(pane, picked) {
+  const { canvas, camera, body, points } = pane;
+  let down = null;
+  canvas.addEventListener("pointerdown", (event) => {
+    down = [event.clientX, event.clientY];
+  });
+  canvas.addEventListener("pointerup", (event) => {
+    if (!down || Math.hypot(event.clientX - down[0], event.clientY - down[1]) > 5) return;
+    const box = canvas.getBoundingClientRect();
+    const at = new THREE.Vector2(
+      (2 * (event.clientX - box.left)) / box.width - 1,
+      1 - (2 * (event.clientY - box.top)) / box.height,
+    );
+    const ray = new THREE.Raycaster();
+    ray.params.Points.threshold = 0.01;
+    ray.setFromCamera(at, camera);
+    const [hit] = ray.intersectObject(body);
+    if (!hit) return;
+    if (!hit.face) return picked(hit.index);
+    const away = (v) => Math.hypot(
+      points[3 * v] - hit.point.x,
+      points[3 * v + 1] - hit.point.y,
+      points[3 * v + 2] - hit.point.z,
+    );
+    const { a, b, c } = hit.face;
+    picked([a, b, c].sort((v, w) => away(v) - away(w))[0]);
+  });
+}

@@ -1,0 +1,284 @@
+"""Reports: what a page holds, how small it is, and the confidence in words."""
+
+import json
+import re
+from base64 import b64decode
+from unittest import mock
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+from jfsf.data import load
+from jfsf.report import (
+    Considered,
+    Row,
+    Side,
+    considered,
+    findings,
+    measure,
+    readings,
+    reasons,
+    thumbnail,
+    verdict,
+    warnings_of,
+    write_index,
+    write_report,
+)
+from jfsf.report._scene import scene, shown, shown_maps
+from jfsf.types import FIGURES, Certificate, Maps, Match, Mesh
+
+PAIR = ("man_walk", "man_up")
+PLAIN = np.eye(3)
+VALUES = {
+    "empty": 0,
+    "bijectivity_x": 0.01,
+    "bijectivity_y": 0.01,
+    "orientation": 0.97,
+    "finite": True,
+    "landmarks": np.zeros(0),
+}
+GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.93)) for n in Certificate._fields))
+
+
+def true_map(x, y):
+    """T_xy by the ground truth: of the nearest vertex of X that has one."""
+    first = np.full(len(x.mesh.vertices), -1)
+    first[x.template_to_vertex] = y.template_to_vertex
+    known = np.flatnonzero(first >= 0)
+    near = KDTree(x.mesh.vertices[known]).query(x.mesh.vertices)[1]
+    return first[known[near]].astype(np.int32)
+
+
+def pair():
+    """Two embedded shapes, and a match that is the ground truth."""
+    x, y = map(load, PAIR)
+    maps = true_map(x, y), true_map(y, x)
+    return x, y, Match(*maps, np.eye(40), GOOD)
+
+
+def write(path, **options):
+    """A report of the pair, whose candidates are two and were not searched."""
+    x, y, found = pair()
+
+    def two(mesh_x, mesh_y, *, at, **_):
+        straight = true_map(x, y), true_map(y, x)
+        mirrored = [
+            KDTree(side.mesh.vertices * [-1, 1, 1]).query(side.mesh.vertices)[1]
+            for side in (x, y)
+        ]
+        back = Maps(straight[0][mirrored[0]], straight[1][mirrored[1]])
+        both = ((Maps(*straight), 0.3, 0.9), (back, 0.5, -0.9))
+        few_x, few_y = (
+            shown(side.mesh, PLAIN)._replace(
+                index=rows,
+                near=KDTree(side.mesh.vertices[rows]).query(side.mesh.vertices)[1],
+            )
+            for side, rows in zip((x, y), at, strict=True)
+        )
+        return [Considered(shown_maps(m, few_x, few_y), e, s) for m, e, s in both]
+
+    truth = x.template_to_vertex, y.template_to_vertex
+    sides = Side(x.mesh, PAIR[0]), Side(y.mesh, PAIR[1])
+    options = {"truth": truth, "cache": False} | options
+    with mock.patch("jfsf.report._page.considered", two):
+        return write_report(path, *sides, found, **options)
+
+
+def record_of(path):
+    """What the script of a page reads."""
+    found = re.search(r'id="record">(.*?)</script>', path.read_text(), re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report")
+    picture = write(folder / "a.html", seconds={"matching": 1.5})
+    thumbnail(picture, folder / "a.png")
+    assert sorted(p.name for p in folder.iterdir()) == ["a.html", "a.png"]
+    return folder / "a.html"
+
+
+def unpacked(text, dtype):
+    return np.frombuffer(b64decode(text), dtype)
+
+
+def test_page_is_small_and_needs_no_network(page):
+    assert page.stat().st_size < 2_500_000
+    text = page.read_text()
+    assert "The MIT License" in text and "three.js authors" in text
+    outside = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    assert not re.findall(r'(?:src|href)="(?!data:)', outside)
+    assert "{{" not in outside
+    assert (page.parent / "a.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_page_has_the_shapes_and_the_maps(page):
+    x, y, found = pair()
+    record = record_of(page)
+    parts, names = record["scene"], [m["name"] for m in record["scene"]["maps"]]
+    assert names == ["the map found", "candidate 1", "candidate 2"]
+    assert np.array_equal(unpacked(parts["maps"][0]["xy"], "<u2"), found.T_xy)
+    assert np.array_equal(unpacked(parts["maps"][0]["yx"], "<u2"), found.T_yx)
+    assert np.array_equal(unpacked(parts["maps"][1]["xy"], "<u2"), found.T_xy)
+    faces = unpacked(parts["x"]["faces"], "<u2").reshape(-1, 3)
+    assert np.array_equal(faces, x.mesh.faces) and parts["x"]["numbers"] is None
+    points = unpacked(parts["x"]["points"], "<u2").reshape(-1, 3) / 65535
+    points = points + parts["x"]["low"]
+    # The same shape, up to rotation and scale.
+    sample = np.arange(0, len(points), 97)
+    shape = x.mesh.vertices[sample]
+    apart, true = (
+        np.linalg.norm(p[:, None] - p[None], axis=2) for p in (points[sample], shape)
+    )
+    assert np.allclose(apart / apart.max(), true / true.max(), atol=1e-3)
+    assert np.ptp(points, axis=0).max() == pytest.approx(1, abs=1e-4)
+    # Upright: the head is above the feet, as in the file.
+    assert np.corrcoef(points[:, 1], x.mesh.vertices[:, 1])[0, 1] > 0.98
+
+
+def test_page_says_how_sure_and_what_was_measured(page):
+    record = record_of(page)
+    assert record["verdict"]["level"] == "good"
+    assert record["verdict"]["words"] == "very likely right"
+    assert record["findings"] == [] and len(record["reasons"]) == 4
+    assert {row[0] for row in record["certificate"]} == {
+        name.replace("_", " ") for name in FIGURES
+    }
+    assert [f["name"] for f in record["scene"]["figures"]] == [
+        "error",
+        "there and back",
+    ]
+    truth = {name: value for name, value, _ in record["truth"]}
+    assert float(truth["mean error"]) < 0.01
+    assert record["seconds"]["matching"] == 1.5
+    assert {"figures", "candidates", "page"} < set(record["seconds"])
+    assert record["settings"]["k"] == 128 and "jax" in record["versions"]
+    first, second = record["candidates"]
+    assert first["nearest"] and not second["nearest"]
+    assert second["orientation"] < 0 and second["picture"] != first["picture"]
+
+
+def test_page_without_ground_truth_or_known_figures(tmp_path):
+    nothing = GOOD._replace(
+        confidence=jnp.asarray(np.nan),
+        energy=jnp.asarray(np.nan),
+        gap=jnp.asarray(np.inf),
+        orientation=jnp.asarray(np.nan),
+    )
+    x, y, found = pair()
+    with mock.patch("jfsf.report._page.considered", lambda *_, **__: []):
+        write_report(
+            tmp_path / "a.html",
+            Side(x.mesh, "X", np.arange(len(x.mesh.vertices)) + 3),
+            Side(y.mesh, "Y"),
+            found._replace(certificate=nothing),
+            up="y",
+        )
+    record = record_of(tmp_path / "a.html")
+    assert record["verdict"]["confidence"] is None and record["truth"] == []
+    assert record["verdict"]["level"] == "unknown" and record["candidates"] == []
+    assert "errors" not in record["pictures"]
+    numbers = unpacked(record["scene"]["x"]["numbers"], "<u4")
+    assert numbers[0] == 3 and len(numbers) == len(x.mesh.vertices)
+
+
+def test_large_shapes_are_shown_by_some_of_their_vertices():
+    x, y, found = pair()
+    some_x, some_y = shown(x.mesh, PLAIN, 800), shown(y.mesh, PLAIN, 5000)
+    assert len(some_x.index) <= 800 and len(some_y.index) <= 5000
+    maps = shown_maps(found, some_x, some_y)
+    assert len(maps.T_xy) == len(some_x.index) and len(maps.T_yx) == len(some_y.index)
+    true = y.mesh.vertices[np.asarray(found.T_xy)[some_x.index]]
+    seen = y.mesh.vertices[some_y.index][maps.T_xy]
+    assert np.linalg.norm(true - seen, axis=1).max() < 0.05
+    figures = {"error": np.r_[np.nan, np.full(len(some_x.index) - 1, 0.02)]}
+    parts = scene(some_x, some_y, {"m": maps}, figures, (None, None))
+    assert np.array_equal(unpacked(parts["x"]["numbers"], "<u4"), some_x.index)
+    (figure,) = parts["figures"]
+    steps = unpacked(figure["steps"], "u1")
+    # The scale of small errors does not end at the largest of them.
+    assert figure["top"] == 0.05 and steps[0] == 255
+    assert (steps[1:] == round(254 * 0.02 / 0.05)).all()
+
+
+def test_clouds_and_many_vertices_have_wide_indices():
+    cloud = Mesh(np.random.default_rng(0).random((70_000, 3)), np.zeros((0, 3), int))
+    whole = shown(cloud, PLAIN, 80_000)
+    maps = Maps(np.arange(70_000), np.arange(70_000))
+    parts = scene(whole, whole, {"m": maps}, {}, (None, None))
+    assert parts["x"]["faces"] == "" and parts["x"]["n"] == 70_000
+    assert np.array_equal(unpacked(parts["maps"][0]["xy"], "<u4"), maps.T_xy)
+
+
+def test_measured_figures_are_those_of_the_metrics():
+    x, y, found = pair()
+    truth = x.template_to_vertex, y.template_to_vertex
+    right = measure(x.mesh, y.mesh, found, truth)
+    wrong = measure(x.mesh, y.mesh, found._replace(T_xy=found.T_xy[::-1]), truth)
+    assert right.errors is not None and wrong.errors is not None
+    assert right.errors.mean() < 0.01 < 0.2 < wrong.errors.mean()
+    assert right.back is not None and wrong.back is not None
+    assert right.back.mean() < 0.02 < 0.2 < wrong.back.mean()
+    assert len(right.back) == len(x.mesh.vertices)
+    assert measure(x.mesh, y.mesh, found).truth_rows == []
+
+
+def test_old_pages_stay_when_the_disk_is_full(tmp_path, monkeypatch):
+    def fail(path, text):
+        raise OSError("disk full")
+
+    (tmp_path / "a.html").write_text("old")
+    monkeypatch.setattr("jfsf.report._page.write_text", fail)
+    with pytest.raises(OSError, match="disk full"):
+        write(tmp_path / "a.html")
+    assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]
+
+
+def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
+    rows = [
+        Row("a", "b", "a.html", "a.png", 0.9, []),
+        Row("c", "d", "c.html", "c.png", 0.2, ["doubtful"]),
+        Row("e", "f", None, None, np.nan, ["no file"], failed=True),
+        Row("g", "h", "g.html", "g.png", np.nan, []),
+    ]
+    write_index(tmp_path / "index.html", rows)
+    listed = record_of(tmp_path / "index.html")["pairs"]
+    assert [row["x"] for row in listed] == ["e", "c", "a", "g"]
+    assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
+
+
+def test_candidates_of_the_search_hold_the_right_map():
+    x, y, found = pair()
+    at = np.arange(0, len(x.mesh.vertices), 7), np.arange(0, len(y.mesh.vertices), 5)
+    tried = considered(x.mesh, y.mesh, at=at, cache=False)
+    assert 2 <= len(tried) <= 6
+    assert [one.energy for one in tried] == sorted(one.energy for one in tried)
+    points = y.mesh.vertices
+    away = [
+        np.linalg.norm(points[at[1]][one.maps.T_xy] - points[found.T_xy[at[0]]], axis=1)
+        for one in tried
+    ]
+    means = [distance.mean() for distance in away]
+    assert min(means) < 0.12  # metres, of people 1.8 m tall
+    assert means[0] == min(means) and max(means) > 0.3
+    for T, n in zip(tried[0].maps, (len(at[1]), len(at[0])), strict=True):
+        assert 0 <= T.min() <= T.max() < n
+
+
+def test_words_say_what_is_known():
+    assert warnings_of(GOOD, "preserve") == [] == findings(GOOD, "preserve")
+    poor = GOOD._replace(confidence=jnp.asarray(0.1), orientation=jnp.asarray(-0.9))
+    why = [finding.why for finding in findings(poor, "preserve")]
+    assert why == warnings_of(poor, "preserve") and len(why) == 2
+    assert "swapped" in why[0] and "probably wrong, confidence 10%" in why[1]
+    assert all("--landmarks" in f.advice for f in findings(poor, "preserve"))
+    assert readings(poor)["orientation"] == ("-0.90", "swaps left and right")
+    assert "swaps left and right" in reasons(poor)[0]
+    assert "unclear" in reasons(GOOD._replace(orientation=jnp.asarray(0.2)))[0]
+    assert "gap 5%" in reasons(GOOD._replace(gap=jnp.asarray(0.05)))[-1]
+    words = [verdict(c) for c in (np.nan, 0.95, 0.8, 0.6, 0.2)]
+    assert words[0].startswith("unknown") and len(set(words)) == 5

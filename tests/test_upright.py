@@ -1,0 +1,137 @@
+"""Frames found from the geometry: feet down, facing the viewer, in any axes."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from jfsf.data import load, names
+from jfsf.mesh import coarsen
+from jfsf.plot import find_frame, find_frames, frame
+from jfsf.types import Mesh
+
+# From y up and front z, as the shapes are.
+TURNS = {
+    "z up": Rotation.from_euler("x", 90, degrees=True),
+    "x up": Rotation.from_euler("z", -90, degrees=True),
+    "-y up": Rotation.from_euler("z", 180, degrees=True),
+    "random": Rotation.random(rng=3),
+}
+PLAIN = np.eye(3)
+
+
+def turned(mesh, rotation):
+    return mesh._replace(vertices=rotation.apply(mesh.vertices))
+
+
+def degrees(one, other):
+    """Of the rotation between two frames."""
+    return np.degrees(Rotation.from_matrix(one @ other.T).magnitude())
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_body_stands_and_faces_the_viewer_in_any_axes(name):
+    mesh = load(name).mesh
+    plain = find_frame(mesh).axes
+    # A walking or kicking body has no exact up; its trunk leans.
+    up, front = np.degrees(np.arccos(np.diag(plain)[1:]))
+    assert up < 25 and front < 30
+    for turn in TURNS.values():
+        found = find_frame(turned(mesh, turn)).axes
+        assert np.allclose(found.T @ found, PLAIN) and np.linalg.det(found) > 0
+        assert degrees(found, turn.apply(plain.T).T) < 3
+
+
+def identity_of(mesh):
+    return np.arange(len(mesh.vertices), dtype=np.int32)
+
+
+@pytest.mark.parametrize("name", ["man_up", "child_kick"])
+def test_a_pair_is_seen_from_one_side_whatever_the_axes_of_its_files(name):
+    mesh = load(name).mesh
+    other = turned(mesh, TURNS["random"])
+    one, two = find_frames(mesh, other, identity_of(mesh))
+    assert degrees(two.axes, TURNS["random"].apply(one.axes.T).T) < 3
+
+
+def test_the_surer_shape_decides(monkeypatch):
+    from jfsf.plot import Frame, _upright
+
+    mesh = load("man_up").mesh
+    turn = Rotation.from_euler("y", 90, degrees=True)
+    frames = {0: Frame(PLAIN, 5.0), 1: Frame(PLAIN, 0.5)}
+    for first in (0, 1):
+        order = iter([frames[first], frames[1 - first]])
+        monkeypatch.setattr(
+            _upright, "find_frame", lambda mesh, order=order: next(order)
+        )
+        one, two = find_frames(mesh, turned(mesh, turn), identity_of(mesh))
+        sure = one if first == 0 else two
+        assert sure.margin == 5 and np.array_equal(sure.axes, PLAIN)
+        assert degrees(two.axes, turn.apply(one.axes.T).T) < 1e-3
+
+
+def test_two_sure_shapes_keep_their_frames(monkeypatch):
+    from jfsf.plot import Frame, _upright
+
+    mesh = load("man_up").mesh
+    monkeypatch.setattr(_upright, "find_frame", lambda mesh: Frame(PLAIN, 2.0))
+    # As by a map that exchanges arms and legs.
+    found = find_frames(mesh, turned(mesh, TURNS["-y up"]), identity_of(mesh))
+    assert all(np.array_equal(frame.axes, PLAIN) for frame in found)
+
+
+def test_a_mirrored_map_leaves_both_facing_the_viewer():
+    mesh = load("man_up").mesh
+    mirrored = Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
+    one, two = find_frames(mesh, mirrored, identity_of(mesh))
+    assert degrees(one.axes, two.axes) < 35
+
+
+def test_a_wrong_map_leaves_each_shape_its_own_frame():
+    x, y = load("man_up").mesh, turned(load("man_walk").mesh, TURNS["z up"])
+    chance = np.random.default_rng(0).integers(0, len(y.vertices), len(x.vertices))
+    one, two = find_frames(x, y, chance)
+    assert np.array_equal(one.axes, find_frame(x).axes)
+    assert np.array_equal(two.axes, find_frame(y).axes)
+
+
+def test_up_that_is_known_leaves_the_front_to_be_found():
+    mesh = turned(load("man_up").mesh, TURNS["z up"])
+    found = find_frame(mesh, np.array([0.0, 0, 1]))
+    assert np.allclose(found.axes[:, 1], [0, 0, 1])
+    assert degrees(found.axes, frame("z")) < 20
+
+
+def test_shapes_that_tell_little_have_a_frame_all_the_same():
+    cloud = load("man_up").mesh._replace(faces=np.zeros((0, 3), np.int32))
+    cube = np.array(np.meshgrid(*3 * [[0.0, 1]])).reshape(3, -1).T
+    flat = np.random.default_rng(0).random((50, 3)) * [1, 1, 0]
+    none = np.zeros((0, 3), np.int32)
+    with np.errstate(divide="raise", invalid="raise"):
+        find_frame(cloud)
+    for mesh in (cloud, Mesh(cube, none), Mesh(flat, none), Mesh(cube[:1], none)):
+        axes = find_frame(mesh).axes
+        assert np.allclose(axes.T @ axes, PLAIN) and np.linalg.det(axes) > 0
+
+
+def test_a_second_piece_does_not_count():
+    mesh = load("man_up").mesh
+    piece = Mesh(mesh.vertices[:3] + 9, np.array([[0, 1, 2]], np.int32))
+    both = Mesh(
+        np.concatenate([mesh.vertices, piece.vertices]),
+        np.concatenate([mesh.faces, piece.faces + len(mesh.vertices)]),
+    )
+    assert degrees(find_frame(both).axes, find_frame(mesh).axes) < 1e-3
+
+
+def test_large_meshes_are_looked_at_coarsely():
+    mesh = load("man_up").mesh
+    coarse = coarsen(mesh, 2000).mesh
+    assert degrees(find_frame(coarse).axes, find_frame(mesh).axes) < 15
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z", "-x", "-y", "-z"])
+def test_axes_by_name_are_rotations_with_that_axis_up(axis):
+    axes = frame(axis)
+    assert np.allclose(axes.T @ axes, PLAIN) and np.linalg.det(axes) > 0
+    assert axes["xyz".index(axis[-1]), 1] == (-1 if axis[0] == "-" else 1)
