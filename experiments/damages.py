@@ -1,4 +1,4 @@
-"""Damage to a mesh: noise, spikes, holes, cuts, uneven sampling, fewer or more vertices.
+"""Damage to a mesh: noise, spikes, holes, cuts, uneven sampling, other sizes.
 
 Each function takes an embedded shape and a random generator, and returns the damaged
 mesh with the vertex of it at each old one. The old mesh stays as it is.

@@ -166,7 +166,8 @@ class Certificate(NamedTuple):
     marginal_error: l1 gap of the plan's sums, as a fraction of all mass; nan if the
         last converter made no plan.
     empty: vertices of either shape that no mass reached; 0 without a plan.
-    coverage_xy, coverage_yx: share of the target's area that the map hits.
+    coverage_xy, coverage_yx: share of the target's area that the map hits; from a shape
+        of fewer vertices, over the share of the target's that so many can hit.
     bijectivity_x, bijectivity_y: mean spectral distance between a vertex and its image
         there and back, relative to the mean distance of two random vertices.
     orthogonality: |C^T C - I|_2, 0 for an area-preserving map.

@@ -11,6 +11,7 @@ from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import certify, confidence
 from jfsf.spectral import embeddings, functional_map, uniform
+from jfsf.types import Maps
 
 N, K = 162, 30
 SPEC = testing.blob_spectrum(0, K)
@@ -53,6 +54,24 @@ def test_padding_is_invisible():
     padded = evidence(pad(SPEC, N + 5, 330), pad(other, N + 9, 340), C)
     for ours, theirs in zip(padded, plain, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-8)
+
+
+def test_coverage_is_judged_by_what_few_vertices_can_hit():
+    k, small = 20, testing.blob_spectrum(0, 20, 1)
+    large = testing.blob_spectrum(0, 20, 2)  # its first 42 vertices are those of small
+    there, back = jnp.arange(42), jnp.arange(162) % 42
+    found = certify(
+        Maps(there, back), small.evecs, large.evecs, jnp.eye(k), small, large
+    )
+    hit = large.mass[:42].sum() / large.mass.sum()
+    assert hit < 0.5
+    np.testing.assert_allclose(found.coverage_xy, min(hit * 162 / 42, 1), rtol=1e-6)
+    np.testing.assert_allclose(found.coverage_yx, 1, rtol=1e-6)
+    # A map that has collapsed still covers little.
+    found = certify(
+        Maps(0 * there, back), small.evecs, large.evecs, jnp.eye(k), small, large
+    )
+    assert found.coverage_xy < 0.1
 
 
 def test_agreement_counts_what_nearest_neighbour_says():

@@ -11,6 +11,7 @@ Read in this order:
 - `_demo`: the comparison that `jfsf demo` runs
 - `_batch`: `jfsf batch`
 - `_evaluate`: `jfsf evaluate`
+- `_info`: `jfsf info`
 - `_app`: the other commands, options, and exit codes
 """
 

@@ -7,6 +7,7 @@ Read in this order:
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_repair`: mend a mesh, and keep track of its vertices
 - `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
@@ -28,11 +29,13 @@ from jfsf.mesh._geometry import (
     vertex_components,
 )
 from jfsf.mesh._read import read
+from jfsf.mesh._repair import Repaired, map_of_originals, repair
 from jfsf.mesh._values import MeshError, check_values, triangulate
 
 __all__ = [
     "Edges",
     "MeshError",
+    "Repaired",
     "Report",
     "Submesh",
     "check",
@@ -44,9 +47,11 @@ __all__ = [
     "face_areas",
     "face_normals",
     "largest_component",
+    "map_of_originals",
     "noise",
     "orient",
     "read",
+    "repair",
     "spikes",
     "surface_area",
     "triangulate",
