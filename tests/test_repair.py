@@ -33,9 +33,11 @@ def with_seam(mesh):
 
 
 def with_spikes(mesh, rng):
+    """On opposite sides, long beside the edges of this coarse shape."""
     vertices = mesh.vertices.copy()
-    at = rng.choice(len(vertices), 2, replace=False)
-    vertices[at] += 3 * rng.choice([-1, 1], (2, 3))
+    one = rng.integers(len(vertices))
+    other = np.linalg.norm(vertices - vertices[one], axis=1).argmax()
+    vertices[[one, other]] += 12 * rng.choice([-1, 1], (2, 3))
     return Mesh(vertices, mesh.faces)
 
 

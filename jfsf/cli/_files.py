@@ -194,7 +194,7 @@ def read_landmarks(path: Path, partners) -> np.ndarray:
         if (lost := at < 0).any():
             raise ValueError(
                 f"{path}: vertex {pairs[lost, column][0]} of {'XY'[column]} is not in "
-                "the largest piece, or there is none; leave that line out"
+                "the largest piece, or was removed by the repair; leave that line out"
             )
         pairs[:, column] = at
     return pairs
