@@ -18,7 +18,7 @@ from jfsf.arguments import checked_descriptors, checked_initial, checked_landmar
 from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
-from jfsf.mesh import MeshError, denoised, orient, validate
+from jfsf.mesh import MeshError, denoised, orient, validate, without_holes
 from jfsf.pipeline import misses_landmarks, run_stages
 from jfsf.settings import Settings
 from jfsf.spectral import spectrum_of_valid, truncate
@@ -292,7 +292,7 @@ def _program(stage: partial, *args, **options) -> Program:
 
 def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
     """The spectrum of a mesh that `check_matchable` has accepted."""
-    wound = orient(denoised(mesh)) if len(mesh.faces) else mesh
+    wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
     k = settings.eigenpairs(len(mesh.vertices))
     return spectrum_of_valid(wound, k, name=name, cache=cache)
 

@@ -163,13 +163,15 @@ def test_info_says_what_no_repair_mends(folder):
     assert result.exit_code == 1 and "none of its faces has an area" in result.stdout
 
 
-def test_info_measures_noise_and_spikes(folder):
+def test_info_measures_noise_spikes_and_holes(folder):
     rng = np.random.default_rng(0)
     mesh = testing.blob(0, subdivisions=4)
     mesh.vertices[:] += 0.02 * rng.normal(size=mesh.vertices.shape)
     mesh.vertices[7] *= 3
+    mesh = Mesh(mesh.vertices, np.delete(mesh.faces, [90], axis=0))
     export_mesh(folder / "noisy.ply", mesh)
     result = run("info", folder / "noisy.ply")
     assert result.exit_code == 0
-    assert "spikes: 1 vertices stick out" in result.stdout
+    assert "spikes: match flattens them, at 1 or more" in result.stdout
     assert "of sqrt(area); match smooths it away" in result.stdout
+    assert "small holes: match closes them, with 1 new" in result.stdout

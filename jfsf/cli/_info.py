@@ -83,14 +83,24 @@ def _table(name: str, report) -> Table:
 
 def _flaws(mesh: Mesh) -> list[str]:
     """What the matching takes away itself."""
-    from jfsf.mesh import noise, spikes, surface_area, without_spikes
+    from jfsf.mesh import (
+        noise,
+        orient,
+        spikes,
+        surface_area,
+        without_holes,
+        without_spikes,
+    )
 
     found = []
     if number := int(spikes(mesh).sum()):
-        found.append(f"spikes: {number} vertices stick out; match flattens them")
+        found.append(f"spikes: match flattens them, at {number} or more vertices")
     if size := noise(without_spikes(mesh)):
         share = size / np.sqrt(surface_area(mesh))
         found.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
+    wound = orient(mesh)
+    if number := len(without_holes(wound).faces) - len(wound.faces):
+        found.append(f"small holes: match closes them, with {number} new faces")
     return found
 
 

@@ -7,6 +7,7 @@ Read in this order:
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_holes`: close small holes
 - `_repair`: mend a mesh, and keep track of its vertices
 - `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
@@ -28,6 +29,7 @@ from jfsf.mesh._geometry import (
     surface_area,
     vertex_components,
 )
+from jfsf.mesh._holes import without_holes
 from jfsf.mesh._read import read
 from jfsf.mesh._repair import Repaired, map_of_originals, repair
 from jfsf.mesh._values import MeshError, check_values, triangulate
@@ -58,5 +60,6 @@ __all__ = [
     "validate",
     "vertex_components",
     "weld",
+    "without_holes",
     "without_spikes",
 ]
