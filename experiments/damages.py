@@ -29,7 +29,7 @@ class Damaged(NamedTuple):
     """
 
     mesh: Mesh
-    index: np.ndarray
+    index: np.ndarray  # type: ignore
 
 
 def clean(sample: Sample, rng: np.random.Generator) -> Damaged:

@@ -220,10 +220,10 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
     if gt_x is not None:
         truth = read_ground_truth(gt_x, gt_y, **sizes, base=base)
     maps = read_stored(map_file, **sizes, base=base)
+    partners: list[Any] = [None, None]
     if mend:
-        meshes, maps, partners = _mended_pair(meshes, maps, (x, y))
+        meshes, maps, partners[:] = _mended_pair(meshes, maps, (x, y))
     else:
-        partners: list[Any] = [None, None]
         for side, index in enumerate((maps.index_x, maps.index_y)):
             if index is not None:
                 vertices, faces = meshes[side]
