@@ -298,6 +298,11 @@ def run_stages(
     return most_confident(attempt, candidate(*samples), others, *limits)
 
 
+def stage_name(stage: partial) -> str:
+    """What a stage that `run_stages` hands to `run` does, in a few words."""
+    return _STAGE_NAMES[stage.func]
+
+
 def _refined(x, y, start: InitialMap, *, settings):
     weight = start.descriptor_weight
     return refine(x, y, start.C_yx, start.sign, weight, settings=settings)
@@ -660,3 +665,14 @@ def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):
             "(n_x,) as integers"
         )
     return initial.astype(dtype)
+
+
+_STAGE_NAMES = {
+    shape_samples: "features",
+    best_candidate: "search",
+    given_map: "given map",
+    other_starts: "further starts",
+    kept_landmarks: "landmarks",
+    _refined: "refinement",
+    _finished: "bending and conversion",
+}

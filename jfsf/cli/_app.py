@@ -36,7 +36,12 @@ from jfsf.cli._files import (
 )
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._report import certificate_table
+from jfsf.cli._stages import stage_bar
 from jfsf.report import Side, warnings_of, write_report
+
+# Of a match, if the first map is right: spectra, features of either shape, search,
+# refinement, bending and conversion, writing.
+_STAGES = 7
 
 
 class _OneLine(TyperGroup):
@@ -224,16 +229,17 @@ def match(
     if landmarks is not None:
         pairs = read_landmarks(landmarks, (index_x, index_y))
     started = perf_counter()
-    with _status("matching (the first time, this compiles) ...") as status:
+    with stage_bar(_STAGES) as stage:
         found = match_meshes(
             mesh_x,
             mesh_y,
             orientation=orientation.value,
             landmarks=pairs,  # type: ignore
             cache=not no_cache,
+            progress=stage,
         )
         seconds = {"matching": perf_counter() - started}
-        status.update("writing ...")
+        stage("writing")
         write_match(out, found, index_x=index_x, index_y=index_y)
         axis = None if up is None else up.value
         if png is not None:
@@ -253,7 +259,7 @@ def match(
                 up=axis,
                 seconds=seconds,
                 cache=not no_cache,
-                progress=lambda step: status.update(f"report: {step} ..."),
+                progress=lambda name: stage(f"report: {name}"),
             )
     console = Console()
     console.print(certificate_table(found.certificate))
