@@ -244,23 +244,21 @@ def _first(attempt, first, *_) -> Match:
     return attempt(first)
 
 
-def _most_confident(attempt, first, others, confident, least: int = 1) -> Match:
+def _most_confident(attempt, first, others, confident: float) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
     # Not so with nan: there is nothing to compare.
     doubtful = found.certificate.confidence < confident
     if not (doubtful or misses_landmarks(found)):
         return found
-    made = 1
     for make in others:
         starts = jax.device_get(make())
         for i in range(len(starts.gap)):
             start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
             other = attempt(start)
-            made += 1
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
-            if found.certificate.confidence >= confident and made >= least:
+            if found.certificate.confidence >= confident:
                 return found
     return found
 
