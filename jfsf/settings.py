@@ -58,7 +58,7 @@ class Settings:
     k: int = 128
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
-    confident: float = 0.7
+    confident: float = 0.9
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine_converter: Converter = quick_sinkhorn
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
