@@ -3,7 +3,7 @@
 This file is long because it has every step from two meshes to their maps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
@@ -19,7 +19,7 @@ from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import MeshError, denoised, orient, validate, without_holes
-from jfsf.pipeline import misses_landmarks, run_stages
+from jfsf.pipeline import misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
 from jfsf.spectral import spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
@@ -39,6 +39,7 @@ def match(
     ),
     settings: Settings = Settings(),
     cache: bool = True,
+    progress: Callable[[str], object] | None = None,
 ) -> Match:
     """Point-to-point maps between two shapes, both ways, from the meshes alone.
 
@@ -60,6 +61,7 @@ def match(
             the leading block of `Settings.ks[0]` functions counts: 30 by default.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
+        progress: called with the name of each stage as it begins.
 
     Returns:
         T_xy, T_yx, C_yx and the certificate, in jax's default precision.
@@ -82,7 +84,7 @@ def match(
         orientation_sign(orientation),
         False,
     )
-    found = _match(meshes, given, settings, cache)
+    found = _match(meshes, given, settings, cache, progress)
     return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
 
 
@@ -210,9 +212,15 @@ class _Size(NamedTuple):
 
 
 def _match(
-    meshes: Mapping[str, Mesh], given: _Given, settings: Settings, cache: bool
+    meshes: Mapping[str, Mesh],
+    given: _Given,
+    settings: Settings,
+    cache: bool,
+    progress: Callable[[str], object] | None = None,
 ) -> Match:
     """Of the first mesh and the last, which may be one."""
+    if progress is not None:
+        progress("spectra")
     sizes = _padded_sizes(meshes.values(), settings)
     given = _padded_arguments(given, sizes)
     shapes = [_spectrum_like(size) for size in sizes]
@@ -227,7 +235,7 @@ def _match(
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
         _run_stages(shapes[0], shapes[-1], given, settings, compile_stage, _first)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    run = partial(_run, keep=cache)
+    run = partial(_run if progress is None else _announced(progress), keep=cache)
     return _run_stages(padded[0], padded[-1], given, settings, run, _most_confident)
 
 
@@ -236,23 +244,21 @@ def _first(attempt, first, *_) -> Match:
     return attempt(first)
 
 
-def _most_confident(attempt, first, others, confident, least: int = 1) -> Match:
+def _most_confident(attempt, first, others, confident: float) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
     # Not so with nan: there is nothing to compare.
     doubtful = found.certificate.confidence < confident
     if not (doubtful or misses_landmarks(found)):
         return found
-    made = 1
     for make in others:
         starts = jax.device_get(make())
         for i in range(len(starts.gap)):
             start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
             other = attempt(start)
-            made += 1
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
-            if found.certificate.confidence >= confident and made >= least:
+            if found.certificate.confidence >= confident:
                 return found
     return found
 
@@ -283,6 +289,16 @@ def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
 def _run(stage: partial, *args: Any, **options: Any) -> Any:
     """What the stage returns."""
     return _program(stage, *args, **options)(*args)
+
+
+def _announced(progress: Callable[[str], object]) -> Callable[..., Any]:
+    """`_run`, where each stage ends before the next is named."""
+
+    def run(stage, *args, **options):
+        progress(stage_name(stage))
+        return jax.block_until_ready(_run(stage, *args, **options))
+
+    return run
 
 
 def _program(stage: partial, *args, **options) -> Program:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from io import StringIO
 from pathlib import Path
 
 import fast_simplification
@@ -22,6 +23,7 @@ from typer.testing import CliRunner
 
 from jfsf import __version__
 from jfsf.cli import app, certificate_table, warnings_of
+from jfsf.cli._stages import stage_bar
 from jfsf.cli._summary import doubtful_first
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
@@ -243,6 +245,16 @@ def test_largest_component_writes_kept_vertices_and_their_numbers(
     assert figures[0] == pytest.approx(figures[1])
 
 
+def test_a_bar_names_each_stage():
+    text = StringIO()
+    console = Console(file=text, force_terminal=True, width=80)
+    with stage_bar(2, console=console) as begin:
+        for name in ("spectra", "search", "one more than expected"):
+            begin(name)
+    for name in ("spectra", "search", "one more than expected"):
+        assert name in text.getvalue()
+
+
 def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     found = read_match(folder / "map.npz")
     seen = {}
@@ -257,7 +269,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     args = ("match", x, y, "--out", folder / "m.npz", "--landmarks", pairs)
     result = run(*args, "--orientation", "reverse")
     assert result.exit_code == 0, result.output
-    assert seen["orientation"] == "reverse" and seen["cache"]
+    assert seen["orientation"] == "reverse" and seen["cache"] and seen["progress"]
     assert seen["landmarks"].tolist() == [[3, 8], [4, 9]]
     assert "warning: orientation" in result.stdout
 

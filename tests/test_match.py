@@ -81,6 +81,14 @@ def test_the_truth_is_found():
     assert error(found) < 0.05
 
 
+def test_each_stage_is_named_as_it_begins():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    named = []
+    same(jfsf.match(mesh_x, mesh_y, cache=False, progress=named.append))
+    first = ["spectra", "features", "features", "search"]
+    assert named == [*first, "refinement", "bending and conversion"]
+
+
 @cache
 def specs():
     """Both spectra, as `match` has them, not padded."""

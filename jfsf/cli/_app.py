@@ -35,7 +35,12 @@ from jfsf.cli._files import (
 from jfsf.cli._info import info
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._report import certificate_table
+from jfsf.cli._stages import stage_bar
 from jfsf.report import Side, warnings_of, write_report
+
+# Of a match, if the first map is right: spectra, features of either shape, search,
+# refinement, bending and conversion, writing.
+_STAGES = 7
 
 
 class _OneLine(TyperGroup):
@@ -231,16 +236,17 @@ def match(
     if landmarks is not None:
         pairs = read_landmarks(landmarks, (shape_x.partner, shape_y.partner))
     started = perf_counter()
-    with _status("matching (the first time, this compiles) ...") as status:
+    with stage_bar(_STAGES) as stage:
         found = match_meshes(
             mesh_x,
             mesh_y,
             orientation=orientation.value,
             landmarks=pairs,  # type: ignore
             cache=not no_cache,
+            progress=stage,
         )
         seconds = {"matching": perf_counter() - started}
-        status.update("writing ...")
+        stage("writing")
         write_found(out, found, shape_x, shape_y)
         axis = None if up is None else up.value
         if png is not None:
@@ -260,7 +266,7 @@ def match(
                 up=axis,
                 seconds=seconds,
                 cache=not no_cache,
-                progress=lambda step: status.update(f"report: {step} ..."),
+                progress=lambda name: stage(f"report: {name}"),
             )
     console = Console()
     console.print(certificate_table(found.certificate))
