@@ -24,7 +24,7 @@ from jfsf.cli import LIKELY
 from jfsf.evaluate import LEAST_RESIDUAL
 
 RIGHT = 0.1  # mean geodesic error over sqrt(area) below which a map is right
-EVIDENCE = ("orientation", "residual")
+EVIDENCE = ("orientation", "unevenness", "residual")
 BINS = 10
 RIDGE = 0.3  # on standardised columns: a few hundred pairs need little
 

@@ -8,7 +8,12 @@ from jaxtyping import Array, Float
 # maps of FAUST, TOSCA, MakeHuman, its creatures and SHREC'07
 # (experiments/calibration.py). The orientation counts less than in such a fit: wrong
 # maps often mirror if they are first maps, seldom if they come from further starts.
-BENT = {"constant": -20.0, "orientation": 3.0, "residual": -3.5}
+BENT = {
+    "constant": -18.0,
+    "orientation": 3.0,
+    "unevenness": -4.0,
+    "residual": -3.5,
+}
 NOT_BENT = {
     "constant": 8.2,
     "orientation": 6.1,
@@ -31,8 +36,8 @@ def confidence(
 
     Args:
         orientation: the score, times the sign that was asked for; nan if there is none.
-        energy, unevenness: of the final map, see `jfsf.types.Certificate`; read where
-            shapes were not bent.
+        energy, unevenness: of the final map, see `jfsf.types.Certificate`; the energy
+            is read where shapes were not bent.
         residual: likewise; nan for shapes that were not bent.
 
     Returns:
@@ -40,7 +45,7 @@ def confidence(
     """
     known = jnp.where(jnp.isnan(orientation), UNKNOWN_ORIENTATION, orientation)
     close = jnp.log(jnp.nan_to_num(residual) + LEAST_RESIDUAL)
-    bent = _logit(BENT, orientation=known, residual=close)
+    bent = _logit(BENT, orientation=known, unevenness=unevenness, residual=close)
     not_bent = _logit(NOT_BENT, orientation=known, energy=energy, unevenness=unevenness)
     return jax.nn.sigmoid(jnp.where(jnp.isnan(residual), not_bent, bent))
 
