@@ -11,6 +11,8 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
+import jfsf
+
 # A record's fields, `name: what it is`, with more indented lines below.
 _FIELD = re.compile(r"^(\w+(?:, \w+)*): (?=\S)", re.MULTILINE)
 _PART = re.compile(r"^- `(\w+)`: ", re.MULTILINE)
@@ -47,11 +49,14 @@ def build(folder: Path) -> None:
 
 
 def modules() -> list[str]:
-    """Dotted names of all parts of the package, and of the guides."""
+    """Dotted names of the parts of the package that can be imported here."""
     found = []
-    for package in ("jfsf", "jfsf.guide"):
-        listed = _PART.findall(import_module(package).__doc__ or "")
-        found += [f"{package}.{name}" for name in listed]
+    for name in _PART.findall(jfsf.__doc__ or ""):
+        try:
+            import_module(f"jfsf.{name}")
+        except ImportError:  # `jfsf.testing` needs an extra
+            continue
+        found.append(f"jfsf.{name}")
     return found
 
 
