@@ -1,5 +1,7 @@
 """JAX Fast Sinkhorn Filters: maps between non-rigid 3D shapes.
 
+New here? Begin with `jfsf.guide.start`; `jfsf.guide` lists all guides.
+
 `match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
 folders are its parts, in the order in which data goes through them. A module imports
 only from those above its own:
@@ -30,8 +32,6 @@ only from those above its own:
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
 - `guide`: the guides of the manual, a page each
-
-New here? Begin with `jfsf.guide.start`.
 """
 
 from importlib import import_module
