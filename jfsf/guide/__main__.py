@@ -10,6 +10,7 @@ import re
 import sys
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import jfsf
 
@@ -36,21 +37,21 @@ def build(folder: Path) -> None:
     from jinja2 import pass_context
 
     @pass_context
-    def to_markdown(context, docstring):
-        module = context["module"]
-        text = linked(docstring, module.modulename)
+    def to_markdown(context: Any, docstring: str) -> str:
+        text = linked(docstring, context["module"].modulename)
         text = to_markdown_with_context(context, text)
         # What an include brings in is there by now.
         return _GUIDE_LINK.sub(r"](\1.html\2)", text)
 
-    render.env.filters["to_markdown"] = to_markdown
+    env: Any = render.env
+    env.filters["to_markdown"] = to_markdown
     render.configure(docformat="google", math=True)
     pdoc("jfsf", *modules(), output_directory=folder)
 
 
 def modules() -> list[str]:
     """Dotted names of the parts of the package that can be imported here."""
-    found = []
+    found: list[str] = []
     for name in _PART.findall(jfsf.__doc__ or ""):
         try:
             import_module(f"jfsf.{name}")
@@ -70,4 +71,7 @@ def linked(docstring: str, module: str) -> str:
 if __name__ == "__main__":
     if len(sys.argv) != 2:
         sys.exit("usage: python -m jfsf.guide FOLDER")
-    build(Path(sys.argv[1]))
+    try:
+        build(Path(sys.argv[1]))
+    except (ImportError, OSError) as error:
+        sys.exit(f"jfsf.guide: {error}")
