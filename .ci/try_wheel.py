@@ -29,6 +29,7 @@ def check(holds: bool, what: str) -> None:
 
 check("site-packages" in str(jfsf.__file__), f"import jfsf, from {jfsf.__file__}")
 check(jfsf.__version__ == version("jfsf"), f"version {jfsf.__version__}")
+print(f"     Python {sys.version.split()[0]}, jax {version('jax')}")
 check(find_spec("matplotlib") is None, "no matplotlib here")
 kept = ("py.typed", "data/man_walk.npz", "guide/start.md", "report/page/three.min.js")
 missing = [name for name in kept if not (files("jfsf") / name).is_file()]

@@ -49,8 +49,9 @@ def parse(line):
 def test_commands_parse(page):
     shell = "".join(blocks(page.read_text(), "bash")).splitlines()
     for line in shell:
-        if line.startswith("jfsf "):
-            parse(line)
+        command = line.removeprefix(".venv/bin/")
+        if command.startswith("jfsf "):
+            parse(command)
 
 
 @each_page
