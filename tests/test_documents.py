@@ -135,6 +135,12 @@ def test_every_guide_is_linked_from_the_readme():
     assert {guide.stem for guide in GUIDES} == set(jfsf.guide.__all__)
 
 
+def test_every_part_is_in_the_table_of_the_guide():
+    table = (ROOT / "jfsf" / "guide" / "stages.md").read_text()
+    rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
+    assert set(spans("".join(rows))) == set(jfsf._ROOMS)
+
+
 def test_every_script_is_in_the_gallery():
     named = set(spans(GALLERY.read_text()))
     there = {path.name for path in (ROOT / "experiments").glob("*.py")}
