@@ -127,7 +127,7 @@ class Settings:
     def _items(self) -> list[tuple[str, Any]]:
         return [(f.name, getattr(self, f.name)) for f in fields(self)]
 
-    def _key(self) -> tuple:
+    def _key(self) -> tuple[Any, ...]:
         return tuple((name, static_key(value)) for name, value in self._items())
 
     def __eq__(self, other: object) -> bool:

@@ -275,7 +275,7 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             programs[asked] = jax.eval_shape(stage, *args)
         return programs[asked]
 
-    def all_starts(attempt, first, others, confident):
+    def all_starts(attempt, first, others, *_):
         for make in others:
             make()
         return attempt(first)
