@@ -281,7 +281,7 @@ def info(
 
     Example: jfsf info cat.off
     """
-    from jfsf.mesh import MeshError, check, read
+    from jfsf.mesh import MeshError, check, read, reconstruct
 
     mesh = read(path)
     report = check(mesh)
@@ -300,7 +300,9 @@ def info(
         raise typer.Exit(1) from None
     notes = ""
     if report.faces == 0:
-        notes = "; a point cloud tells no left from right"
+        notes = "; its points have no clear outside: no left can be told from right"
+        if len(reconstruct(mesh).surface.faces):
+            notes = "; the surface through its points tells left from right"
     elif one_sided(mesh):
         notes = "; it cannot be wound consistently, so left and right may be swapped"
     console.print(f"can be matched{notes}", soft_wrap=True)

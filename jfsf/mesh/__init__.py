@@ -6,6 +6,7 @@ Read in this order:
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_reconstruct`: the oriented surface of a point cloud
 - `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
@@ -26,11 +27,13 @@ from jfsf.mesh._geometry import (
     vertex_components,
 )
 from jfsf.mesh._read import read
+from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._values import MeshError, check_values, triangulate
 
 __all__ = [
     "Edges",
     "MeshError",
+    "Reconstruction",
     "Report",
     "Submesh",
     "check",
@@ -43,6 +46,7 @@ __all__ = [
     "largest_component",
     "orient",
     "read",
+    "reconstruct",
     "surface_area",
     "triangulate",
     "validate",
