@@ -46,6 +46,10 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=5, help="template points: 1 in N")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
+    settings = {
+        **jfsf.Settings().as_record(),
+        **{"seed": args.seed, "every": args.every, "right": RIGHT},
+    }
     table, rows = {}, []
     for noise in args.noise:
         for side in args.sides:
@@ -58,12 +62,8 @@ def main() -> None:
             name = f"{side}, noise {noise:.1%}"
             table[name] = _summary(found)
             print(name, table[name], flush=True)
-    if args.out:
-        settings = {
-            **jfsf.Settings().as_record(),
-            **{"seed": args.seed, "every": args.every, "right": RIGHT},
-        }
-        results_file.write(args.out, settings=settings, rows=table, pairs=rows)
+            if args.out:
+                results_file.write(args.out, settings=settings, rows=table, pairs=rows)
 
 
 @cache
@@ -71,7 +71,7 @@ def mirrored_template() -> np.ndarray:
     """The template point on the other side, for each template point."""
     pose = data.load(TEMPLATE_POSE)
     points = pose.mesh.vertices[pose.template_to_vertex]
-    return KDTree(points).query(points * [-1, 1, 1])[1]
+    return np.asarray(KDTree(points).query(points * [-1, 1, 1])[1])
 
 
 def _cloud(mesh: Mesh, noise: float, rng: np.random.Generator) -> Mesh:

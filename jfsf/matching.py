@@ -210,7 +210,8 @@ class _Shape(NamedTuple):
     """A shape that `check_matchable` has accepted.
 
     surface: the mesh; of a point cloud the oriented surface, without faces if unknown.
-    whole: of a point cloud with a surface, the mesh whose Laplacian it gets; else None.
+    whole: of a point cloud with a surface, the mesh or cloud whose Laplacian it gets;
+        else None.
     """
 
     surface: Mesh
@@ -229,7 +230,7 @@ def _shape(mesh: Mesh) -> _Shape:
     if len(mesh.faces):
         return _Shape(mesh)
     surface, whole = reconstruct(mesh)
-    return _Shape(surface, whole if len(whole.faces) else None)
+    return _Shape(surface, whole if len(surface.faces) else None)
 
 
 def _match(
@@ -320,7 +321,7 @@ def _basis(shape: _Shape, name: str, settings: Settings, cache: bool) -> Spectru
         wound = orient(mesh) if len(mesh.faces) else mesh
         return spectrum_of_valid(wound, k, name=name, cache=cache)
     found = spectrum_of_valid(whole, k, laplacian="robust", name=name, cache=cache)
-    # Of the whole's other triangles the winding is unknown.
+    # Of the whole's other triangles, if it has any, the winding is unknown.
     return found._replace(faces=mesh.faces)
 
 
