@@ -31,6 +31,7 @@ from jfsf.matching import basis, match
 from jfsf.mesh import read
 from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
 from jfsf.spectral import truncate_pair
+from jfsf.testing import blob
 from jfsf.types import FIGURES, Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
@@ -440,7 +441,7 @@ def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):
     cloud = folder / "cloud.off"
     filled = np.random.default_rng(0).random((300, 3))
     for points, words in (
-        (read(x).vertices, "tells left from right"),
+        (blob().vertices, "tells left from right"),
         (filled, "no left can be told from right"),
     ):
         write_off(cloud, Mesh(points, np.zeros((0, 3), int)))

@@ -322,15 +322,15 @@ def test_exchanged_landmarks_are_named_and_not_obeyed():
     assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
-def test_a_point_cloud_is_not_mirrored():
-    (mesh_x, _), (mesh_y, _) = shapes()
+def test_point_clouds_are_not_mirrored():
+    # Of 500 points, neighbours are on several limbs.
+    (mesh_x, gt_x), (mesh_y, gt_y) = (small(n, 4000) for n in ("man_walk", "man_up"))
     cloud_x, cloud_y = (m._replace(faces=m.faces[:0]) for m in (mesh_x, mesh_y))
-    for pair in ((cloud_x, mesh_y), (mesh_x, cloud_y), (cloud_x, cloud_y)):
-        found = jfsf.match(*pair, cache=False)
-        assert found.T_xy.shape == (len(mesh_x.vertices),)
-        assert found.certificate.orientation > 0.8 and found.certificate.finite
-        assert not warnings_of(found.certificate, "preserve")
-        assert error(found) < 0.06
+    found = jfsf.match(cloud_x, cloud_y, cache=False)
+    assert found.T_xy.shape == (len(mesh_x.vertices),)
+    assert found.certificate.orientation > 0.8 and found.certificate.finite
+    at = slice(None, None, 20)
+    assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.06
 
 
 def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatch):
