@@ -18,7 +18,14 @@ from jfsf.arguments import checked_descriptors, checked_initial, checked_landmar
 from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
-from jfsf.mesh import MeshError, denoised, orient, validate, without_holes
+from jfsf.mesh import (
+    MeshError,
+    denoised,
+    orient,
+    reconstruct,
+    validate,
+    without_holes,
+)
 from jfsf.pipeline import misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
 from jfsf.spectral import spectrum_of_valid, truncate
@@ -48,7 +55,8 @@ def match(
             or more (`Settings.min_vertices`); a mesh without faces is a point cloud.
         orientation: "preserve" asks for the map that keeps left and right (faces are
             wound outward first), "reverse" for its mirror image, "any" for the best of
-            both. Point clouds have no orientation: for them it is always "any".
+            both. Of a point cloud the surface is found first (`jfsf.mesh.reconstruct`);
+            where it has no clear outside, it is always "any".
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
             a flip. One that does not fit the others is not obeyed, see
             `Certificate.landmarks`.
@@ -75,7 +83,8 @@ def match(
     for name, mesh in meshes.items():
         check_matchable(mesh, name=name, settings=settings)
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
-    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
+    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
+    if not all(len(shape.surface.faces) for shape in shapes.values()):
         orientation = "any"
     given = _Given(
         checked_landmarks(landmarks, sizes),
@@ -84,7 +93,7 @@ def match(
         orientation_sign(orientation),
         False,
     )
-    found = _match(meshes, given, settings, cache, progress)
+    found = _match(shapes, given, settings, cache, progress)
     return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
 
 
@@ -97,24 +106,25 @@ def symmetry(
     shape without such a symmetry it is still the best there is.
 
     Args:
-        mesh, settings, cache: as `match`; with faces.
+        mesh, settings, cache: as `match`.
 
     Returns:
         As `match`, X and Y being the mesh: T_xy and T_yx both are the symmetry, found
         in either direction, and agree up to near vertices.
 
     Raises:
-        MeshError: as `match`, and for a point cloud, which has no left and right.
+        MeshError: as `match`, and for a point cloud without a clear outside, which has
+            no left and right.
     """
     check_matchable(mesh, settings=settings)
-    n = len(mesh.vertices)
-    if len(mesh.faces) == 0:
+    n, shape = len(mesh.vertices), _shape(mesh)
+    if len(shape.surface.faces) == 0:
         raise MeshError(
-            f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
-            "and right; triangulate it"
+            f"symmetry: mesh has {n} vertices and no faces, and a point cloud without "
+            "a clear outside no left and right; triangulate it"
         )
     given = _Given(None, None, None, orientation_sign("reverse"), True)
-    found = _match({"mesh": mesh}, given, settings, cache)
+    found = _match({"mesh": shape}, given, settings, cache)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
 
@@ -128,7 +138,8 @@ def basis(
     """The spectrum that `match` gives a shape, whatever it is matched with.
 
     Args:
-        mesh: as `match` takes it; its faces are wound outward first.
+        mesh: as `match` takes it; its faces are wound outward first. Of a point cloud
+            these are the faces that `jfsf.mesh.reconstruct` finds.
         name, cache: as `jfsf.spectral.spectrum`.
         settings: `k` counts, and what the search needs.
 
@@ -140,7 +151,7 @@ def basis(
         MeshError: as `match`.
     """
     check_matchable(mesh, name=name, settings=settings)
-    return _basis(mesh, name, settings, cache)
+    return _basis(_shape(mesh), name, settings, cache)
 
 
 def padded_bases(
@@ -164,10 +175,11 @@ def padded_bases(
         MeshError: as `match`.
     """
     meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    specs = [
-        basis(m, name=n, settings=settings, cache=cache) for n, m in meshes.items()
-    ]
-    sizes = _padded_sizes(meshes.values(), settings)
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
+    specs = [_basis(s, name, settings, cache) for name, s in shapes.items()]
+    sizes = _padded_sizes([s.surface for s in shapes.values()], settings)
     padded_x, padded_y = (_padded(*pair) for pair in zip(specs, sizes, strict=True))
     return padded_x, padded_y
 
@@ -203,6 +215,18 @@ class _Given(NamedTuple):
     self_map: bool
 
 
+class _Shape(NamedTuple):
+    """A shape that `check_matchable` has accepted.
+
+    surface: the mesh; of a point cloud the oriented surface, without faces if unknown.
+    whole: of a point cloud with a surface, the mesh or cloud whose Laplacian it gets;
+        else None.
+    """
+
+    surface: Mesh
+    whole: Mesh | None = None
+
+
 class _Size(NamedTuple):
     """All that programs are compiled for, of one shape."""
 
@@ -211,29 +235,36 @@ class _Size(NamedTuple):
     faces: int
 
 
+def _shape(mesh: Mesh) -> _Shape:
+    if len(mesh.faces):
+        return _Shape(mesh)
+    surface, whole = reconstruct(mesh)
+    return _Shape(surface, whole if len(surface.faces) else None)
+
+
 def _match(
-    meshes: Mapping[str, Mesh],
+    shapes: Mapping[str, _Shape],
     given: _Given,
     settings: Settings,
     cache: bool,
     progress: Callable[[str], object] | None = None,
 ) -> Match:
-    """Of the first mesh and the last, which may be one."""
+    """Of the first shape and the last, which may be one."""
     if progress is not None:
         progress("spectra")
-    sizes = _padded_sizes(meshes.values(), settings)
+    sizes = _padded_sizes([shape.surface for shape in shapes.values()], settings)
     given = _padded_arguments(given, sizes)
-    shapes = [_spectrum_like(size) for size in sizes]
+    like = [_spectrum_like(size) for size in sizes]
     # Threads for the spectra, and two that compile. The limit is set around all: one
     # set and lifted by each of them would be left behind.
-    threads = ThreadPoolExecutor(len(meshes) + 2)
+    threads = ThreadPoolExecutor(len(shapes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
         specs = pool.map(
-            lambda item: _basis(item[1], item[0], settings, cache), meshes.items()
+            lambda item: _basis(item[1], item[0], settings, cache), shapes.items()
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
-        _run_stages(shapes[0], shapes[-1], given, settings, compile_stage, _first)
+        _run_stages(like[0], like[-1], given, settings, compile_stage, _first)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
     run = partial(_run if progress is None else _announced(progress), keep=cache)
     return _run_stages(padded[0], padded[-1], given, settings, run, _most_confident)
@@ -306,11 +337,15 @@ def _program(stage: partial, *args, **options) -> Program:
     return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
-def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
-    """The spectrum of a mesh that `check_matchable` has accepted."""
-    wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
+def _basis(shape: _Shape, name: str, settings: Settings, cache: bool) -> Spectrum:
+    mesh, whole = shape
     k = settings.eigenpairs(len(mesh.vertices))
-    return spectrum_of_valid(wound, k, name=name, cache=cache)
+    if whole is None:
+        wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
+        return spectrum_of_valid(wound, k, name=name, cache=cache)
+    found = spectrum_of_valid(whole, k, laplacian="robust", name=name, cache=cache)
+    # Of the whole's other triangles, if it has any, the winding is unknown.
+    return found._replace(faces=mesh.faces)
 
 
 def _padded_sizes(meshes, settings: Settings) -> list[_Size]:

@@ -34,8 +34,8 @@ class Settings:
     refine_converter: the converter of these rounds.
     zoomout: how they weigh columns.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
-        leaves it out. Two point clouds are not bent. Beside a mesh, the points of a
-        cloud move freely.
+        leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
+        not bent. Beside a mesh, the points of such a cloud move freely.
     bend_converter: the converter before and between these.
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its

@@ -32,6 +32,7 @@ from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import match
 from jfsf.mesh import read
 from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
+from jfsf.testing import blob
 from jfsf.types import FIGURES, Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
@@ -448,9 +449,14 @@ def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):
     result = run("info", few)
     assert result.exit_code == 1 and "matching needs 160" in result.stdout
     cloud = folder / "cloud.off"
-    write_off(cloud, Mesh(read(x).vertices, np.zeros((0, 3), int)))
-    result = run("info", cloud)
-    assert result.exit_code == 0 and "tells no left from right" in result.stdout
+    filled = np.random.default_rng(0).random((300, 3))
+    for points, words in (
+        (blob().vertices, "tells left from right"),
+        (filled, "no left can be told from right"),
+    ):
+        write_off(cloud, Mesh(points, np.zeros((0, 3), int)))
+        result = run("info", cloud)
+        assert result.exit_code == 0 and words in result.stdout
     assert "none.off" in refused("info", folder / "none.off")
 
 

@@ -33,7 +33,7 @@ def info(
     Example: jfsf info scan.obj --repair scan.ply
     """
     from jfsf.export import export_mesh
-    from jfsf.mesh import MeshError, check, read
+    from jfsf.mesh import MeshError, check, read, reconstruct
     from jfsf.mesh import repair as repaired
 
     if repair is not None:
@@ -65,7 +65,9 @@ def info(
         raise typer.Exit(1) from None
     notes = ""
     if len(mesh.faces) == 0:
-        notes = "; a point cloud tells no left from right"
+        notes = "; its points have no clear outside: no left can be told from right"
+        if len(reconstruct(mesh).surface.faces):
+            notes = "; the surface through its points tells left from right"
     elif one_sided(mesh):
         notes = "; it cannot be wound consistently, so left and right may be swapped"
     console.print(f"can be matched{notes}", soft_wrap=True)

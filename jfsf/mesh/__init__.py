@@ -8,6 +8,7 @@ Read in this order:
 - `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
 - `_holes`: close small holes
+- `_reconstruct`: the oriented surface of a point cloud
 - `_repair`: mend a mesh, and keep track of its vertices
 - `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
@@ -31,12 +32,14 @@ from jfsf.mesh._geometry import (
 )
 from jfsf.mesh._holes import without_holes
 from jfsf.mesh._read import read
+from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import Repaired, map_of_originals, repair
 from jfsf.mesh._values import MeshError, check_values, triangulate
 
 __all__ = [
     "Edges",
     "MeshError",
+    "Reconstruction",
     "Repaired",
     "Report",
     "Submesh",
@@ -53,6 +56,7 @@ __all__ = [
     "noise",
     "orient",
     "read",
+    "reconstruct",
     "repair",
     "spikes",
     "surface_area",

@@ -51,7 +51,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
     score = float(certificate.orientation)
     side = "keeps left and right" if score > 0 else "swaps left and right"
     if np.isnan(score):
-        side = "unknown: a point cloud, or no winding"
+        side = "unknown: a point cloud without a clear outside"
     elif abs(score) < MIN_ORIENTATION:
         side = "unclear: parts may be flipped"
     meaning = {
@@ -106,6 +106,13 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
             "--orientation any.",
         ),
         (
+            np.isnan(score) and orientation != "any" and not len(certificate.landmarks),
+            f"left and right cannot be told, so {orientation!r} is not kept: a shape "
+            "has no faces, and its points no clear outside",
+            "See whether the map is mirrored. One pair of vertices that you know "
+            "decides (--landmarks); so do faces.",
+        ),
+        (
             likely < DOUBTFUL,
             f"{verdict(likely)}, confidence {likely:.0%}: look at the picture; "
             "landmarks at hands, feet and head decide",
@@ -152,7 +159,7 @@ def reasons(certificate: Certificate) -> list[str]:
     found = []
     score = figure["orientation"]
     if np.isnan(score):
-        found.append("Left and right cannot be told: a shape has no oriented faces.")
+        found.append("Left and right cannot be told: a cloud has no clear outside.")
     elif abs(score) < MIN_ORIENTATION:
         found.append(f"Left and right are unclear (score {score:+.2f}).")
     else:
