@@ -60,8 +60,17 @@ def spikes(mesh: Mesh) -> Any:
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     if len(faces) == 0:
         return np.zeros(len(vertices), bool)
-    height, ring, edge = _heights(vertices, faces)[1:]
-    return height > SPIKE * np.maximum(ring, edge)
+    after = np.roll(faces, -1, 1)
+    length = np.linalg.norm(vertices[after] - vertices[faces], axis=2)
+    edge = np.median(length)
+    # From the median of its neighbours no vertex is further than this, so clean meshes
+    # are done here.
+    far = np.sqrt(3) * length > SPIKE * edge
+    suspect = np.zeros(len(vertices), bool)
+    suspect[faces[far]] = suspect[after[far]] = True
+    around = faces[suspect[faces].any(1)]
+    _, height, ring = _heights(vertices, around)
+    return suspect & (height > SPIKE * np.maximum(ring, edge))
 
 
 def without_spikes(mesh: Mesh) -> Mesh:
@@ -96,16 +105,15 @@ def noise(mesh: Mesh) -> float:
         smooth = average @ smooth
     normal = _vertex_normals(smooth, faces)
     once = sp.identity(n) - average
-    twice = (once @ once).tocsr()
-    joined = once.diagonal() > 0  # not so a vertex without a face
-    height = ((once @ vertices) * normal).sum(1)[joined]
+    joined = once.diagonal() > 0  # not so a vertex without a face, whose height is 0
+    height = ((vertices - average @ vertices) * normal).sum(1)
     # Detail outweighs noise in few vertices, so they are cut off.
-    limit = 3 * np.median(np.abs(height))
+    limit = 3 * np.median(np.abs(height[joined]))
     height = np.clip(height, -limit, limit)
     square = (height**2).sum()
-    alike = height @ (average[joined][:, joined] @ height)
-    if square == 0 or alike > MIN_CORRELATION * square:
+    if square == 0 or height @ (average @ height) > MIN_CORRELATION * square:
         return 0.0
+    twice = (once @ once).tocsr()
     # Second differences: what is left of a smooth surface is of fourth order.
     factor = np.sqrt(np.asarray(twice.multiply(twice).sum(1)).ravel())
     rough = np.abs(((twice @ vertices) * normal).sum(1))[joined] / factor[joined]
@@ -158,9 +166,9 @@ def _average(faces: ArrayLike, n: int) -> Any:
     one, two = edges(faces).ends.T
     pairs = np.concatenate([one, two]), np.concatenate([two, one])
     joined = sp.csr_array((np.ones(2 * len(one)), pairs), (n, n))
-    lonely = np.bincount(pairs[0], minlength=n) == 0
-    joined = joined + sp.diags_array(lonely.astype(float))
-    return sp.csr_array(sp.diags_array(1 / _degree(faces, n)) @ joined)
+    count = np.bincount(pairs[0], minlength=n)
+    joined = joined + sp.diags_array((count == 0).astype(float))
+    return sp.csr_array(sp.diags_array(1 / np.maximum(count, 1)) @ joined)
 
 
 def _vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
@@ -170,8 +178,8 @@ def _vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
     return normal / np.where(size > 0, size, 1)
 
 
-def _heights(vertices: ArrayLike, faces: ArrayLike) -> tuple[Any, Any, Any, Any]:
-    """The median of each vertex's neighbours, its distance from there, theirs, an edge.
+def _heights(vertices: ArrayLike, faces: ArrayLike) -> tuple[Any, Any, Any]:
+    """The median of each vertex's neighbours, its distance from there, and theirs.
 
     Medians, so that one neighbour that is a spike does not count.
     """
@@ -182,9 +190,7 @@ def _heights(vertices: ArrayLike, faces: ArrayLike) -> tuple[Any, Any, Any, Any]
     away = np.linalg.norm(vertices[near] - centre[owner], axis=1)
     height = np.linalg.norm(vertices - centre, axis=1)
     lonely = np.bincount(owner, minlength=n) == 0
-    length = np.linalg.norm(vertices[one] - vertices[two], axis=1)
-    edge = np.median(length) if len(length) else 0.0
-    return centre, np.where(lonely, 0, height), _medians(owner, away, n), edge
+    return centre, np.where(lonely, 0, height), _medians(owner, away, n)
 
 
 def _medians(owner: ArrayLike, values: ArrayLike, n: int) -> Any:
