@@ -1,11 +1,12 @@
 """Does the confidence tell right maps from wrong ones? From results of far.py.
 
 A file holds one data set: rows with error and certificate, as match_pairs.py and far.py
-write them. Printed are the area under the ROC curve of `certificate.confidence`, the
-expected calibration error in ten bins, and how many maps called very likely right are
-wrong; then the same for confidences fitted to the other files, one file left out at a
-time, and the constants of a fit to all files (`jfsf/evaluate/_confidence.py`). For a
-fit, match with `Settings(confident=0)`: maps chosen by the confidence would flatter it.
+write them; of meshes, since clouds are not bent. Printed are the area under the ROC
+curve of `certificate.confidence`, the expected calibration error in ten bins, and how
+many maps called very likely right are wrong; then the same for confidences fitted to
+the other files, one file left out at a time, and the constants of a fit to all files
+(`jfsf/evaluate/_confidence.py`). For a fit, match with `Settings(confident=0)`: maps
+chosen by the confidence would flatter it.
 
     python experiments/calibration.py RESULT.json [RESULT.json ...]
 """
@@ -20,9 +21,10 @@ from scipy.special import expit
 from scipy.stats import mannwhitneyu
 
 from jfsf.cli import LIKELY
+from jfsf.evaluate import LEAST_RESIDUAL
 
 RIGHT = 0.1  # mean geodesic error over sqrt(area) below which a map is right
-EVIDENCE = ("orientation", "energy", "unevenness")
+EVIDENCE = ("orientation", "unevenness", "residual")
 BINS = 10
 RIDGE = 0.3  # on standardised columns: a few hundred pairs need little
 
@@ -38,6 +40,7 @@ def main() -> None:
     rows = [row for file in files for row in file]
     right = np.array([row["error"] < RIGHT for row in rows])
     known = np.array([[row[name] for name in EVIDENCE] for row in rows])
+    known[:, -1] = np.log(known[:, -1] + LEAST_RESIDUAL)
     print(f"{len(rows)} pairs, {(~right).sum()} wrong (error {RIGHT} or more)")
     _report("as they are", np.array([row["confidence"] for row in rows]), right)
     if len(files) > 1:

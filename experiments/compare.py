@@ -21,6 +21,7 @@ from jaxtyping import Array, Float
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
+from jfsf.convert import HasMaps
 from jfsf.evaluate import (
     evaluate,
     laplacian_commutativity,
@@ -29,7 +30,7 @@ from jfsf.evaluate import (
     zoomout_energy,
 )
 from jfsf.spectral import embeddings, functional_map, operators, spectrum
-from jfsf.types import Maps, Spectrum
+from jfsf.types import Spectrum
 
 GEOMETRIC = ("error", "bijectivity", "coverage", "smoothness")
 FUNCTIONAL = ("orthogonality", "laplacian", "zoomout_energy", "chamfer")
@@ -46,7 +47,7 @@ class Pair(NamedTuple):
     spec_y: Spectrum
 
 
-Method = Callable[[Any], Maps]
+Method = Callable[[Any], HasMaps]
 # (names, pair) -> argument of the methods of a pair; its time is not measured.
 Prepare = Callable[[tuple[str, str], Pair], Any]
 
@@ -176,7 +177,7 @@ class _Measure:
             "operators_y": (None, np.asarray(pair.spec_y.mass)),
         }
 
-    def __call__(self, maps: Maps) -> dict[str, float]:
+    def __call__(self, maps: HasMaps) -> dict[str, float]:
         x, y, spec_x, spec_y = self.pair
         figures = evaluate(maps, x.mesh, y.mesh, **self.options)
         row = {
@@ -218,7 +219,7 @@ def load_pair(args: argparse.Namespace, names: tuple[str, str], k: int) -> Pair:
     return Pair(x, y, *(jax.tree.map(jnp.asarray, spec) for spec in single))
 
 
-def _timed(method: Method, shared, quick: float) -> tuple[Maps, float]:
+def _timed(method: Method, shared, quick: float) -> tuple[HasMaps, float]:
     """The maps and the seconds; where quick, of a second call: the first compiles."""
     start = time.perf_counter()
     maps = jax.block_until_ready(method(shared))

@@ -1,5 +1,7 @@
 """JAX Fast Sinkhorn Filters: maps between non-rigid 3D shapes.
 
+New here? Begin with `jfsf.guide.start`; `jfsf.guide` lists all guides.
+
 `match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
 folders are its parts, in the order in which data goes through them. A module imports
 only from those above its own:
@@ -30,6 +32,7 @@ only from those above its own:
 - `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
+- `guide`: the guides of the manual, a page each
 """
 
 from importlib import import_module
@@ -68,7 +71,7 @@ __all__ = [
     "spectrum",
     "symmetry",
 ]
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 # All is imported on first use. So `import jfsf` takes no time, and the command line can
 # see to interrupts before it imports numpy and jax (`jfsf.__main__`).
@@ -96,7 +99,7 @@ _ROOMS = (
         "report",
         "testing",
     ),
-    "cli",
+    *("cli", "guide"),
     *_HOMES,
 )
 

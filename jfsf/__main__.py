@@ -25,7 +25,7 @@ def main() -> None:
     main()
 
 
-def _end(*_) -> None:
+def _end(*_: object) -> None:
     """Remove files that are being written, show the cursor, and end the process."""
     try:
         if "jfsf.storage" in sys.modules:

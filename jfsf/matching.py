@@ -3,7 +3,7 @@
 This file is long because it has every step from two meshes to their maps.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Any, NamedTuple
@@ -18,9 +18,16 @@ from jfsf.arguments import checked_descriptors, checked_initial, checked_landmar
 from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
-from jfsf.mesh import MeshError, orient, validate
+from jfsf.mesh import (
+    MeshError,
+    denoised,
+    orient,
+    reconstruct,
+    validate,
+    without_holes,
+)
 from jfsf.parts import boundary_vertices, match_parts
-from jfsf.pipeline import misses_landmarks, run_stages
+from jfsf.pipeline import misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
@@ -41,6 +48,7 @@ def match(
     partial: bool = False,
     settings: Settings = Settings(),
     cache: bool = True,
+    progress: Callable[[str], object] | None = None,
 ) -> Match:
     """Point-to-point maps between two shapes, both ways, from the meshes alone.
 
@@ -49,7 +57,8 @@ def match(
             or more (`Settings.min_vertices`); a mesh without faces is a point cloud.
         orientation: "preserve" asks for the map that keeps left and right (faces are
             wound outward first), "reverse" for its mirror image, "any" for the best of
-            both. Point clouds have no orientation: for them it is always "any".
+            both. Of a point cloud the surface is found first (`jfsf.mesh.reconstruct`);
+            where it has no clear outside, it is always "any".
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
             a flip. One that does not fit the others is not obeyed, see
             `Certificate.landmarks`.
@@ -68,6 +77,7 @@ def match(
             both are cut the search fails more often: heed the confidence.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
+        progress: called with the name of each stage as it begins.
 
     Returns:
         T_xy, T_yx, C_yx and the certificate, in jax's default precision. With `partial`
@@ -89,9 +99,10 @@ def match(
                 "match: partial=True takes neither landmarks, nor descriptors, nor an "
                 "initial map; leave them out"
             )
-        return _partial(mesh_x, mesh_y, orientation, settings, cache)
+        return _partial(mesh_x, mesh_y, orientation, settings, cache, progress)
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
-    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
+    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
+    if not all(len(shape.surface.faces) for shape in shapes.values()):
         orientation = "any"
     given = _Given(
         checked_landmarks(landmarks, sizes),
@@ -100,7 +111,7 @@ def match(
         orientation_sign(orientation),
         False,
     )
-    found = _match(meshes, given, settings, cache)
+    found = _match(shapes, given, settings, cache, progress)
     return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
 
 
@@ -113,24 +124,25 @@ def symmetry(
     shape without such a symmetry it is still the best there is.
 
     Args:
-        mesh, settings, cache: as `match`; with faces.
+        mesh, settings, cache: as `match`.
 
     Returns:
         As `match`, X and Y being the mesh: T_xy and T_yx both are the symmetry, found
         in either direction, and agree up to near vertices.
 
     Raises:
-        MeshError: as `match`, and for a point cloud, which has no left and right.
+        MeshError: as `match`, and for a point cloud without a clear outside, which has
+            no left and right.
     """
     check_matchable(mesh, settings=settings)
-    n = len(mesh.vertices)
-    if len(mesh.faces) == 0:
+    n, shape = len(mesh.vertices), _shape(mesh)
+    if len(shape.surface.faces) == 0:
         raise MeshError(
-            f"symmetry: mesh has {n} vertices and no faces, and a point cloud no left "
-            "and right; triangulate it"
+            f"symmetry: mesh has {n} vertices and no faces, and a point cloud without "
+            "a clear outside no left and right; triangulate it"
         )
     given = _Given(None, None, None, orientation_sign("reverse"), True)
-    found = _match({"mesh": mesh}, given, settings, cache)
+    found = _match({"mesh": shape}, given, settings, cache)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
 
@@ -144,7 +156,8 @@ def basis(
     """The spectrum that `match` gives a shape, whatever it is matched with.
 
     Args:
-        mesh: as `match` takes it; its faces are wound outward first.
+        mesh: as `match` takes it; its faces are wound outward first. Of a point cloud
+            these are the faces that `jfsf.mesh.reconstruct` finds.
         name, cache: as `jfsf.spectral.spectrum`.
         settings: `k` counts, and what the search needs.
 
@@ -156,7 +169,7 @@ def basis(
         MeshError: as `match`.
     """
     check_matchable(mesh, name=name, settings=settings)
-    return _basis(mesh, name, settings, cache)
+    return _basis(_shape(mesh), name, settings, cache)
 
 
 def padded_bases(
@@ -180,10 +193,11 @@ def padded_bases(
         MeshError: as `match`.
     """
     meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    specs = [
-        basis(m, name=n, settings=settings, cache=cache) for n, m in meshes.items()
-    ]
-    sizes = _padded_sizes(meshes.values(), settings)
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
+    specs = [_basis(s, name, settings, cache) for name, s in shapes.items()]
+    sizes = _padded_sizes([s.surface for s in shapes.values()], settings)
     padded_x, padded_y = (_padded(*pair) for pair in zip(specs, sizes, strict=True))
     return padded_x, padded_y
 
@@ -210,7 +224,12 @@ def check_matchable(
 
 
 def _partial(
-    mesh_x: Mesh, mesh_y: Mesh, orientation: Orientation, settings: Settings, cache
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    orientation: Orientation,
+    settings: Settings,
+    cache: bool,
+    progress: Callable[[str], object] | None,
 ) -> Match:
     """`match` with partial=True."""
     for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y)):
@@ -221,24 +240,35 @@ def _partial(
     sign = orientation_sign(orientation)
     if not any(len(boundary_vertices(mesh)) for mesh in (mesh_x, mesh_y)):
         found = match(
-            mesh_x, mesh_y, orientation=orientation, settings=settings, cache=cache
+            mesh_x,
+            mesh_y,
+            orientation=orientation,
+            settings=settings,
+            cache=cache,
+            progress=progress,
         )
         all_x, all_y = (jnp.ones(len(m.vertices), bool) for m in (mesh_x, mesh_y))
         return found._replace(matched_x=all_x, matched_y=all_y)
 
+    say = progress or (lambda name: None)
+
     def refine(part_x, part_y, T_xy):
+        say("refinement of a region")
         sizes = len(part_x.vertices), len(part_y.vertices)
         initial = checked_initial(T_xy, sizes)
         given = _Given(None, None, initial, sign, False)
-        meshes = {"part of mesh_x": part_x, "part of mesh_y": part_y}
+        parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
-        found = _match(meshes, given, settings, cache, keep_spectra=False)
+        found = _match(parts, given, settings, cache, keep_spectra=False)
         return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
 
+    say("regions")
     found = match_parts(mesh_x, mesh_y, refine, int(sign))
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in (mesh_x, mesh_y))
     spec_x, spec_y = (
-        jax.tree.map(jnp.asarray, truncate(_basis(mesh, name, settings, cache), k))
+        jax.tree.map(
+            jnp.asarray, truncate(_basis(_Shape(mesh), name, settings, cache), k)
+        )
         for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y))
     )
     T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, found[:4])
@@ -257,6 +287,18 @@ class _Given(NamedTuple):
     self_map: bool
 
 
+class _Shape(NamedTuple):
+    """A shape that `check_matchable` has accepted.
+
+    surface: the mesh; of a point cloud the oriented surface, without faces if unknown.
+    whole: of a point cloud with a surface, the mesh or cloud whose Laplacian it gets;
+        else None.
+    """
+
+    surface: Mesh
+    whole: Mesh | None = None
+
+
 class _Size(NamedTuple):
     """All that programs are compiled for, of one shape."""
 
@@ -265,32 +307,42 @@ class _Size(NamedTuple):
     faces: int
 
 
+def _shape(mesh: Mesh) -> _Shape:
+    if len(mesh.faces):
+        return _Shape(mesh)
+    surface, whole = reconstruct(mesh)
+    return _Shape(surface, whole if len(surface.faces) else None)
+
+
 def _match(
-    meshes: Mapping[str, Mesh],
+    shapes: Mapping[str, _Shape],
     given: _Given,
     settings: Settings,
     cache: bool,
+    progress: Callable[[str], object] | None = None,
     *,
     keep_spectra: bool = True,
 ) -> Match:
-    """Of the first mesh and the last, which may be one."""
+    """Of the first shape and the last, which may be one."""
     keep_spectra &= cache
-    sizes = _padded_sizes(meshes.values(), settings)
+    if progress is not None:
+        progress("spectra")
+    sizes = _padded_sizes([shape.surface for shape in shapes.values()], settings)
     given = _padded_arguments(given, sizes)
-    shapes = [_spectrum_like(size) for size in sizes]
+    like = [_spectrum_like(size) for size in sizes]
     # Threads for the spectra, and two that compile. The limit is set around all: one
     # set and lifted by each of them would be left behind.
-    threads = ThreadPoolExecutor(len(meshes) + 2)
+    threads = ThreadPoolExecutor(len(shapes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
         specs = pool.map(
             lambda item: _basis(item[1], item[0], settings, keep_spectra),
-            meshes.items(),
+            shapes.items(),
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
-        _run_stages(shapes[0], shapes[-1], given, settings, compile_stage, _first)
+        _run_stages(like[0], like[-1], given, settings, compile_stage, _first)
         padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    run = partial(_run, keep=cache)
+    run = partial(_run if progress is None else _announced(progress), keep=cache)
     return _run_stages(padded[0], padded[-1], given, settings, run, _most_confident)
 
 
@@ -299,23 +351,21 @@ def _first(attempt, first, *_) -> Match:
     return attempt(first)
 
 
-def _most_confident(attempt, first, others, confident, least: int = 1) -> Match:
+def _most_confident(attempt, first, others, confident: float) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
     # Not so with nan: there is nothing to compare.
     doubtful = found.certificate.confidence < confident
     if not (doubtful or misses_landmarks(found)):
         return found
-    made = 1
     for make in others:
         starts = jax.device_get(make())
         for i in range(len(starts.gap)):
             start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
             other = attempt(start)
-            made += 1
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
-            if found.certificate.confidence >= confident and made >= least:
+            if found.certificate.confidence >= confident:
                 return found
     return found
 
@@ -348,16 +398,30 @@ def _run(stage: partial, *args: Any, **options: Any) -> Any:
     return _program(stage, *args, **options)(*args)
 
 
+def _announced(progress: Callable[[str], object]) -> Callable[..., Any]:
+    """`_run`, where each stage ends before the next is named."""
+
+    def run(stage, *args, **options):
+        progress(stage_name(stage))
+        return jax.block_until_ready(_run(stage, *args, **options))
+
+    return run
+
+
 def _program(stage: partial, *args, **options) -> Program:
     """The compiled stage for arguments of these shapes."""
     return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
-def _basis(mesh: Mesh, name: str, settings: Settings, cache: bool) -> Spectrum:
-    """The spectrum of a mesh that `check_matchable` has accepted."""
-    wound = orient(mesh) if len(mesh.faces) else mesh
+def _basis(shape: _Shape, name: str, settings: Settings, cache: bool) -> Spectrum:
+    mesh, whole = shape
     k = settings.eigenpairs(len(mesh.vertices))
-    return spectrum_of_valid(wound, k, name=name, cache=cache)
+    if whole is None:
+        wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
+        return spectrum_of_valid(wound, k, name=name, cache=cache)
+    found = spectrum_of_valid(whole, k, laplacian="robust", name=name, cache=cache)
+    # Of the whole's other triangles, if it has any, the winding is unknown.
+    return found._replace(faces=mesh.faces)
 
 
 def _padded_sizes(meshes, settings: Settings) -> list[_Size]:

@@ -63,10 +63,6 @@ from jfsf.types import Filtered, Maps, Match, Spectrum, Tiles
 
 Pair = tuple[Tiles, Tiles]
 
-# Attempts for shapes of other proportions, the first map included: of 40 pairs of
-# creatures one had a wrong map that was confident enough, and a better one behind it.
-AT_LEAST = 3
-
 
 class ShapeSamples(NamedTuple):
     """All that is read of a shape before its map is bent.
@@ -157,7 +153,6 @@ def _most_confident(
     first: InitialMap,
     others: Sequence[Callable[[], InitialMap]],
     confident: float,
-    least: int = 1,
 ) -> Match:
     """The first attempt that is confident enough, or the most confident of all.
 
@@ -169,7 +164,6 @@ def _most_confident(
         first: the start that is tried first.
         others: each makes further starts, along a leading axis.
         confident: no further start is tried from this confidence on.
-        least: attempts that are made if the first does not suffice.
     """
 
     def made():
@@ -195,7 +189,6 @@ def _most_confident(
         # Not so with nan: there is nothing to compare.
         more = best.certificate.confidence < confident
         more |= (i == 1) & misses_landmarks(best)
-        more |= (i > 1) & (i < least)
         return (i < count) & more
 
     def step(state):
@@ -285,17 +278,20 @@ def run_stages(
         stage = partial(other_starts, settings=settings.search)
         return run(stage, *samples, sign, self_map)
 
-    others, least = [far], AT_LEAST
+    others = [far]
     if landmarks is not None:
         others.insert(0, lambda: jax.tree.map(lambda a: a[None], guided()))
-        least = 1
 
     if initial is not None:
         return attempt(run(partial(given_map, settings=settings), *pair, initial))
     if not settings.confident:
         return attempt(guided())
-    limits = settings.confident, least
-    return most_confident(attempt, candidate(*samples), others, *limits)
+    return most_confident(attempt, candidate(*samples), others, settings.confident)
+
+
+def stage_name(stage: partial) -> str:
+    """What a stage that `run_stages` hands to `run` does, in a few words."""
+    return _STAGE_NAMES[stage.func]
 
 
 def _refined(x, y, start: InitialMap, *, settings):
@@ -660,3 +656,14 @@ def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):
             "(n_x,) as integers"
         )
     return initial.astype(dtype)
+
+
+_STAGE_NAMES = {
+    shape_samples: "features",
+    best_candidate: "search",
+    given_map: "given map",
+    other_starts: "further starts",
+    kept_landmarks: "landmarks",
+    _refined: "refinement",
+    _finished: "bending and conversion",
+}

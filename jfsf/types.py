@@ -29,7 +29,8 @@ class Spectrum(NamedTuple):
     evecs: mass-orthonormal, evecs.T @ diag(mass) @ evecs = I; the first is constant.
     mass: lumped vertex areas, they sum to 1; 0 marks padding.
     faces: wound outward, for orientation, curvature and `refine.arap`. (0, 3) for a
-        point cloud. A padding face is (0, 0, 0).
+        point cloud; `jfsf.basis` gives one the faces found by `jfsf.mesh.reconstruct`.
+        A padding face is (0, 0, 0).
     vertices: positions, centred, of the shape scaled to unit area, for curvature and
         `refine.arap`. 0 on padding.
     """
@@ -166,12 +167,14 @@ class Certificate(NamedTuple):
     marginal_error: l1 gap of the plan's sums, as a fraction of all mass; nan if the
         last converter made no plan.
     empty: vertices of either shape that no mass reached; 0 without a plan.
-    coverage_xy, coverage_yx: share of the target's area that the map hits.
+    coverage_xy, coverage_yx: share of the target's area that the map hits; from a shape
+        of fewer vertices, over the share of the target's that so many can hit.
     bijectivity_x, bijectivity_y: mean spectral distance between a vertex and its image
         there and back, relative to the mean distance of two random vertices.
     orthogonality: |C^T C - I|_2, 0 for an area-preserving map.
     orientation: correlation in [-1, 1]; about +0.9 for a map that preserves
-        orientation, -0.9 for a mirrored one; nan for point clouds.
+        orientation, -0.9 for a mirrored one; nan for point clouds without a surface
+        (`jfsf.mesh.reconstruct`).
     gap: the energy of the search's second candidate over that of its first, minus 1
         (`Candidates.energy`, by `pipeline.best_candidate`). Where an orientation is
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the

@@ -29,25 +29,22 @@ def attempt(start, tried=None, missed=0.0):
 
 
 @pytest.mark.parametrize(
-    ("first", "others", "least", "chosen", "tried"),
+    ("first", "others", "chosen", "tried"),
     [
-        (0.9, [1.0, 1.0], 1, 0.9, 1),  # confident: nothing else is tried
-        (0.9, [1.0, 1.0], 3, 0.9, 1),
-        (0.5, [1.0, 1.0], 1, 0.5, 1),
-        (0.2, [0.1, 0.6, 0.9], 1, 0.6, 3),  # the first that is confident
-        (0.2, [0.6, 0.9, 1.0], 3, 0.9, 3),  # the best of so many
-        (0.2, [0.6, 0.1, 1.0], 3, 0.6, 3),
-        (0.3, [0.1, 0.4, 0.2], 1, 0.4, 4),  # none is: the most confident
-        (0.3, [0.1, 0.2], 1, 0.3, 3),
-        (0.3, [np.nan, 0.4], 1, 0.4, 3),
-        (0.0, [0.0], 3, 0.0, 2),
+        (0.9, [1.0, 1.0], 0.9, 1),  # confident: nothing else is tried
+        (0.5, [1.0, 1.0], 0.5, 1),
+        (0.2, [0.1, 0.6, 0.9], 0.6, 3),  # the first that is confident
+        (0.3, [0.1, 0.4, 0.2], 0.4, 4),  # none is: the most confident
+        (0.3, [0.1, 0.2], 0.3, 3),
+        (0.3, [np.nan, 0.4], 0.4, 3),
+        (0.0, [0.0], 0.0, 2),
     ],
 )
-def test_the_most_confident_start_is_kept(first, others, least, chosen, tried):
+def test_the_most_confident_start_is_kept(first, others, chosen, tried):
     count = []
     half = len(others) // 2
     makers = [lambda: starts(others[:half]), lambda: starts(others[half:])]
-    options = starts(first), makers, 0.5, least
+    options = starts(first), makers, 0.5
     on_host = matching._most_confident(partial(attempt, tried=count), *options)
     traced = jax.jit(lambda: pipeline._most_confident(attempt, *options))()
     assert len(count) == tried

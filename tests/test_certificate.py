@@ -11,6 +11,7 @@ from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import certify, confidence
 from jfsf.spectral import embeddings, functional_map, uniform
+from jfsf.types import Maps
 
 N, K = 162, 30
 SPEC = testing.blob_spectrum(0, K)
@@ -55,6 +56,24 @@ def test_padding_is_invisible():
         np.testing.assert_allclose(ours, theirs, atol=1e-8)
 
 
+def test_coverage_is_judged_by_what_few_vertices_can_hit():
+    k, small = 20, testing.blob_spectrum(0, 20, 1)
+    large = testing.blob_spectrum(0, 20, 2)  # its first 42 vertices are those of small
+    there, back = jnp.arange(42), jnp.arange(162) % 42
+    found = certify(
+        Maps(there, back), small.evecs, large.evecs, jnp.eye(k), small, large
+    )
+    hit = large.mass[:42].sum() / large.mass.sum()
+    assert hit < 0.5
+    np.testing.assert_allclose(found.coverage_xy, min(hit * 162 / 42, 1), rtol=1e-6)
+    np.testing.assert_allclose(found.coverage_yx, 1, rtol=1e-6)
+    # A map that has collapsed still covers little.
+    found = certify(
+        Maps(0 * there, back), small.evecs, large.evecs, jnp.eye(k), small, large
+    )
+    assert found.coverage_xy < 0.1
+
+
 def test_agreement_counts_what_nearest_neighbour_says():
     C = jnp.eye(K) + 0.1 * jnp.asarray(np.random.default_rng(1).normal(size=(K, K)))
     other = testing.blob_spectrum(1, K)
@@ -78,5 +97,10 @@ def test_confidence_follows_the_evidence():
 def test_confidence_without_evidence():
     assert 0 < confidence(jnp.nan, 0.5, 0.5) < 1  # a point cloud
     assert np.isnan(confidence(0.9, jnp.nan, 0.5))
+    values = jnp.linspace(0.1, 0.9, 9)
+    bent = partial(confidence, energy=jnp.nan, unevenness=0.55)
+    assert np.all(np.diff(bent(0.9, residual=values / 100)) < 0)
+    assert np.all(np.diff(bent(values, residual=0.003)) > 0)
+    assert bent(0.95, residual=0.001) > 0.9 > 0.1 > bent(0.5, residual=0.02)
     found = evidence(SPEC, SPEC, jnp.eye(K))  # without samples
     assert np.isnan(found.confidence) and np.isnan(found.unevenness)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from io import StringIO
 from pathlib import Path
 
 import fast_simplification
@@ -22,19 +23,19 @@ from typer.testing import CliRunner
 
 from jfsf import __version__
 from jfsf.cli import app, certificate_table, warnings_of
+from jfsf.cli._stages import stage_bar
 from jfsf.cli._summary import doubtful_first
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import read_map, read_match, write_map
-from jfsf.matching import basis, match
+from jfsf.matching import match
 from jfsf.mesh import read
 from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
-from jfsf.spectral import truncate_pair
+from jfsf.testing import blob
 from jfsf.types import FIGURES, Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
-README = (ROOT / "README.md").read_text()
 PAIR = ("man_walk", "man_up")
 FACES = {"man_walk": 1400, "man_up": 1340}  # which leave clean manifolds
 VALUES = {
@@ -243,6 +244,16 @@ def test_largest_component_writes_kept_vertices_and_their_numbers(
     assert figures[0] == pytest.approx(figures[1])
 
 
+def test_a_bar_names_each_stage():
+    text = StringIO()
+    console = Console(file=text, force_terminal=True, width=80)
+    with stage_bar(2, console=console) as begin:
+        for name in ("spectra", "search", "one more than expected"):
+            begin(name)
+    for name in ("spectra", "search", "one more than expected"):
+        assert name in text.getvalue()
+
+
 def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     found = read_match(folder / "map.npz")
     seen = {}
@@ -257,7 +268,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     args = ("match", x, y, "--out", folder / "m.npz", "--landmarks", pairs)
     result = run(*args, "--orientation", "reverse")
     assert result.exit_code == 0, result.output
-    assert seen["orientation"] == "reverse" and seen["cache"]
+    assert seen["orientation"] == "reverse" and seen["cache"] and seen["progress"]
     assert seen["landmarks"].tolist() == [[3, 8], [4, 9]]
     assert "warning: orientation" in result.stdout
 
@@ -438,9 +449,14 @@ def test_info_says_whether_a_mesh_can_be_matched(folder, x, in_pieces):
     result = run("info", few)
     assert result.exit_code == 1 and "matching needs 160" in result.stdout
     cloud = folder / "cloud.off"
-    write_off(cloud, Mesh(read(x).vertices, np.zeros((0, 3), int)))
-    result = run("info", cloud)
-    assert result.exit_code == 0 and "tells no left from right" in result.stdout
+    filled = np.random.default_rng(0).random((300, 3))
+    for points, words in (
+        (blob().vertices, "tells left from right"),
+        (filled, "no left can be told from right"),
+    ):
+        write_off(cloud, Mesh(points, np.zeros((0, 3), int)))
+        result = run("info", cloud)
+        assert result.exit_code == 0 and words in result.stdout
     assert "none.off" in refused("info", folder / "none.off")
 
 
@@ -656,49 +672,3 @@ def test_an_interrupt_that_is_ignored_stays_so():
     command = [sys.executable, "-c", code, "jfsf.cli", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0 and done.stdout == f"ready\njfsf {__version__}\n"
-
-
-def blocks(language):
-    return re.findall(rf"^```{language}\n(.*?)^```", README, re.M | re.S)
-
-
-@pytest.mark.slow  # match and batch, compiled in another precision
-def test_readme_python_runs(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    monkeypatch.setenv("JFSF_CACHE", str(folder / "cache"))
-    first, changed, stages, converter, tiled, many = blocks("python")
-    scope = {}
-    with jax.enable_x64(False):
-        exec(first, scope)
-    assert float(capsys.readouterr().out.split()[0]) < 0.06
-    with jax.enable_x64(False):
-        exec(changed, scope)
-        assert scope["found"].certificate.coverage_xy > 0.5
-        exec(stages, scope)
-        assert scope["evidence"].orientation > 0.8
-    with jax.enable_x64(False):
-        exec(converter, scope)
-    spectra = truncate_pair(basis(scope["mesh1"]), basis(scope["mesh2"]))
-    back = spectra[1].evecs.T * spectra[1].mass
-    FM_12 = back @ spectra[0].evecs[scope["p2p_21"]]
-    assert np.abs(FM_12 - np.asarray(scope["FM_12"])).max() < 1e-3
-    # In one precision, as the arrays of the blocks are.
-    spec_y, spec_x = (jax.tree.map(jnp.asarray, spec) for spec in spectra)
-    scope |= {"spec_x": spec_x, "spec_y": spec_y, "C_yx": jnp.asarray(FM_12)}
-    exec(tiled, scope)
-    same = np.asarray(scope["maps"].T_xy) == np.asarray(scope["p2p_21"])
-    assert same.mean() > 0.5
-    with jax.enable_x64(False):
-        scope["meshes"] = [scope["mesh2"], scope["mesh1"]]
-        exec(many, scope)
-    (found,) = scope["found"]
-    assert found.T_xy.shape == scope["p2p_21"].shape
-
-
-def test_readme_has_the_two_commands_and_only_its_own_pictures():
-    for marker, end in (("main", "jfsf demo"), ("test", "pytest")):
-        after = README.split(f"<!-- ci: {marker} -->\n")[1]
-        command = re.match(r"```bash\n(.*)\n```", after)
-        assert command and command[1].endswith(end)
-    for picture in re.findall(r"!\[.*?\]\((.*?)\)", README):
-        assert (ROOT / picture).is_file()

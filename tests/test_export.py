@@ -37,7 +37,7 @@ def exported_stages(spec, landmarks, settings):
         found = run(stage, *x)
         return found, found
 
-    def all_starts(attempt, first, others, confident):
+    def all_starts(attempt, first, others, *_):
         found = attempt(first)
         others[-1]()  # the others run stages that have run already
         return found

@@ -14,6 +14,7 @@ from jfsf import matching, pipeline, testing
 from jfsf.convert import maps_of, sinkhorn
 from jfsf.evaluate import MISSED, certify, geodesic_error
 from jfsf.initial import SearchSettings, candidates, search_samples
+from jfsf.report import warnings_of
 from jfsf.settings import Settings
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
 from jfsf.storage import _programs
@@ -79,6 +80,14 @@ def test_the_truth_is_found():
     assert 0 <= found.T_xy.min() and found.T_xy.max() < n_y
     assert 0 <= found.T_yx.min() and found.T_yx.max() < n_x
     assert error(found) < 0.05
+
+
+def test_each_stage_is_named_as_it_begins():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    named = []
+    same(jfsf.match(mesh_x, mesh_y, cache=False, progress=named.append))
+    first = ["spectra", "features", "features", "search"]
+    assert named == [*first, "refinement", "bending and conversion"]
 
 
 @cache
@@ -267,7 +276,7 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             programs[asked] = jax.eval_shape(stage, *args)
         return programs[asked]
 
-    def all_starts(attempt, first, others, confident):
+    def all_starts(attempt, first, others, *_):
         for make in others:
             make()
         return attempt(first)
@@ -284,8 +293,9 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
     assert 9 <= len(programs) <= 12
 
 
-def test_a_cloud_has_no_left_and_right():
-    cloud = testing.blob(0)._replace(faces=np.zeros((0, 3), np.int32))
+def test_a_cloud_without_an_outside_has_no_left_and_right():
+    points = np.random.default_rng(0).random((162, 3))
+    cloud = Mesh(points, np.zeros((0, 3), np.int32))
     with pytest.raises(jfsf.MeshError, match="symmetry: mesh has 162 vertices and no"):
         jfsf.symmetry(cloud, cache=False)
 
@@ -320,10 +330,22 @@ def test_exchanged_landmarks_are_named_and_not_obeyed():
     assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
-def test_a_point_cloud_is_matched_up_to_its_mirror_image():
+def test_point_clouds_are_not_mirrored():
+    # Of 500 points, neighbours are on several limbs.
+    (mesh_x, gt_x), (mesh_y, gt_y) = (small(n, 4000) for n in ("man_walk", "man_up"))
+    cloud_x, cloud_y = (m._replace(faces=m.faces[:0]) for m in (mesh_x, mesh_y))
+    found = jfsf.match(cloud_x, cloud_y, cache=False)
+    assert found.T_xy.shape == (len(mesh_x.vertices),)
+    assert found.certificate.orientation > 0.8 and found.certificate.finite
+    at = slice(None, None, 20)
+    assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.06
+
+
+def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatch):
     (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
     _, opposite = template()
     cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
+    monkeypatch.setattr(matching, "reconstruct", lambda mesh: (mesh, mesh))
     found = jfsf.match(cloud, mesh_y, cache=False)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
     assert np.isnan(found.certificate.orientation) and found.certificate.finite
@@ -333,6 +355,9 @@ def test_a_point_cloud_is_matched_up_to_its_mirror_image():
         for truth in (gt_y, gt_y[opposite])
     ]
     assert min(errors) < 0.06
+    (said,) = (w for w in warnings_of(found.certificate, "preserve") if "left" in w)
+    assert "cannot be told" in said
+    assert not any("left" in w for w in warnings_of(found.certificate, "any"))
 
 
 @pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])

@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 
 
-def map_sides(function: Callable[..., Any], x: tuple, y: tuple) -> tuple[Any, Any]:
+def map_sides(
+    function: Callable[..., Any], x: tuple[Any, ...], y: tuple[Any, ...]
+) -> tuple[Any, Any]:
     """(function(*x), function(*y)).
 
     When all shapes and types of x and y agree, `function` is traced and compiled once

@@ -23,8 +23,8 @@ STATIC = (0, 1, 2, 3)  # arguments of `_sharded`
 
 
 def map_pairs(
-    function: Callable,
-    inputs: Iterable[tuple],
+    function: Callable[..., Any],
+    inputs: Iterable[tuple[Any, ...]],
     *,
     devices: Sequence[Any] | None = None,
     pairs: int = PAIRS,

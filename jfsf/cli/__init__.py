@@ -5,12 +5,14 @@ Heavy imports are made inside the commands, so that help and wrong usage answer 
 Read in this order:
 
 - `_files`: the files that the commands read, check and write
+- `_stages`: a bar that names the stage
 - `_report`: the certificate as a table, and the figures of a map
 - `_summary`: the results of many pairs, as a table and as files
 - `_pages`: the reports of the commands
 - `_demo`: the comparison that `jfsf demo` runs
 - `_batch`: `jfsf batch`
 - `_evaluate`: `jfsf evaluate`
+- `_info`: `jfsf info`
 - `_app`: the other commands, options, and exit codes
 """
 

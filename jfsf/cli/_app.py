@@ -14,13 +14,11 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 from typer.core import TyperGroup
 
 from jfsf.cli._batch import batch
 from jfsf.cli._evaluate import evaluate
 from jfsf.cli._files import (
-    FORMATS,
     MeshX,
     MeshY,
     Orientation,
@@ -28,15 +26,21 @@ from jfsf.cli._files import (
     can_export,
     can_write,
     can_write_in,
-    check_mesh,
     matchable,
     need_matplotlib,
     one_sided,
     read_landmarks,
+    write_found,
 )
+from jfsf.cli._info import info
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._report import certificate_table
+from jfsf.cli._stages import stage_bar
 from jfsf.report import Side, warnings_of, write_report
+
+# Of a match, if the first map is right: spectra, features of either shape, search,
+# refinement, bending and conversion, writing.
+_STAGES = 7
 
 
 class _OneLine(TyperGroup):
@@ -201,6 +205,15 @@ def match(
             "The file then has matched_x and matched_y, the vertices that both have.",
         ),
     ] = False,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Repair both meshes first, see info. Maps still count the vertices of "
+            "the files: one that was removed goes where the nearest goes. With "
+            "--largest-component all other pieces are removed.",
+        ),
+    ] = False,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
     ] = False,
@@ -214,7 +227,6 @@ def match(
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
     from jfsf.export import export_map
-    from jfsf.mapfiles import write_match
     from jfsf.matching import match as match_meshes
     from jfsf.parts import looks_partial
     from jfsf.plot import draw_pair
@@ -226,14 +238,14 @@ def match(
     exports = export or []
     can_export(exports, checker, (x, y))
     can_report(report, gt_x, gt_y)
-    mesh_x, index_x = matchable(x, largest_component)
-    mesh_y, index_y = matchable(y, largest_component)
-    truth = kept_truth(gt_x, gt_y, ((mesh_x, index_x), (mesh_y, index_y)))
+    shape_x, shape_y = (matchable(path, largest_component, repair) for path in (x, y))
+    mesh_x, mesh_y = shape_x.mesh, shape_y.mesh
+    truth = kept_truth(gt_x, gt_y, (shape_x, shape_y))
     pairs = None
     if landmarks is not None:
-        pairs = read_landmarks(landmarks, (index_x, index_y))
+        pairs = read_landmarks(landmarks, (shape_x.partner, shape_y.partner))
     started = perf_counter()
-    with _status("matching (the first time, this compiles) ...") as status:
+    with stage_bar(_STAGES) as stage:
         found = match_meshes(
             mesh_x,
             mesh_y,
@@ -241,10 +253,11 @@ def match(
             landmarks=pairs,  # type: ignore
             partial=partial,
             cache=not no_cache,
+            progress=stage,
         )
         seconds = {"matching": perf_counter() - started}
-        status.update("writing ...")
-        write_match(out, found, index_x=index_x, index_y=index_y)
+        stage("writing")
+        write_found(out, found, shape_x, shape_y)
         axis = None if up is None else up.value
         if png is not None:
             T_xy = np.asarray(found.T_xy)
@@ -255,15 +268,15 @@ def match(
         if report is not None:
             write_report(
                 report,
-                Side(mesh_x, x.stem, index_x),
-                Side(mesh_y, y.stem, index_y),
+                Side(mesh_x, x.stem, shape_x.index),
+                Side(mesh_y, y.stem, shape_y.index),
                 found,
                 orientation=orientation.value,  # type: ignore
                 truth=truth,
                 up=axis,
                 seconds=seconds,
                 cache=not no_cache,
-                progress=lambda step: status.update(f"report: {step} ..."),
+                progress=lambda name: stage(f"report: {name}"),
             )
     console = Console()
     console.print(certificate_table(found.certificate))
@@ -273,6 +286,10 @@ def match(
             notes.append(f"{path}: cannot be wound consistently; check left and right")
     if not partial and looks_partial(mesh_x, mesh_y):
         notes.append("one shape has a long boundary: if it is a part, pass --partial")
+    for path, shape in ((x, shape_x), (y, shape_y)):
+        if shape.repaired is not None:
+            words = ", ".join(shape.repaired.done) or "nothing to repair"
+            console.print(f"{path}: {words}", soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in filter(None, (out, png, *exports, report)):
@@ -283,39 +300,7 @@ app.command()(batch)
 app.command()(evaluate)
 
 
-@app.command()
-def info(
-    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
-) -> None:
-    """Examine a mesh file, and say whether it can be matched.
-
-    Exit code 0 if it can, 1 if not.
-
-    Example: jfsf info cat.off
-    """
-    from jfsf.mesh import MeshError, check, read
-
-    mesh = read(path)
-    report = check(mesh)
-    shown = Table(title=path.name, show_header=False)
-    for name, value in report._asdict().items():
-        if value is not None:
-            words = {True: "yes", False: "no"}
-            text = words[value] if isinstance(value, bool) else f"{value:.6g}"
-            shown.add_row(name.replace("_", " "), text)
-    console = Console()
-    console.print(shown)
-    try:
-        check_mesh(mesh, path)
-    except MeshError as error:
-        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
-        raise typer.Exit(1) from None
-    notes = ""
-    if report.faces == 0:
-        notes = "; a point cloud tells no left from right"
-    elif one_sided(mesh):
-        notes = "; it cannot be wound consistently, so left and right may be swapped"
-    console.print(f"can be matched{notes}", soft_wrap=True)
+app.command()(info)
 
 
 def _status(text: str):

@@ -21,6 +21,7 @@ from jfsf.cli._files import (
     can_write_in,
     matchable,
     need_matplotlib,
+    write_found,
 )
 from jfsf.cli._pages import batch_index, pages_of, pair_page
 from jfsf.cli._summary import (
@@ -139,27 +140,25 @@ def prepare(path: Path, largest: bool) -> None:
     """Check a mesh and put its spectrum into the cache, for all of its pairs."""
     from jfsf.matching import basis
 
-    basis(matchable(path, largest)[0], name=str(path))
+    basis(matchable(path, largest).mesh, name=str(path))
 
 
 def work(job, orientation: str, largest_component: bool, report: bool = False) -> None:
     """Match a pair and write it, and its page, as `jfsf match` does."""
-    from jfsf.mapfiles import read_match, write_match
+    from jfsf.mapfiles import read_match
     from jfsf.matching import match
 
-    (mesh_x, index_x), (mesh_y, index_y) = (
-        matchable(path, largest_component) for path in job.inputs
-    )
+    x, y = (matchable(path, largest_component) for path in job.inputs)
     if report and _is_done(job):
         found, seconds = read_match(job.out), {}  # only its page is missing
     else:
         started = perf_counter()
-        found = match(mesh_x, mesh_y, orientation=orientation)  # type: ignore
+        found = match(x.mesh, y.mesh, orientation=orientation)  # type: ignore
         seconds = {"matching": perf_counter() - started}
-        write_match(job.out, found, index_x=index_x, index_y=index_y)
+        write_found(job.out, found, x, y)
     if report:
-        meshes = (mesh_x, index_x), (mesh_y, index_y)
-        inputs = [(path, *own) for path, own in zip(job.inputs, meshes, strict=True)]
+        shapes = zip(job.inputs, (x, y), strict=True)
+        inputs = [(path, own.mesh, own.index) for path, own in shapes]
         pair_page(job.out, inputs, found, orientation=orientation, seconds=seconds)
 
 

@@ -41,6 +41,12 @@ def evaluate(
             min=0, max=1, help="First index in text files that break the convention."
         ),
     ] = None,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair", help="Repair the meshes first, for a map of match --repair."
+        ),
+    ] = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here too.")
     ] = None,
@@ -53,7 +59,9 @@ def evaluate(
     """
     if json_file is not None:
         can_write(json_file, ".json")
-    mesh_x, mesh_y, maps, truth = read_pair(x, y, map_file, gt_x, gt_y, base)
+    mesh_x, mesh_y, maps, truth = read_pair(
+        x, y, map_file, gt_x, gt_y, base, mend=repair
+    )
     figures = figures_of(mesh_x, mesh_y, maps, truth, exact, every)
     shown = Table(title=map_file.name)
     shown.add_column("figure")
@@ -72,6 +80,7 @@ def evaluate(
             "ground_truth": None if truth is None else [str(gt_x), str(gt_y)],
             "geodesics": "exact" if exact else "heat method",
             "every": every,
+            "repair": repair,
             "jfsf": __version__,
             "figures": figures,
         }

@@ -4,12 +4,12 @@ import re
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
 
-from jfsf.types import Mesh
+from jfsf.types import Match, Mesh
 
 
 class Orientation(StrEnum):
@@ -91,6 +91,7 @@ def check_mesh(mesh: Mesh, path: Path) -> None:
         check_matchable(mesh, name=str(path))
     except MeshError as error:
         hint = str(error).replace("largest_component", "match --largest-component")
+        hint = hint.replace("with weld", "with match --repair")
         raise MeshError(hint) from None
 
 
@@ -101,27 +102,84 @@ def one_sided(mesh: Mesh) -> bool:
     return len(mesh.faces) > 0 and not check(orient(mesh)).consistent
 
 
-def matchable(path: Path, largest: bool):
-    """The mesh of a file that can be matched, and None.
+class Shape(NamedTuple):
+    """A mesh of a file that can be matched, and its vertices' numbers there.
 
-    With `largest`, its largest component and the original numbers of the vertices.
+    mesh: all of the file, or what is left of it.
+    index: (n,) the vertex in the file of each vertex; None for all of the file.
+    partner: (n_file,) the vertex that each one in the file became, -1 if it was
+        removed; likewise.
+    file: the mesh of the file.
+    repaired: its repair, if one was asked for.
     """
-    from jfsf.mesh import largest_component, read
 
-    mesh, index = read(path), None
-    if largest:
-        mesh, index = largest_component(mesh)
-    check_mesh(mesh, path)
-    return mesh, index
+    mesh: Mesh
+    index: Any
+    partner: Any
+    file: Mesh
+    repaired: Any = None
 
 
-def read_landmarks(path: Path, kept) -> np.ndarray:
+def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
+    """The mesh of a file; its largest component only; repaired."""
+    from jfsf.mesh import largest_component, read, repair
+
+    file = read(path)
+    shape = Shape(file, None, None, file)
+    if mend:
+        options = {"small": np.inf} if largest else {}
+        found = repair(file, name=str(path), **options)
+        shape = Shape(*found[:3], file, found)
+    elif largest:
+        mesh, index = largest_component(file)
+        partner = np.full(len(file.vertices), -1, np.int32)
+        partner[index] = np.arange(len(index))
+        shape = Shape(mesh, index, partner, file)
+    check_mesh(shape.mesh, path)
+    return shape
+
+
+def write_found(path: Path, found: Match, x: Shape, y: Shape) -> None:
+    """Write a match; after a repair its maps are those between the files' vertices."""
+    from jfsf.mapfiles import write_match
+    from jfsf.mesh import map_of_originals, nearest_kept
+
+    if x.repaired is None or y.repaired is None:
+        write_match(path, found, index_x=x.index, index_y=y.index)
+        return
+    both = x.repaired, y.repaired
+    found = found._replace(
+        T_xy=map_of_originals(found.T_xy, x.file, *both),
+        T_yx=map_of_originals(found.T_yx, y.file, *both[::-1]),
+    )
+    if found.matched_x is not None and found.matched_y is not None:
+        found = found._replace(
+            matched_x=found.matched_x[nearest_kept(x.file, x.repaired)],
+            matched_y=found.matched_y[nearest_kept(y.file, y.repaired)],
+        )
+    write_match(path, found)
+
+
+def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:
+    """The vertices of a shape at vertices of its file; -1 where none is left.
+
+    Args:
+        points: numbers from 0 in the file.
+        partner: of the `Shape`.
+    """
+    if partner is None:
+        return points
+    known = points < len(partner)
+    return np.where(known, partner[np.where(known, points, 0)], -1)
+
+
+def read_landmarks(path: Path, partners) -> np.ndarray:
     """Rows (vertex of X, vertex of Y) of a text file.
 
     Args:
         path: a pair of vertices a line, counted from 0; # begins a comment.
-        kept: for X and Y, None or the original numbers of the vertices that were kept.
-            The rows that are returned count the kept vertices.
+        partners: of the `Shape` of X and of Y, whose vertices the rows that are
+            returned count.
 
     Raises:
         ValueError: another format, or a vertex that was not kept.
@@ -136,26 +194,23 @@ def read_landmarks(path: Path, kept) -> np.ndarray:
             f"{path}: a line holds a vertex of X and one of Y, counted from 0"
         )
     pairs = np.array(pairs, np.int64)
-    for column, index in enumerate(kept):
-        if index is None:
-            continue
-        at = np.searchsorted(index, pairs[:, column]).clip(max=len(index) - 1)
-        lost = index[at] != pairs[:, column]
-        if lost.any():
+    for column, partner in enumerate(partners):
+        at = numbered(pairs[:, column], partner)
+        if (lost := at < 0).any():
             raise ValueError(
                 f"{path}: vertex {pairs[lost, column][0]} of {'XY'[column]} is not in "
-                "the largest piece; leave that line out"
+                "the largest piece, or was removed by the repair; leave that line out"
             )
         pairs[:, column] = at
     return pairs
 
 
-def read_pair(x, y, map_file, gt_x, gt_y, base):
+def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
     """Both meshes, the arrays of the map file, and the ground truth or None.
 
     A map of `match --largest-component` counts the vertices that were kept. Then the
     meshes are cut to these, and points of the ground truth that were not kept are left
-    out.
+    out. With `mend` the meshes are repaired, and the map becomes one between these.
     """
     from jfsf.mapfiles import read_ground_truth, read_stored
     from jfsf.mesh import read
@@ -170,18 +225,43 @@ def read_pair(x, y, map_file, gt_x, gt_y, base):
     if gt_x is not None:
         truth = read_ground_truth(gt_x, gt_y, **sizes, base=base)
     maps = read_stored(map_file, **sizes, base=base)
-    for side, index in enumerate((maps.index_x, maps.index_y)):
-        if index is None:
-            continue
-        vertices, faces = meshes[side]
-        new = np.full(len(vertices), -1, np.int32)
-        new[index] = np.arange(len(index))
-        faces = new[faces]
-        meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
-        if truth is not None:
-            points = new[truth[side]]
-            known = points >= 0
-            truth = type(truth)(
-                *(points[known] if i == side else t[known] for i, t in enumerate(truth))
-            )
+    partners: list[Any] = [None, None]
+    if mend:
+        meshes, maps, partners[:] = _mended_pair(meshes, maps, (x, y))
+    else:
+        for side, index in enumerate((maps.index_x, maps.index_y)):
+            if index is not None:
+                vertices, faces = meshes[side]
+                new = np.full(len(vertices), -1, np.int32)
+                new[index] = np.arange(len(index))
+                faces = new[faces]
+                meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
+                partners[side] = new
+    if truth is not None:
+        points = [numbered(*own) for own in zip(truth, partners, strict=True)]
+        known = (points[0] >= 0) & (points[1] >= 0)
+        truth = type(truth)(*(side[known] for side in points))
     return *meshes, maps, truth
+
+
+def _mended_pair(meshes, maps, paths):
+    """The meshes repaired, the maps between these, and the partners of the vertices."""
+    from jfsf.mesh import repair
+
+    if maps.index_x is not None or maps.index_y is not None:
+        raise ValueError(
+            "--repair is for maps between all vertices of the files, and this one is "
+            "of match --largest-component without --repair; leave the option out"
+        )
+    x, y = (
+        repair(mesh, name=str(path)) for mesh, path in zip(meshes, paths, strict=True)
+    )
+    T_xy = y.partner[maps.T_xy[x.index]]
+    T_yx = None if maps.T_yx is None else x.partner[maps.T_yx[y.index]]
+    for path, T in zip(paths[::-1], (T_xy, T_yx), strict=True):
+        if T is not None and (T < 0).any():
+            raise ValueError(
+                f"--repair: the map names vertices of {path} that the repair removes; "
+                "match with --repair too"
+            )
+    return [x.mesh, y.mesh], maps._replace(T_xy=T_xy, T_yx=T_yx), (x.partner, y.partner)

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jfsf.cli._files import can_write, need_matplotlib
+from jfsf.cli._files import can_write, need_matplotlib, numbered
 from jfsf.report import Row, Side, thumbnail, write_index, write_report
 
 FOLDER = "report"  # of a batch: pages and pictures of its pairs
@@ -24,30 +24,28 @@ def can_report(path: Path | None, gt_x: Path | None, gt_y: Path | None) -> None:
         raise ValueError(f"{gt_x}: ground truth is for the report; name one: --report")
 
 
-def kept_truth(gt_x: Path | None, gt_y: Path | None, kept) -> Any:
+def kept_truth(gt_x: Path | None, gt_y: Path | None, shapes) -> Any:
     """Vertices that correspond, of two files, or None without files.
 
     Args:
         gt_x, gt_y: as `jfsf.mapfiles.read_ground_truth` takes them.
-        kept: for X and Y the mesh, and the original numbers of its vertices or None.
-            Points whose vertex was not kept are left out.
+        shapes: the `Shape` of X and of Y. Points whose vertex was not kept are left
+            out.
     """
     from jfsf.mapfiles import read_ground_truth
 
     if gt_x is None or gt_y is None:
         return None
-    # Of a part of a mesh the whole size is not known here.
-    whole = [len(mesh.vertices) if index is None else None for mesh, index in kept]
-    truth = read_ground_truth(gt_x, gt_y, n_x=whole[0], n_y=whole[1])
-    sides = []
-    for points, (_, index) in zip(truth, kept, strict=True):
-        points = np.asarray(points)
-        if index is not None:
-            at = np.searchsorted(index, points).clip(max=len(index) - 1)
-            points = np.where(np.asarray(index)[at] == points, at, -1)
-        sides.append(points)
-    known = (sides[0] >= 0) & (sides[1] >= 0)
-    return sides[0][known], sides[1][known]
+    n_x, n_y = (
+        len(own.mesh.vertices if own.partner is None else own.partner) for own in shapes
+    )
+    truth = read_ground_truth(gt_x, gt_y, n_x=n_x, n_y=n_y)
+    one, two = (
+        numbered(np.asarray(points), own.partner)
+        for points, own in zip(truth, shapes, strict=True)
+    )
+    known = (one >= 0) & (two >= 0)
+    return one[known], two[known]
 
 
 def pair_page(out: Path, inputs, found, **options) -> None:

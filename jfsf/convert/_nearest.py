@@ -61,4 +61,4 @@ def nearest(
     return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))
 
 
-quick_nearest = partial(nearest, min_recall=0.0)
+quick_nearest: partial[Maps] = partial(nearest, min_recall=0.0)

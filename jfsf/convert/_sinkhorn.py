@@ -143,12 +143,12 @@ def sinkhorn(
 
 # For rounds of a refinement. These few updates are plain, as over-relaxed ones would
 # leave ties to rounding. Later rounds correct what a search among candidates misses.
-quick_sinkhorn = partial(
+quick_sinkhorn: partial[Filtered] = partial(
     sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0, min_recall=0.0
 )
 # The settings of the authors' MATLAB code, for comparison. Its loop of 10 updates
 # makes 11.
-authors_sinkhorn = partial(
+authors_sinkhorn: partial[Filtered] = partial(
     sinkhorn,
     lam=500.0,
     k0=50,

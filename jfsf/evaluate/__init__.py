@@ -14,7 +14,7 @@ Read in this order:
 
 from jfsf.evaluate._bending import bending_residual
 from jfsf.evaluate._certificate import certify
-from jfsf.evaluate._confidence import confidence
+from jfsf.evaluate._confidence import LEAST_RESIDUAL, confidence
 from jfsf.evaluate._evaluate import MEASURED, Figures, evaluate
 from jfsf.evaluate._functional_metrics import (
     laplacian_commutativity,
@@ -39,6 +39,7 @@ from jfsf.evaluate._map_metrics import (
 )
 
 __all__ = [
+    "LEAST_RESIDUAL",
     "MEASURED",
     "MISSED",
     "Figures",

@@ -102,8 +102,8 @@ def certify(
     return Certificate(
         marginal_error=error,
         empty=empty,
-        coverage_xy=coverage(T_xy, spec_y.mass, mass_x=spec_x.mass),
-        coverage_yx=coverage(T_yx, spec_x.mass, mass_x=spec_y.mass),
+        coverage_xy=_reached(T_xy, spec_x.mass, spec_y.mass),
+        coverage_yx=_reached(T_yx, spec_y.mass, spec_x.mass),
         bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, distance_pairs),
         bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, distance_pairs),
         orthogonality=orthogonality(C_yx),
@@ -129,6 +129,13 @@ def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples] | None):
     energy = energies(many, lead, settings=SearchSettings())
     uneven = unevenness(few, x.geodesics, y.geodesics, lead)
     return energy[0].astype(C_yx.dtype), uneven[0].astype(C_yx.dtype)
+
+
+def _reached(T_xy, mass_x, mass_y):
+    """Coverage, over the share of Y's vertices that as few as X has can hit."""
+    n_x, n_y = (jnp.sum(mass > 0) for mass in (mass_x, mass_y))
+    share = jnp.minimum(n_x / n_y, 1).astype(mass_y.dtype)
+    return jnp.minimum(coverage(T_xy, mass_y, mass_x=mass_x) / share, 1)
 
 
 def _there_and_back(returned, spec: Spectrum, pairs: int):

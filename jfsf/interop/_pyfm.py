@@ -4,9 +4,13 @@ pyFM numbers shapes, and its names run the other way: p2p_21 takes each vertex o
 2 to one of shape 1, and FM_12 takes functions on 1 to functions on 2. So X is 2 and Y
 is 1. To go on in pyFM with a map of ours:
 
-    shape1, shape2 = spectrum_to_pyfm(spec_y), spectrum_to_pyfm(spec_x)
-    model = FunctionalMapping(shape1, shape2)
-    model.FM_12 = to_pyfm(mesh1=shape1, mesh2=shape2, C_yx=C_yx).FM_12
+```python
+from pyFM.functional import FunctionalMapping
+
+shape1, shape2 = spectrum_to_pyfm(spec_y), spectrum_to_pyfm(spec_x)
+model = FunctionalMapping(shape1, shape2)
+model.FM_12 = to_pyfm(mesh1=shape1, mesh2=shape2, C_yx=C_yx).FM_12
+```
 """
 
 from typing import Any, NamedTuple

@@ -5,7 +5,11 @@ Read in this order:
 - `_values`: check the arrays of a mesh, and split polygons into triangles
 - `_geometry`: areas, normals, edges, components
 - `_check`: report what is wrong with a mesh, or refuse it
+- `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_holes`: close small holes
+- `_reconstruct`: the oriented surface of a point cloud
+- `_repair`: mend a mesh, and keep track of its vertices
 - `_coarsen`: keep some of its vertices
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
@@ -15,6 +19,7 @@ Read in this order:
 
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._coarsen import coarsen
+from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
     Edges,
@@ -25,27 +30,41 @@ from jfsf.mesh._geometry import (
     surface_area,
     vertex_components,
 )
+from jfsf.mesh._holes import without_holes
 from jfsf.mesh._read import read
+from jfsf.mesh._reconstruct import Reconstruction, reconstruct
+from jfsf.mesh._repair import Repaired, map_of_originals, nearest_kept, repair
 from jfsf.mesh._values import MeshError, check_values, triangulate
 
 __all__ = [
     "Edges",
     "MeshError",
+    "Reconstruction",
+    "Repaired",
     "Report",
     "Submesh",
     "check",
     "check_values",
     "coarsen",
     "components",
+    "denoised",
     "edges",
     "face_areas",
     "face_normals",
     "largest_component",
+    "map_of_originals",
+    "nearest_kept",
+    "noise",
     "orient",
     "read",
+    "reconstruct",
+    "repair",
+    "spikes",
     "surface_area",
     "triangulate",
     "validate",
     "vertex_components",
     "weld",
+    "without_holes",
+    "without_spikes",
 ]

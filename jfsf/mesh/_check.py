@@ -3,7 +3,7 @@
 Faces that repeat a vertex have no proper edges: they are counted, then left out.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from jfsf.mesh._geometry import (
     vertex_components,
 )
 from jfsf.mesh._values import MeshError, check_values
-from jfsf.types import Mesh
+from jfsf.types import ArrayLike, Mesh
 
 # Twice the area over the squared longest edge: below this, a face is a line. Collinear
 # points come out near 1e-16; the thinnest triangles seen in scans near 1e-6.
@@ -118,7 +118,7 @@ def check(mesh: Mesh) -> Report:
         nonmanifold_edges=int((pairs.counts > 2).sum()),
         nonmanifold_vertices=_pinched(solid, pairs),
         unreferenced_vertices=int(n - used.sum()),
-        degenerate_faces=int(_degenerate(vertices, faces).sum()),
+        degenerate_faces=int(degenerate_faces(vertices, faces).sum()),
         duplicate_faces=_duplicates(faces),
         closed=closed,
         consistent=consistent,
@@ -203,7 +203,8 @@ def _pinched(faces, pairs):
     return int((np.bincount(owner) > 1).sum())
 
 
-def _degenerate(vertices, faces):
+def degenerate_faces(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    """Whether each face (m,) repeats a vertex or has no area."""
     sides = vertices[faces] - vertices[np.roll(faces, -1, axis=1)]
     longest = (sides**2).sum(axis=2).max(axis=1)
     return 2 * face_areas(vertices, faces) <= _FLAT_FACE * longest

@@ -105,6 +105,15 @@ def weld(mesh: Mesh) -> Submesh:
         them as degenerate.
     """
     vertices = np.asarray(mesh.vertices)
+    first = first_equal(vertices)
+    keep = first == np.arange(len(vertices))
+    renumber = np.cumsum(keep, dtype=np.int32) - np.int32(1)
+    index = np.flatnonzero(keep).astype(np.int32)
+    return Submesh(Mesh(vertices[keep], renumber[first][np.asarray(mesh.faces)]), index)
+
+
+def first_equal(vertices: ArrayLike) -> ArrayLike:
+    """The lowest vertex (n,) with exactly equal coordinates."""
     n = len(vertices)
     order = np.lexsort(vertices.T)
     starts = np.ones(n, bool)
@@ -112,10 +121,7 @@ def weld(mesh: Mesh) -> Submesh:
     # lexsort is stable: the first of equal vertices has the lowest number.
     first = np.empty(n, np.int64)
     first[order] = order[starts][np.cumsum(starts) - 1]
-    keep = first == np.arange(n)
-    renumber = np.cumsum(keep, dtype=np.int32) - np.int32(1)
-    index = np.flatnonzero(keep).astype(np.int32)
-    return Submesh(Mesh(vertices[keep], renumber[first][np.asarray(mesh.faces)]), index)
+    return first
 
 
 def _flip(faces, which):

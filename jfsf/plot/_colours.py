@@ -66,7 +66,9 @@ def pull_back(
     return np.asarray(colours_y)[T_xy]
 
 
-def error_colours(errors, n, top=None):
+def error_colours(
+    errors: Float[ArrayLike, " n"], n: int, top: float | None = None
+) -> tuple[Float[np.ndarray, "n 3"], float]:
     """Colours (n, 3) of errors (n,), and the error of the darkest; nan is grey."""
     errors = np.asarray(errors, float)
     if errors.shape != (n,):
@@ -79,7 +81,7 @@ def error_colours(errors, n, top=None):
     return np.where(known[:, None], ramp(share), 0.6), top
 
 
-def ramp(share):
+def ramp(share: Float[ArrayLike, "..."]) -> Float[np.ndarray, "... 3"]:
     """sRGB (..., 3) from sand at 0 to dark red at 1, in even steps of lightness."""
     share = np.clip(share, 0, 1)
     chroma, hue = 0.03 + 0.15 * share, np.radians(95 - 75 * share)
@@ -149,7 +151,7 @@ def points_of(vertices):
     return points
 
 
-def frame(up):
+def frame(up: str) -> Float[np.ndarray, "3 3"]:
     """(3, 3), columns right, up and towards the viewer, for the axis that points up."""
     # The front is where modelling tools have it.
     frames = {

@@ -21,7 +21,9 @@ from jfsf.spectral import Space, coefficients, embeddings, polar, truncate, unif
 from jfsf.types import Filtered, Spectrum
 
 # Ten neighbours, and so soft that a row of the plan has a slope.
-soft_sinkhorn = partial(sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0)
+soft_sinkhorn: partial[Filtered] = partial(
+    sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0
+)
 
 
 @partial(jax.jit, static_argnames=("space", "converter"))

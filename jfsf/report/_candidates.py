@@ -21,7 +21,7 @@ class Considered(NamedTuple):
 
     maps: nearest neighbour in its embeddings, between the vertices asked for.
     energy: departure from an isometry that keeps the descriptors; lower is better.
-    orientation: score in [-1, 1]; nan for point clouds.
+    orientation: score in [-1, 1]; nan for point clouds without a surface.
     """
 
     maps: Maps
@@ -52,9 +52,10 @@ def considered(
     Raises:
         MeshError, ValueError: as `jfsf.match`.
     """
-    if len(mesh_x.faces) == 0 or len(mesh_y.faces) == 0:
-        orientation = "any"
     pair = padded_bases(mesh_x, mesh_y, settings=settings, cache=cache)
+    # A cloud without a surface has no faces but padding.
+    if not all(np.asarray(spec.faces).any() for spec in pair):
+        orientation = "any"
     options = {"settings": settings, "keep": cache}
     sides = []
     for spec in pair:

@@ -14,7 +14,8 @@ DOUBTFUL = 0.7
 # The score of right maps is about 0.9 and of mirrored ones about -0.9. Below half, a
 # part of the shape is likely to be mirrored.
 MIN_ORIENTATION = 0.5
-# Right maps hit about 0.9 of the area. One that misses half of it has collapsed there.
+# Right maps hit about 0.9 of the area, or of what few vertices can hit. One that misses
+# half of it has collapsed there.
 MIN_COVERAGE = 0.5
 # A tenth of the mean distance of two random vertices is many edges: beyond it the two
 # maps contradict each other.
@@ -50,14 +51,14 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
     score = float(certificate.orientation)
     side = "keeps left and right" if score > 0 else "swaps left and right"
     if np.isnan(score):
-        side = "unknown: a point cloud, or no winding"
+        side = "unknown: a point cloud without a clear outside"
     elif abs(score) < MIN_ORIENTATION:
         side = "unclear: parts may be flipped"
     meaning = {
         "marginal_error": "transport plan's gap to its marginals; 0 is exact",
         "empty": "vertices that no mass reached",
-        "coverage_xy": "share of Y's area that is hit",
-        "coverage_yx": "share of X's area that is hit",
+        "coverage_xy": "share that is hit of Y's area within reach of n_x vertices",
+        "coverage_yx": "share that is hit of X's area within reach of n_y vertices",
         "bijectivity_x": "mean distance, X to Y and back; 1 for random vertices",
         "bijectivity_y": "mean distance, Y to X and back",
         "orthogonality": "|C^T C - I|; 0 if areas are kept",
@@ -105,6 +106,13 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
             "--orientation any.",
         ),
         (
+            np.isnan(score) and orientation != "any" and not len(certificate.landmarks),
+            f"left and right cannot be told, so {orientation!r} is not kept: a shape "
+            "has no faces, and its points no clear outside",
+            "See whether the map is mirrored. One pair of vertices that you know "
+            "decides (--landmarks); so do faces.",
+        ),
+        (
             likely < DOUBTFUL,
             f"{verdict(likely)}, confidence {likely:.0%}: look at the picture; "
             "landmarks at hands, feet and head decide",
@@ -113,7 +121,8 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
         ),
         (
             covered < MIN_COVERAGE,
-            f"only {covered:.0%} of a shape is hit: the shapes may differ too much",
+            f"only {covered:.0%} of the area within reach is hit: the shapes may "
+            "differ too much",
             "See whether both shapes are whole, and whether they have the same parts.",
         ),
         (
@@ -150,7 +159,7 @@ def reasons(certificate: Certificate) -> list[str]:
     found = []
     score = figure["orientation"]
     if np.isnan(score):
-        found.append("Left and right cannot be told: a shape has no oriented faces.")
+        found.append("Left and right cannot be told: a cloud has no clear outside.")
     elif abs(score) < MIN_ORIENTATION:
         found.append(f"Left and right are unclear (score {score:+.2f}).")
     else:
@@ -166,7 +175,7 @@ def reasons(certificate: Certificate) -> list[str]:
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
     found.append(
         f"There and back again ends {back:.3f} away, where 1 is the distance of two "
-        f"random points; {covered:.0%} of the area or more is hit."
+        f"random points; {covered:.0%} of the area within reach or more is hit."
     )
     gap = figure["gap"]
     if np.isinf(gap):

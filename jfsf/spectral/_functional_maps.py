@@ -80,15 +80,19 @@ def embeddings(
     raise ValueError(f"embeddings: space is 'adjoint' or 'direct', not {space!r}")
 
 
-@jax.custom_jvp
 @jax.jit
 def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
     """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD."""
+    return _polar(C_yx)
+
+
+@jax.custom_jvp
+def _polar(C_yx):
     u, _, vt = jnp.linalg.svd(C_yx, full_matrices=False)
     return matmul(u, vt)
 
 
-@polar.defjvp
+@_polar.defjvp
 def _polar_slope(primals, tangents):
     """Smooth where C has full rank; that of the SVD is not, where values repeat."""
     (C,), (slope,) = primals, tangents

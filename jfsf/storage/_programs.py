@@ -71,7 +71,7 @@ class Program:
 
 
 def compile_ahead(
-    function: Callable,
+    function: Callable[..., Any],
     *args: Any,
     keep: bool = True,
     pool: Executor | None = None,

@@ -1,0 +1,127 @@
+"""Embedded pairs with the faces of one shape or both dropped: errors and warnings.
+
+A row is the side without faces, and the noise on it: Gaussian, on each coordinate, in
+sqrt(area). The error is measured on Y with its faces. A map is mirrored if its error
+against the ground truth with left and right exchanged is less than against the truth.
+
+    python experiments/clouds.py [--pairs 5] [--noise 0 0.005] [--out RESULT.json]
+"""
+
+import argparse
+from functools import cache
+from pathlib import Path
+
+import jax
+import numpy as np
+import results_file
+from scipy.spatial import KDTree
+
+import jfsf
+from jfsf import data
+from jfsf.cli import warnings_of
+from jfsf.evaluate import geodesic_error
+from jfsf.mesh import surface_area
+from jfsf.types import Mesh
+
+PAIRS = (
+    ("man_walk", "man_up"),
+    ("man_walk", "woman_up"),
+    ("woman_squat", "man_kick"),
+    ("child_t", "heavy_walk"),
+    ("heavy_squat", "child_kick"),
+)
+SIDES = ("y", "x", "both")
+TEMPLATE_POSE = "man_t"  # left and right are told there
+RIGHT = 0.1  # mean error of a right map, at most
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--pairs", type=int, default=len(PAIRS), help="only the first")
+    parser.add_argument("--noise", type=float, nargs="+", default=[0.0, 0.005])
+    parser.add_argument("--sides", nargs="+", choices=SIDES, default=list(SIDES))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--every", type=int, default=5, help="template points: 1 in N")
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    settings = {
+        **jfsf.Settings().as_record(),
+        **{"seed": args.seed, "every": args.every, "right": RIGHT},
+    }
+    table, rows = {}, []
+    for noise in args.noise:
+        for side in args.sides:
+            rng = np.random.default_rng(args.seed)
+            found = [
+                _measure(*pair, side, noise, rng, args.every)
+                for pair in PAIRS[: args.pairs]
+            ]
+            rows += found
+            name = f"{side}, noise {noise:.1%}"
+            table[name] = _summary(found)
+            print(name, table[name], flush=True)
+            if args.out:
+                results_file.write(args.out, settings=settings, rows=table, pairs=rows)
+
+
+@cache
+def mirrored_template() -> np.ndarray:
+    """The template point on the other side, for each template point."""
+    pose = data.load(TEMPLATE_POSE)
+    points = pose.mesh.vertices[pose.template_to_vertex]
+    return np.asarray(KDTree(points).query(points * [-1, 1, 1])[1])
+
+
+def _cloud(mesh: Mesh, noise: float, rng: np.random.Generator) -> Mesh:
+    step = rng.normal(size=mesh.vertices.shape) * noise * np.sqrt(surface_area(mesh))
+    return Mesh(mesh.vertices + step, mesh.faces[:0])
+
+
+def _measure(name_x, name_y, side, noise, rng, every) -> dict:
+    sample_x, sample_y = data.load(name_x), data.load(name_y)
+    x, y = (
+        _cloud(sample.mesh, noise, rng) if side in (one, "both") else sample.mesh
+        for one, sample in (("x", sample_x), ("y", sample_y))
+    )
+    found = jax.block_until_ready(jfsf.match(x, y))
+    T_xy = np.asarray(found.T_xy)
+    at = slice(None, None, every)
+    points, truth = sample_x.template_to_vertex[at], sample_y.template_to_vertex
+    error, other = (
+        float(geodesic_error(T_xy, sample_y.mesh, points, partners[at]).mean())
+        for partners in (truth, truth[mirrored_template()])
+    )
+    certificate = found.certificate
+    row = {
+        **{"side": side, "noise": noise, "x": name_x, "y": name_y},
+        **{"error": error, "mirrored": other < error, "right": error <= RIGHT},
+        "warnings": warnings_of(certificate, "preserve"),
+        **{name: float(value) for name, value in certificate.figures().items()},
+    }
+    print(
+        f"  {name_x} {name_y} error {error:.4f} confidence {row['confidence']:.2f} "
+        f"orientation {row['orientation']:+.2f}{' MIRRORED' * row['mirrored']} "
+        f"{'; '.join(row['warnings'])}",
+        flush=True,
+    )
+    return row
+
+
+def _summary(rows: list[dict]) -> dict:
+    """Errors times 1000, and how many are mirrored, wrong, unannounced or doubted."""
+    errors = 1000 * np.array([row["error"] for row in rows])
+    return {
+        "mean": round(float(errors.mean()), 1),
+        "min": round(float(errors.min()), 1),
+        "max": round(float(errors.max()), 1),
+        "mirrored": sum(row["mirrored"] for row in rows),
+        "wrong": sum(not row["right"] for row in rows),
+        "silent": sum(not row["right"] and not row["warnings"] for row in rows),
+        "false_alarms": sum(row["right"] and bool(row["warnings"]) for row in rows),
+    }
+
+
+if __name__ == "__main__":
+    main()

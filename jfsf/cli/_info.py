@@ -1,0 +1,116 @@
+"""jfsf info: what is in a mesh file, what is wrong with it, and what would mend it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from jfsf.cli._files import FORMATS, can_export, check_mesh, one_sided
+from jfsf.types import Mesh
+
+
+def info(
+    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the repaired mesh: .ply, .obj or .glb. Its vertices have other "
+            "numbers; jfsf.mesh.repair tells which.",
+        ),
+    ] = None,
+) -> None:
+    """Examine a mesh file, say whether it can be matched, and what would mend it.
+
+    A repair merges vertices with equal coordinates; removes duplicate faces, small
+    pieces and vertices without a face; mends faces without area and spikes; and winds
+    the faces outward. Exit code 0 if the mesh can be matched, repaired if a file for it
+    is named, and 1 if not.
+
+    Example: jfsf info scan.obj --repair scan.ply
+    """
+    from jfsf.export import export_mesh
+    from jfsf.mesh import MeshError, check, read, reconstruct
+    from jfsf.mesh import repair as repaired
+
+    if repair is not None:
+        can_export([repair], False, (path,))
+    mesh = read(path)
+    console = Console()
+    console.print(_table(path.name, check(mesh)))
+    for line in _flaws(mesh):
+        console.print(line, soft_wrap=True, markup=False)
+    try:
+        found = repaired(mesh, name=str(path))
+    except MeshError as error:
+        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    if found.done:
+        would = "would mend" if repair is None else "mended"
+        words = f"--repair {would}: {', '.join(found.done)}"
+        console.print(words, soft_wrap=True, markup=False)
+    if repair is not None:
+        export_mesh(repair, found.mesh)
+        console.print(f"wrote {repair}", soft_wrap=True, markup=False)
+        mesh, path = found.mesh, repair
+    try:
+        check_mesh(mesh, path)
+    except MeshError as error:
+        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        if found.done and repair is None:
+            console.print(_after(found.mesh, path), soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    notes = ""
+    if len(mesh.faces) == 0:
+        notes = "; its points have no clear outside: no left can be told from right"
+        if len(reconstruct(mesh).surface.faces):
+            notes = "; the surface through its points tells left from right"
+    elif one_sided(mesh):
+        notes = "; it cannot be wound consistently, so left and right may be swapped"
+    console.print(f"can be matched{notes}", soft_wrap=True)
+
+
+def _table(name: str, report) -> Table:
+    shown = Table(title=name, show_header=False)
+    for row, value in report._asdict().items():
+        if value is not None:
+            words = {True: "yes", False: "no"}
+            text = words[value] if isinstance(value, bool) else f"{value:.6g}"
+            shown.add_row(row.replace("_", " "), text)
+    return shown
+
+
+def _flaws(mesh: Mesh) -> list[str]:
+    """What the matching takes away itself."""
+    from jfsf.mesh import (
+        noise,
+        orient,
+        spikes,
+        surface_area,
+        without_holes,
+        without_spikes,
+    )
+
+    found = []
+    if number := int(spikes(mesh).sum()):
+        found.append(f"spikes: match flattens them, at {number} or more vertices")
+    if size := noise(without_spikes(mesh)):
+        share = size / np.sqrt(surface_area(mesh))
+        found.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
+    wound = orient(mesh)
+    if number := len(without_holes(wound).faces) - len(wound.faces):
+        found.append(f"small holes: match closes them, with {number} new faces")
+    return found
+
+
+def _after(mesh: Mesh, path: Path) -> str:
+    from jfsf.mesh import MeshError
+
+    try:
+        check_mesh(mesh, path)
+    except MeshError as error:
+        return f"repaired, it still could not: {error}"
+    return "repaired, it can be: pass --repair to match"

@@ -1,0 +1,51 @@
+"""The guides of the manual, a page each.
+
+They are Markdown files in this folder; `python -m jfsf.guide FOLDER` builds them, with
+the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
+
+- `start`: from two meshes to a map that has been looked at
+- `method`: notation, the direction of every map, the search and the certificate
+- `meshes`: formats, repair, units, exit codes, maps on disk
+- `landmarks`: points that are known to correspond
+- `parts`: a shape that is a piece of the other
+- `far`: bodies of different proportions, and how sure a map is
+- `large`: a hundred thousand vertices, and a million
+- `batches`: many pairs, many processes, many machines
+- `gpus`: what runs there, and what is checked without one
+- `stages`: settings, converters, descriptors, initial maps; what is in which folder
+- `gradients`: through the filter and the refinement, and learning
+- `moving`: from pyFM, MATLAB and others, with a table of equivalents
+- `troubleshooting`: by symptom
+"""
+
+from jfsf.guide import (
+    batches,
+    far,
+    gpus,
+    gradients,
+    landmarks,
+    large,
+    meshes,
+    method,
+    moving,
+    parts,
+    stages,
+    start,
+    troubleshooting,
+)
+
+__all__ = [
+    "start",
+    "method",
+    "meshes",
+    "landmarks",
+    "parts",
+    "far",
+    "large",
+    "batches",
+    "gpus",
+    "stages",
+    "gradients",
+    "moving",
+    "troubleshooting",
+]

@@ -1,0 +1,74 @@
+"""Small holes closed with triangles between the vertices of their rims."""
+
+import numpy as np
+
+from jfsf.mesh._geometry import edges, surface_area
+from jfsf.types import ArrayLike, Mesh
+
+# Length of a rim that is closed, at most, in sqrt(area). With 20 holes of 0.35 a body's
+# maps are better, and one that was wrong is right; a larger limit changed little.
+LONGEST = 0.4
+
+
+def without_holes(mesh: Mesh) -> Mesh:
+    """The mesh with faces across its small holes.
+
+    Distances and eigenfunctions then hardly notice them.
+
+    Args:
+        mesh: n vertices, m faces, wound consistently.
+
+    Returns:
+        The same vertices, and the faces followed by new ones, wound as their
+        neighbours. The same mesh if it has no small hole, if more than 2 n faces would
+        come of it (a surface with many handles), and for a point cloud. A rim that
+        touches another or itself is left.
+    """
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    if len(faces) == 0:
+        return mesh
+    limit = LONGEST * np.sqrt(surface_area(mesh))
+    new: list = []
+    for rim in _rims(faces, len(vertices)):
+        points = vertices[rim]
+        sides = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
+        if sides.sum() <= limit:
+            new += _triangles(rim)
+    if not new or len(faces) + len(new) > 2 * len(vertices):
+        return mesh
+    return Mesh(mesh.vertices, np.concatenate([faces, np.array(new, faces.dtype)]))
+
+
+def _rims(faces: ArrayLike, n: int) -> list[list[int]]:
+    """Closed chains of boundary edges, against the winding of the faces beside them."""
+    if not (edges(faces).counts == 1).any():
+        return []  # the usual case, found without a look at directions
+    tail, head = faces.ravel().astype(np.int64), np.roll(faces, -1, 1).ravel()
+    alone = ~np.isin(tail * n + head, head.astype(np.int64) * n + tail)
+    ends = np.stack([head[alone], tail[alone]])
+    starts, stops = (np.bincount(one, minlength=n) for one in ends)
+    simple = (starts == 1) & (stops == 1)
+    after = {a: b for a, b in ends.T.tolist() if simple[a] and simple[b]}
+    found = []
+    while after:
+        first, vertex = after.popitem()
+        rim = [first]
+        while vertex in after:
+            rim.append(vertex)
+            vertex = after.pop(vertex)
+        if vertex == first and len(rim) > 2:
+            found.append(rim)
+    return found
+
+
+def _triangles(rim: list[int]) -> list[tuple[int, int, int]]:
+    """A strip to and fro across the rim, whose triangles are less thin than a fan's."""
+    found, low, high = [], 0, len(rim) - 1
+    while high - low > 1:
+        if len(found) % 2:
+            found.append((rim[low], rim[high - 1], rim[high]))
+            high -= 1
+        else:
+            found.append((rim[low], rim[low + 1], rim[high]))
+            low += 1
+    return found

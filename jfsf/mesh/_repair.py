@@ -1,0 +1,209 @@
+"""Mend a mesh on request, and say what was done; vertices keep track of their numbers.
+
+Holes, and edges with three faces or more, are left: there is more than one way to mend
+them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.mesh._check import degenerate_faces
+from jfsf.mesh._denoise import without_spikes
+from jfsf.mesh._edit import first_equal, orient
+from jfsf.mesh._geometry import (
+    face_areas,
+    pair_half_edges,
+    repeats_vertex,
+    vertex_components,
+)
+from jfsf.mesh._values import MeshError, check_values
+from jfsf.types import ArrayLike, Mesh
+
+# Of the area of the largest component: eyes and teeth of a body have 0.02 at most.
+SMALL = 0.1
+# Flat faces beside each other are mended one after the other.
+FLAT_ROUNDS = 5
+
+
+class Repaired(NamedTuple):
+    """A mended mesh, and where its vertices come from.
+
+    mesh: the vertices that are left, in their old order, and the faces likewise.
+    index: (n_left,) int32, the original vertex of each vertex.
+    partner: (n,) int32, the vertex that each original one became, -1 if it was removed.
+        `partner[index]` counts from 0 on.
+    done: what was done, one phrase each, with numbers; empty if nothing was wrong.
+    """
+
+    mesh: Mesh
+    index: ArrayLike
+    partner: ArrayLike
+    done: tuple[str, ...]
+
+
+def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
+    """Mend what can be mended in one way only; the mesh itself is left as it is.
+
+    In this order: vertices with equal coordinates are merged; faces that repeat a
+    vertex, or all vertices of an earlier face, are removed; spikes go to the median of
+    their neighbours; faces without area are turned into their neighbours, or removed at
+    a boundary; small components and vertices without a face are removed; the rest is
+    wound consistently and outward.
+
+    Args:
+        mesh: n vertices, m faces. Of a point cloud, equal points are merged.
+        small: components with less area than this share of the largest go; inf leaves
+            the largest alone.
+        name: opens the message of an error.
+
+    Returns:
+        The mesh with both index maps. A second repair finds nothing to do, but for
+        rare spikes behind others.
+
+    Raises:
+        MeshError: wrong shapes or types, non-finite coordinates, indices out of range,
+            or no face that has an area.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    check_values(vertices, faces, name)
+    first, done = first_equal(vertices), []
+    index = np.unique(first)
+    _note(done, len(vertices) - len(index), "duplicate {vertices} merged")
+    if len(faces) == 0:
+        return _kept(vertices, faces, first, index, done)
+    # Vertices keep their old numbers until the end.
+    faces = first[faces].astype(np.int32)
+    faces = _without(faces, repeats_vertex(faces), "{faces} with a vertex twice", done)
+    faces = _without(faces, _repeated(faces), "duplicate {faces}", done)
+    vertices = _flattened(vertices, faces, done)
+    faces = _without_flat(vertices, faces, done)
+    if len(faces) == 0:
+        raise MeshError(f"{name}: none of its faces has an area; export the mesh again")
+    lone = len(index) - len(np.unique(faces))
+    _note(done, lone, "{vertices} without a face removed")
+    faces = _without_small(vertices, faces, small, done)
+    wound = orient(Mesh(vertices, faces)).faces
+    _note(done, int((wound != faces).any(axis=1).sum()), "{faces} turned over")
+    return _kept(vertices, wound, first, np.unique(wound), done)
+
+
+def map_of_originals(
+    T_xy: ArrayLike, mesh_x: Mesh, repaired_x: Repaired, repaired_y: Repaired
+) -> ArrayLike:
+    """The map between two meshes from the map between the repaired ones.
+
+    Args:
+        T_xy: the vertex of the repaired Y for each vertex of the repaired X.
+        mesh_x: X before the repair, n_x vertices.
+        repaired_x, repaired_y: of X and Y.
+
+    Returns:
+        (n_x,) int32, the vertex of Y before the repair for each vertex of X. One that
+        was removed goes where the nearest goes that was not.
+    """
+    at = np.asarray(T_xy)[nearest_kept(mesh_x, repaired_x)]
+    return np.asarray(repaired_y.index)[at]
+
+
+def nearest_kept(mesh: Mesh, repaired: Repaired) -> ArrayLike:
+    """The vertex of the repaired mesh for each vertex (n,) of the mesh before.
+
+    For one that was removed it is the nearest.
+    """
+    vertices, partner = np.asarray(mesh.vertices), np.array(repaired.partner)
+    lost = np.flatnonzero(partner < 0)
+    if len(lost):
+        left = KDTree(vertices[repaired.index])
+        partner[lost] = left.query(vertices[lost])[1]
+    return partner
+
+
+def _kept(vertices, faces, partner, index, done) -> Repaired:
+    renumber = np.full(len(vertices), -1, np.int32)
+    renumber[index] = np.arange(len(index))
+    mesh = Mesh(vertices[index], renumber[faces].astype(np.int32))
+    return Repaired(mesh, index.astype(np.int32), renumber[partner], tuple(done))
+
+
+def _note(done, number: int, text: str) -> None:
+    if number:
+        many = {"vertices": "vertex", "faces": "face", "components": "component"}
+        words = {name: name if number > 1 else one for name, one in many.items()}
+        done.append(f"{number} {text.format(**words)}")
+
+
+def _without(faces, wrong, text: str, done):
+    _note(done, int(wrong.sum()), f"{text} removed")
+    return faces[~wrong]
+
+
+def _repeated(faces):
+    """Whether each face has the vertices of an earlier one."""
+    first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
+    repeated = np.ones(len(faces), bool)
+    repeated[first] = False
+    return repeated
+
+
+def _flattened(vertices, faces, done):
+    flat = without_spikes(Mesh(vertices, faces)).vertices
+    moved = (flat != vertices).any(axis=1)
+    _note(done, int(moved.sum()), "{vertices} moved from spikes")
+    return flat
+
+
+def _without_flat(vertices, faces, done):
+    """Faces without area are turned into the neighbour across their longest side.
+
+    To remove one alone would leave a slit: the middle one of its corners lies on that
+    side, which then belongs to the neighbour only.
+    """
+    number = int(degenerate_faces(vertices, faces).sum())
+    for _ in range(FLAT_ROUNDS):
+        flat = np.flatnonzero(degenerate_faces(vertices, faces))
+        if not len(flat):
+            break
+        faces = _turned(vertices, faces, flat)
+    faces = faces[~degenerate_faces(vertices, faces)]
+    _note(done, number, "{faces} without area mended")
+    return faces
+
+
+def _turned(vertices, faces, flat):
+    """Each of these flat faces split with its neighbour at its middle corner.
+
+    A face takes part once, so some are left for another round.
+    """
+    faces, done = faces.copy(), np.zeros(len(faces), bool)
+    solid = np.flatnonzero(~repeats_vertex(faces))
+    pairs = pair_half_edges(faces[solid], len(vertices))
+    left, right = pairs.left[pairs.manifold], pairs.right[pairs.manifold]
+    across = np.full(3 * len(faces), -1)
+    half = 3 * solid[:, None] + np.arange(3)
+    left, right = half.ravel()[left], half.ravel()[right]
+    across[left], across[right] = right // 3, left // 3
+    sides = vertices[faces[flat]] - vertices[np.roll(faces[flat], -1, axis=1)]
+    longest = (sides**2).sum(axis=2).argmax(axis=1)
+    for face, side in zip(flat, longest, strict=True):
+        other = across[3 * face + side]
+        if other < 0 or done[face] or done[other]:
+            continue
+        start, end, middle = np.roll(faces[face], -side)
+        whole = faces[other]
+        faces[face] = np.where(whole == start, middle, whole)
+        faces[other] = np.where(whole == end, middle, whole)
+        done[[face, other]] = True
+    return faces
+
+
+def _without_small(vertices, faces, small: float, done):
+    owner = vertex_components(faces, len(vertices))[faces[:, 0]]
+    area = np.bincount(owner, face_areas(vertices, faces))
+    keep = area >= small * area.max()
+    keep[area.argmax()] = True
+    lost = np.unique(owner[~keep[owner]])
+    share = area[lost].sum() / area.sum()
+    _note(done, len(lost), f"small {{components}} removed, {share:.2%} of the area")
+    return faces[keep[owner]]

@@ -1,0 +1,156 @@
+"""README, gallery and guides name what is there: files, names, options, links."""
+
+import re
+import shlex
+from functools import cache
+from importlib import import_module
+from urllib.parse import urlparse
+
+import pytest
+import typer
+from documents import (
+    GALLERY,
+    GUIDES,
+    PAGES,
+    README,
+    ROOT,
+    SOURCES,
+    anchors,
+    blocks,
+    docstrings,
+    links,
+    name,
+    spans,
+)
+
+import jfsf
+from jfsf.cli import app
+
+COMMAND = re.compile(r"jfsf (?:match|batch|evaluate|info|demo)\b.*")
+EXAMPLE = re.compile(r"^Example: (jfsf .+)$", re.MULTILINE)
+NAME = re.compile(r"jfsf(?:\.\w+)+")
+FIELD = re.compile(r"\w*Settings\.\w+|Certificate\.\w+|certificate\.\w+")
+each_page = pytest.mark.parametrize("page", PAGES, ids=name)
+
+
+@cache
+def commands():
+    return typer.main.get_command(app).commands
+
+
+def parse(line):
+    """Parse a command line as the program does, without running it."""
+    program, verb, *rest = shlex.split(line, comments=True)
+    assert program == "jfsf"
+    commands()[verb].make_context(verb, rest)
+
+
+@each_page
+def test_commands_parse(page):
+    shell = "".join(blocks(page.read_text(), "bash")).splitlines()
+    for line in shell:
+        command = line.removeprefix(".venv/bin/")
+        if command.startswith("jfsf "):
+            parse(command)
+
+
+@each_page
+def test_commands_that_are_mentioned_exist(page):
+    for span in spans(page.read_text()):
+        if COMMAND.fullmatch(span):
+            _, verb, *rest = shlex.split(span)
+            known = {o for p in commands()[verb].params for o in p.opts}
+            assert {word for word in rest if word.startswith("-")} <= known, span
+
+
+def test_examples_of_the_help_parse():
+    found = [EXAMPLE.findall(d) for path in SOURCES for d in docstrings(path)]
+    lines = sum(found, [])
+    assert len(lines) == len(commands())
+    for line in lines:
+        parse(line)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["jfsf match X Y --out a.npz --nonsense", "jfsf match X Y", "jfsf info", "jfsf no"],
+)
+def test_a_wrong_command_is_found(line):
+    # Of typer's own click, whose classes have no public name.
+    with pytest.raises(Exception, match=r"No such option|Missing|no"):
+        parse(line)
+
+
+@pytest.mark.parametrize("page", [README, *GUIDES], ids=name)
+def test_options_that_are_mentioned_exist(page):
+    known = {o for c in commands().values() for p in c.params for o in p.opts}
+    known.add("--help")
+    scripts = "".join(path.read_text() for path in (ROOT / "experiments").glob("*.py"))
+    for span in spans(page.read_text()):
+        if span.startswith("--"):
+            option = span.split()[0]
+            assert option in known or f'"{option}"' in scripts, f"{page}: {option}"
+
+
+@each_page
+def test_names_that_are_mentioned_exist(page):
+    for span in spans(page.read_text()):
+        for dotted in NAME.findall(span):
+            here, *path = dotted.split(".")
+            found = import_module(here)
+            for part in path:
+                found = getattr(found, part)
+        for dotted in FIELD.findall(span):
+            owner, field = dotted.split(".")
+            fields = getattr(jfsf, owner[0].upper() + owner[1:])
+            assert field in fields.__annotations__, f"{page}: {dotted}"
+
+
+@each_page
+def test_scripts_and_results_that_are_mentioned_exist(page):
+    homes = ROOT, ROOT / "experiments", ROOT / "experiments" / "results"
+    kinds = r"[\w/]+\.(?:py|png)" if page in GUIDES else r"[\w/]+\.(?:py|json|md|png)"
+    for span in spans(page.read_text()):
+        if re.fullmatch(kinds, span) and span != "map.png":
+            assert any((home / span).is_file() for home in homes), f"{page}: {span}"
+
+
+@each_page
+def test_links_lead_somewhere(page):
+    for link in links(page.read_text()):
+        url = urlparse(link)
+        if url.scheme:
+            assert url.scheme == "https" and "." in url.netloc, f"{page}: {link}"
+            continue
+        target = page if not url.path else page.parent / url.path
+        assert target.is_file(), f"{page}: {link}"
+        if page in GUIDES:  # they are all that the wheel holds
+            assert target in GUIDES, f"{page}: {link}"
+        if url.fragment:
+            assert url.fragment in anchors(target.read_text()), f"{page}: {link}"
+
+
+def test_every_guide_is_linked_from_the_readme():
+    assert {f"jfsf/guide/{g.name}" for g in GUIDES} <= set(links(README.read_text()))
+    assert {guide.stem for guide in GUIDES} == set(jfsf.guide.__all__)
+
+
+def test_every_part_is_in_the_table_of_the_guide():
+    table = (ROOT / "jfsf" / "guide" / "stages.md").read_text()
+    rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
+    assert set(spans("".join(rows))) == set(jfsf._ROOMS)
+
+
+def test_every_script_is_in_the_gallery():
+    named = set(spans(GALLERY.read_text()))
+    there = {path.name for path in (ROOT / "experiments").glob("*.py")}
+    assert not there - {span.split()[0] for span in named}
+
+
+def test_the_readme_is_short_and_has_the_two_commands():
+    text = README.read_text()
+    assert len(text.splitlines()) <= 150
+    for marker, end in (("main", "jfsf demo"), ("test", "pytest")):
+        after = text.split(f"<!-- ci: {marker} -->\n")[1]
+        command = re.match(r"```bash\n(.*)\n```", after)
+        assert command and command[1].endswith(end)
