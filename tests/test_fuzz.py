@@ -12,7 +12,7 @@ from fuzz_formats import FORMATS  # noqa: E402
 
 @pytest.fixture(scope="module")
 def reader():
-    reader = Reader(seconds=5)
+    reader = Reader(seconds=10)
     yield reader
     reader.close()
 
@@ -35,7 +35,7 @@ def test_damage_is_damage_and_comes_from_its_seed(name):
     "suffix, said",
     [
         ("die", "the process ended with -6"),
-        ("hang", "took more than 5 s"),
+        ("hang", "took more than"),
         ("grow", "MB"),
         ("warn", "warning: of it"),
         ("wrong", "IndexError: list index"),
