@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from jfsf.data import load, names
-from jfsf.mesh import coarsen
+from jfsf.mesh import coarsen, largest_component
 from jfsf.plot import find_frame, find_frames, frame
 from jfsf.types import Mesh
 
@@ -51,6 +52,22 @@ def test_a_pair_is_seen_from_one_side_whatever_the_axes_of_its_files(name):
     other = turned(mesh, TURNS["random"])
     one, two = find_frames(mesh, other, identity_of(mesh))
     assert degrees(two.axes, TURNS["random"].apply(one.axes.T).T) < 3
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_a_part_stands_as_the_whole_does(swapped):
+    whole = load("woman_squat").mesh
+    kept = whole.vertices[:, 1] > np.quantile(whole.vertices[:, 1], 0.4)
+    faces = whole.faces[kept[whole.faces].all(1)]
+    part, index = largest_component(Mesh(whole.vertices, faces))
+    nearest = KDTree(part.vertices).query(whole.vertices)[1]
+    if swapped:
+        other, own = find_frames(whole, part, nearest)
+    else:
+        own, other = find_frames(part, whole, index)
+    assert degrees(own.axes, other.axes) < 3
+    assert degrees(other.axes, find_frame(whole).axes) < 3
+    assert degrees(find_frame(part).axes, other.axes) > 90  # on its own it would not
 
 
 def test_the_surer_shape_decides(monkeypatch):

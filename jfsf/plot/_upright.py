@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from jfsf.parts import longest_loop, looks_partial
 from jfsf.plot._cues import Cues, apart, cues, front_cues, up_cues, vertex_areas
 from jfsf.types import ArrayLike, Mesh
 
@@ -91,7 +92,8 @@ def find_frames(
     """Frames of a pair, so that corresponding parts are seen from the same side.
 
     The surer of both frames is carried to the other shape, unless that is sure too, by
-    the rotation that brings most of X's trunk to its image (robust Procrustes). A map
+    the rotation that brings most of X's trunk to its image (robust Procrustes). A part,
+    whose boundary is long, is never the surer one. A map
     that exchanges left and right carries up and front only, so that both shapes face
     the viewer.
 
@@ -107,6 +109,11 @@ def find_frames(
     turn = _alignment(mesh_x, mesh_y, np.asarray(T_xy))
     if turn is None:
         return own_x, own_y
+    if looks_partial(mesh_x, mesh_y):  # a part need not stand as the whole does
+        if longest_loop(mesh_x) > longest_loop(mesh_y):
+            own_x = own_x._replace(margin=-np.inf)
+        else:
+            own_y = own_y._replace(margin=-np.inf)
     if own_x.margin >= own_y.margin:
         return own_x, _carried(own_x, own_y, turn)
     return _carried(own_y, own_x, turn.T), own_y
