@@ -11,28 +11,22 @@ import argparse
 from functools import cache
 from pathlib import Path
 
+import damages
 import jax
 import numpy as np
 import results_file
+from damage import PAIRS, RIGHT, summary
+from damages import TEMPLATE_POSE
 from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import data
 from jfsf.cli import warnings_of
+from jfsf.data import Sample
 from jfsf.evaluate import geodesic_error
-from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
-PAIRS = (
-    ("man_walk", "man_up"),
-    ("man_walk", "woman_up"),
-    ("woman_squat", "man_kick"),
-    ("child_t", "heavy_walk"),
-    ("heavy_squat", "child_kick"),
-)
 SIDES = ("y", "x", "both")
-TEMPLATE_POSE = "man_t"  # left and right are told there
-RIGHT = 0.1  # mean error of a right map, at most
 
 
 def main() -> None:
@@ -74,15 +68,15 @@ def mirrored_template() -> np.ndarray:
     return np.asarray(KDTree(points).query(points * [-1, 1, 1])[1])
 
 
-def _cloud(mesh: Mesh, noise: float, rng: np.random.Generator) -> Mesh:
-    step = rng.normal(size=mesh.vertices.shape) * noise * np.sqrt(surface_area(mesh))
-    return Mesh(mesh.vertices + step, mesh.faces[:0])
+def _cloud(sample: Sample, noise: float, rng: np.random.Generator) -> Mesh:
+    mesh = damages.noise(sample, rng, size=noise).mesh
+    return Mesh(mesh.vertices, mesh.faces[:0])
 
 
 def _measure(name_x, name_y, side, noise, rng, every) -> dict:
     sample_x, sample_y = data.load(name_x), data.load(name_y)
     x, y = (
-        _cloud(sample.mesh, noise, rng) if side in (one, "both") else sample.mesh
+        _cloud(sample, noise, rng) if side in (one, "both") else sample.mesh
         for one, sample in (("x", sample_x), ("y", sample_y))
     )
     found = jax.block_until_ready(jfsf.match(x, y))
@@ -110,17 +104,7 @@ def _measure(name_x, name_y, side, noise, rng, every) -> dict:
 
 
 def _summary(rows: list[dict]) -> dict:
-    """Errors times 1000, and how many are mirrored, wrong, unannounced or doubted."""
-    errors = 1000 * np.array([row["error"] for row in rows])
-    return {
-        "mean": round(float(errors.mean()), 1),
-        "min": round(float(errors.min()), 1),
-        "max": round(float(errors.max()), 1),
-        "mirrored": sum(row["mirrored"] for row in rows),
-        "wrong": sum(not row["right"] for row in rows),
-        "silent": sum(not row["right"] and not row["warnings"] for row in rows),
-        "false_alarms": sum(row["right"] and bool(row["warnings"]) for row in rows),
-    }
+    return {**summary(rows), "mirrored": sum(row["mirrored"] for row in rows)}
 
 
 if __name__ == "__main__":

@@ -67,7 +67,7 @@ def main() -> None:
     for name in args.rows:
         found = [_measure(name, x, y, args) for x, y in PAIRS[: args.pairs]]
         rows += found
-        table[name] = _summary(found)
+        table[name] = summary(found)
         print(name, table[name], flush=True)
     if args.out:
         settings = {
@@ -116,7 +116,7 @@ def _measure(row: str, name_x: str, name_y: str, args) -> dict:
     return result
 
 
-def _summary(rows: list[dict]) -> dict:
+def summary(rows: list[dict]) -> dict:
     """Errors times 1000, and how often a warning is missing or out of place."""
     errors = 1000 * np.array([row["error"] for row in rows])
     return {

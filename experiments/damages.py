@@ -14,7 +14,8 @@ from upsample import upsample
 from jfsf import data
 from jfsf.data import Sample
 from jfsf.evaluate import geodesics
-from jfsf.mesh import largest_component, surface_area
+from jfsf.mesh import surface_area
+from jfsf.parts import cut
 from jfsf.types import Mesh
 
 # Beyond this share of the width of a body in T-pose is arm, measured from the middle.
@@ -103,8 +104,7 @@ def cloud(sample: Sample, rng: np.random.Generator) -> Damaged:
 
 def _kept(mesh: Mesh, keep: np.ndarray) -> Damaged:
     """The largest component of the faces whose corners are all kept."""
-    faces = mesh.faces[keep[mesh.faces].all(1)]
-    part, old = largest_component(Mesh(mesh.vertices, faces))
+    part, old = cut(mesh, keep)
     index = np.full(len(keep), -1)
     index[old] = np.arange(len(old))
     return Damaged(part, index)

@@ -30,8 +30,7 @@ from jfsf import data
 from jfsf.convert import nearest
 from jfsf.evaluate import pair_distances
 from jfsf.initial import fit
-from jfsf.mesh import surface_area
-from jfsf.parts import vertex_normals
+from jfsf.mesh import surface_area, vertex_areas
 from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, spectrum, wks
 
@@ -99,7 +98,7 @@ def measure(method, name_x, name_y, keep, pair, every) -> dict:
     T_xy, inside, extra = _run(method, part.mesh, y.mesh)
     seconds = time.perf_counter() - start
     away = pair_distances(y.mesh, T_xy[truth.at_x[::every]], truth.at_y[::every])
-    _, mass = vertex_normals(y.mesh)
+    mass = vertex_areas(*y.mesh)
     common, both = truth.inside_y & inside, truth.inside_y | inside
     return {
         "error": float(away.mean() / np.sqrt(surface_area(y.mesh))),

@@ -20,13 +20,14 @@ from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
     MeshError,
+    boundary_edges,
     denoised,
     orient,
     reconstruct,
     validate,
     without_holes,
 )
-from jfsf.parts import boundary_vertices, match_parts
+from jfsf.parts import match_parts
 from jfsf.pipeline import misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
@@ -73,8 +74,8 @@ def match(
             one unit; bodies may differ in size by a factor of 1.5. It takes neither
             landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
             arrays, so it runs on the host, with `match` of the cuts inside: it cannot
-            be traced. It takes ten times as long. Two closed surfaces share all. Where
-            both are cut the search fails more often: heed the confidence.
+            be traced. It takes about five times as long. Two closed surfaces share all.
+            The confidence is not calibrated for parts.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.
@@ -238,7 +239,7 @@ def _partial(
                 f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
             )
     sign = orientation_sign(orientation)
-    if not any(len(boundary_vertices(mesh)) for mesh in (mesh_x, mesh_y)):
+    if not any(len(boundary_edges(mesh.faces)) for mesh in (mesh_x, mesh_y)):
         found = match(
             mesh_x,
             mesh_y,
@@ -435,7 +436,7 @@ def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
     # very different shapes it would be far more work.
     if max(sizes) <= 4 * min(sizes):
         sizes = [max(sizes)] * len(sizes)
-    # Beside a mesh, a point cloud is padded with faces as meshes are: one program.
+    # Beside a mesh, a cloud without a surface is padded with faces: one program.
     faces = any(len(mesh.faces) for mesh in meshes)
     return [_Size(k, n, 2 * n if faces else 0) for n in sizes]
 

@@ -79,7 +79,7 @@ class InitialMap(NamedTuple):
     """Where the refinement starts.
 
     C_yx: functions on Y pulled back to X.
-    orientation: score in [-1, 1]; nan for point clouds.
+    orientation: score in [-1, 1]; nan for clouds without a surface.
     gap: the second candidate's energy over the first's, minus 1; nan for any other map.
     descriptor_weight: of the columns beside the eigenfunctions in its refinement.
     """
@@ -526,7 +526,7 @@ def refine(
         C_yx: the start; its leading block of `ks[0]` functions, if it has more.
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
         descriptor_weight: of all these beside the eigenfunctions. Where proportions
-            differ so do descriptors, and with more than a tenth they spoil right maps.
+            differ so do descriptors: there a tenth is better.
         settings: `ks`, `refine_converter`, `zoomout`. Sizes beyond the eigenpairs
             there are are cut; a smaller start adds its own size in front.
     """
@@ -570,14 +570,15 @@ def bend(
         C_yx: the functional map, refined.
         orientation: -1 for a map that mirrors.
         tiles: of both shapes.
-        settings: `bend_rounds`, `bend_converter`, `bend`. Without rounds, or for two
-            point clouds, the embeddings are those of C_yx, in the direct space.
+        settings: `bend_rounds`, `bend_converter`, `bend`. Without rounds, or if
+            neither shape has faces, the embeddings are those of C_yx, in the direct
+            space.
     """
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     if not _bends(spec_x, spec_y, settings):
         return emb_x, emb_y
-    # A point cloud beside a mesh gets a face of padding: its points move freely, while
-    # the mesh resists.
+    # A cloud without a surface beside a mesh gets a face of padding: its points move
+    # freely, while the mesh resists.
     spec_x, spec_y = (
         spec if len(spec.faces) else spec._replace(faces=jnp.zeros((1, 3), jnp.int32))
         for spec in (spec_x, spec_y)
@@ -627,7 +628,7 @@ def convert(
 
 
 def _bends(spec_x: Spectrum, spec_y: Spectrum, settings: Settings) -> bool:
-    """Two point clouds are not bent."""
+    """Two clouds without a surface are not bent."""
     return settings.bend_rounds > 0 and len(spec_x.faces) + len(spec_y.faces) > 0
 
 

@@ -54,4 +54,6 @@ def test_padding_is_invisible():
 
 def test_a_point_cloud_has_no_surface():
     cloud = OTHER._replace(faces=OTHER.faces[:0])
-    assert np.isnan(residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, cloud))
+    for other in (cloud, OTHER._replace(faces=jnp.zeros_like(OTHER.faces))):
+        assert np.isnan(residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, other))
+        assert np.isnan(residual(MAPS, OTHER.vertices, SPEC.vertices, other, SPEC))

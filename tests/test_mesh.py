@@ -13,20 +13,26 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.sparse.csgraph import shortest_path
 
 from jfsf.mesh import (
     MeshError,
+    boundary_edges,
     check,
     components,
+    edge_graph,
     edges,
     face_areas,
     face_normals,
+    farthest_vertices,
     largest_component,
     orient,
     read,
     surface_area,
     validate,
+    vertex_areas,
     vertex_components,
+    vertex_normals,
     weld,
 )
 from jfsf.types import Mesh
@@ -705,6 +711,42 @@ def test_areas_and_normals_agree_with_trimesh():
     assert surface_area(points) == 0
     assert edges(points.faces).ends.shape == (0, 2)
     assert np.array_equal(vertex_components(points.faces, 3), [0, 1, 2])
+
+
+def test_vertices_have_the_areas_and_normals_of_their_faces():
+    mesh = together(sphere(1, radius=2.0), moebius())
+    stray = Mesh(np.append(mesh.vertices, [[9, 9, 9]], axis=0), mesh.faces)
+    areas, normals = face_areas(*stray), face_normals(*stray)
+    own = [(stray.faces == i).any(1) for i in range(len(stray.vertices))]
+    assert np.allclose(vertex_areas(*stray), [areas[at].sum() / 3 for at in own])
+    total = np.array([normals[at].sum(0) for at in own])
+    assert np.allclose(
+        vertex_normals(*stray) * np.linalg.norm(total, axis=1)[:, None],
+        total,
+        atol=1e-12,
+    )
+    assert not vertex_normals(*stray)[-1].any()
+    none = cloud(mesh.vertices)
+    assert not vertex_areas(*none).any() and not vertex_normals(*none).any()
+
+
+@given(mesh=soups())
+def test_boundary_edges_run_as_in_their_only_face(mesh):
+    runs = np.stack([mesh.faces, np.roll(mesh.faces, -1, 1)], 2).reshape(-1, 2)
+    runs = [tuple(run) for run in runs.tolist() if run[0] != run[1]]
+    alone = [(a, b) for a, b in runs if runs.count((a, b)) + runs.count((b, a)) == 1]
+    assert sorted(map(tuple, boundary_edges(mesh.faces).tolist())) == sorted(alone)
+
+
+def test_each_vertex_is_the_farthest_from_those_before():
+    mesh = sphere(1)
+    graph = edge_graph(mesh)
+    between = shortest_path(graph, directed=False)
+    chosen = farthest_vertices(mesh, 10, start=3)
+    assert chosen[0] == 3 and len(set(chosen)) == 10
+    for i in range(1, 10):
+        far = between[chosen[:i]].min(0)
+        assert far[chosen[i]] == pytest.approx(far.max())
 
 
 def test_check_agrees_with_trimesh():

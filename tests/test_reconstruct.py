@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from jfsf import basis, data, testing
-from jfsf.mesh import check, face_normals, reconstruct, surface_area, vertex_components
+from jfsf.mesh import (
+    check,
+    face_normals,
+    reconstruct,
+    surface_area,
+    vertex_components,
+    vertex_normals,
+)
 from jfsf.types import Mesh
 
 NONE = np.zeros((0, 3), np.int32)
@@ -34,15 +41,6 @@ def shape(name, noise=0.0):
     step = random().normal(size=mesh.vertices.shape)
     moved = mesh.vertices + noise * np.sqrt(surface_area(mesh)) * step
     return moved, vertex_normals(*mesh)
-
-
-def vertex_normals(points, faces):
-    """Unit normals; 0 at vertices without a face."""
-    total = np.zeros_like(points)
-    for corner in faces.T:
-        np.add.at(total, corner, face_normals(points, faces))
-    size = np.linalg.norm(total, axis=1, keepdims=True)
-    return total / np.where(size > 0, size, 1)
 
 
 def triangles(faces):

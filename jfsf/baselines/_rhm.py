@@ -36,13 +36,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.csgraph import dijkstra
 from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
 from jfsf.convert import precise, to_vertex
 from jfsf.evaluate import geodesics, vertex_indices
-from jfsf.mesh import edges, vertex_components
+from jfsf.mesh import farthest_vertices, vertex_components
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
@@ -274,7 +273,7 @@ def _shape(name, argument, mesh: Mesh, dim: int, num_samples: int = SAMPLES) -> 
     stiffness, areas = operators(Mesh(vertices, faces))
     unit = np.sqrt(areas.sum())
     unit_mesh, mass = Mesh(vertices / unit, faces), areas / areas.sum()
-    at = _farthest(unit_mesh, count)
+    at = farthest_vertices(unit_mesh, count)
     dist = geodesics(unit_mesh, at)[:, at]
     # Small products: threads cost more than they bring.
     with threadpool_limits(1, user_api="blas"):
@@ -296,21 +295,6 @@ def _check_connected(name, argument, faces, n):
             f"{name}: {argument} has {pieces} pieces, geodesic distances between them "
             "are infinite; keep one"
         )
-
-
-def _farthest(mesh: Mesh, count: int) -> np.ndarray:
-    """Vertices, each the farthest along edges from those before it."""
-    n = len(mesh.vertices)
-    i, j = edges(mesh.faces).ends.T
-    length = np.linalg.norm(mesh.vertices[i] - mesh.vertices[j], axis=1)
-    graph = sp.csr_matrix((length, (i, j)), (n, n))
-    far, chosen = np.full(n, np.inf), [0]
-    for _ in range(count - 1):
-        # Vertices beyond the limit cannot come closer, so the search is local.
-        reach = {"limit": far.max(), "indices": chosen[-1], "directed": False}
-        far = np.minimum(far, dijkstra(graph, **reach))
-        chosen.append(int(far.argmax()))
-    return np.array(chosen)
 
 
 def _scaling(dist: np.ndarray, dim: int, *, num_iters: int = 1000, tol: float = 1e-6):

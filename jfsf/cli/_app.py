@@ -228,7 +228,7 @@ def match(
     """
     from jfsf.export import export_map
     from jfsf.matching import match as match_meshes
-    from jfsf.parts import looks_partial
+    from jfsf.parts import likely_part
     from jfsf.plot import draw_pair
 
     can_write(out, ".npz")
@@ -284,7 +284,7 @@ def match(
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if one_sided(mesh):
             notes.append(f"{path}: cannot be wound consistently; check left and right")
-    if not partial and looks_partial(mesh_x, mesh_y):
+    if not partial and likely_part(mesh_x, mesh_y):
         notes.append("one shape has a long boundary: if it is a part, pass --partial")
     for path, shape in ((x, shape_x), (y, shape_y)):
         if shape.repaired is not None:
@@ -298,8 +298,6 @@ def match(
 
 app.command()(batch)
 app.command()(evaluate)
-
-
 app.command()(info)
 
 

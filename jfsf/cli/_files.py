@@ -121,7 +121,16 @@ class Shape(NamedTuple):
 
 
 def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
-    """The mesh of a file; its largest component only; repaired."""
+    """Read a mesh that can be matched.
+
+    Args:
+        path: its file.
+        largest: keep its largest component only.
+        mend: repair it.
+
+    Raises:
+        MeshError: it cannot be matched.
+    """
     from jfsf.mesh import largest_component, read, repair
 
     file = read(path)
@@ -171,6 +180,21 @@ def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:
         return points
     known = points < len(partner)
     return np.where(known, partner[np.where(known, points, 0)], -1)
+
+
+def kept_points(truth, partners) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of vertices of files as those of shapes, without lost ones.
+
+    Args:
+        truth: vertices of X's file and of Y's that correspond.
+        partners: of the `Shape` of X and of Y.
+    """
+    one, two = (
+        numbered(np.asarray(points), partner)
+        for points, partner in zip(truth, partners, strict=True)
+    )
+    known = (one >= 0) & (two >= 0)
+    return one[known], two[known]
 
 
 def read_landmarks(path: Path, partners) -> np.ndarray:
@@ -238,9 +262,7 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
                 meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
                 partners[side] = new
     if truth is not None:
-        points = [numbered(*own) for own in zip(truth, partners, strict=True)]
-        known = (points[0] >= 0) & (points[1] >= 0)
-        truth = type(truth)(*(side[known] for side in points))
+        truth = kept_points(truth, partners)
     return *meshes, maps, truth
 
 

@@ -4,9 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from jfsf.cli._files import can_write, need_matplotlib, numbered
+from jfsf.cli._files import can_write, kept_points, need_matplotlib
 from jfsf.report import Row, Side, thumbnail, write_index, write_report
 
 FOLDER = "report"  # of a batch: pages and pictures of its pairs
@@ -40,12 +38,7 @@ def kept_truth(gt_x: Path | None, gt_y: Path | None, shapes) -> Any:
         len(own.mesh.vertices if own.partner is None else own.partner) for own in shapes
     )
     truth = read_ground_truth(gt_x, gt_y, n_x=n_x, n_y=n_y)
-    one, two = (
-        numbered(np.asarray(points), own.partner)
-        for points, own in zip(truth, shapes, strict=True)
-    )
-    known = (one >= 0) & (two >= 0)
-    return one[known], two[known]
+    return kept_points(truth, [own.partner for own in shapes])
 
 
 def pair_page(out: Path, inputs, found, **options) -> None:

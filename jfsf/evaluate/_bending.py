@@ -34,7 +34,8 @@ def bending_residual(
         spec_x, spec_y: both at rest.
 
     Returns:
-        0 or more; nan if one of them is a point cloud, which has no normals.
+        0 or more; nan if one of them has no faces, or those of padding only, and so no
+        normals.
     """
     if len(spec_x.faces) == 0 or len(spec_y.faces) == 0:
         return jnp.full((), jnp.nan, emb_x.dtype)
@@ -53,4 +54,5 @@ def bending_residual(
         (spec_x.mass, emb_x[:, :3], *target_y, maps.T_xy, spec_y.mass),
         (spec_y.mass, emb_y[:, 3:6], *target_x, maps.T_yx, spec_x.mass),
     )
-    return jnp.mean(jnp.stack(both))
+    surfaces = jnp.any(spec_x.faces) & jnp.any(spec_y.faces)
+    return jnp.where(surfaces, jnp.mean(jnp.stack(both)), jnp.nan)

@@ -20,7 +20,7 @@ NOT_BENT = {
     "energy": -2.9,
     "unevenness": -16.7,
 }
-# What a map without an orientation, of a point cloud, counts as having.
+# What a map without an orientation, of a cloud without a surface, counts as having.
 UNKNOWN_ORIENTATION = 0.9
 # Added to a residual, in sqrt(area): smaller ones say nothing.
 LEAST_RESIDUAL = 1e-3

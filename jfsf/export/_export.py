@@ -45,8 +45,8 @@ def export_map(
         path: `.ply`, `.obj` or `.glb`; see `export_mesh`.
         mesh_x, mesh_y: meshes or point clouds.
         T_xy: the vertex of Y for each vertex of X.
-        up: the axis that points up in Y's file; found in its shape when absent, as in
-            the pictures of `jfsf.plot`, whose colours these are.
+        up: the axis that points up in Y's file; found in its shape alone when
+            absent, so the colours may differ from those of a picture of the pair.
         checker: carry a checker from Y to X too, as texture (OBJ and GLB). Viewers
             multiply it with the colours, or show it alone.
         uv_y: texture coordinates of Y for it; by default a projection from the front,

@@ -10,7 +10,7 @@ import struct
 import numpy as np
 
 from jfsf.export._paint import Painted
-from jfsf.mesh import face_normals
+from jfsf.mesh import vertex_normals
 
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963  # what a part of the buffer is for
@@ -29,7 +29,9 @@ def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
     attributes = {"POSITION": buffer.add(points, "VEC3", **limits)}
     part: dict = {"attributes": attributes, "mode": _POINTS, "material": 0}
     if len(shape.faces):
-        normals = _vertex_normals(shape.vertices, shape.faces)
+        normals = vertex_normals(shape.vertices, shape.faces)
+        # A vertex without a normal, as of no face, looks to +z.
+        normals[~normals.any(axis=1)] = [0, 0, 1]
         attributes["NORMAL"] = buffer.add(normals.astype("<f4"), "VEC3")
         corners = shape.faces.astype("<u4").ravel()
         part |= {"mode": _TRIANGLES, "indices": buffer.add(corners, "SCALAR")}
@@ -101,12 +103,3 @@ def _padded(data, filler):
 
 def _linear(srgb):
     return np.where(srgb > 0.04045, ((srgb + 0.055) / 1.055) ** 2.4, srgb / 12.92)
-
-
-def _vertex_normals(vertices, faces):
-    """Of length 1; a vertex without one, as of no face, looks to +z."""
-    total = np.zeros_like(vertices)
-    for corner in faces.T:
-        np.add.at(total, corner, face_normals(vertices, faces))
-    length = np.linalg.norm(total, axis=1, keepdims=True)
-    return np.where(length > 0, total / np.where(length > 0, length, 1), [0, 0, 1])

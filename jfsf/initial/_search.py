@@ -39,7 +39,7 @@ class Candidates(NamedTuple):
     energy: departure from an isometry that keeps the descriptors; lower is better.
         Where an orientation is asked for, that of a wrong one is added
         (`with_orientation`). A near copy of a better map has inf.
-    orientation: score in [-1, 1]; nan for point clouds.
+    orientation: score in [-1, 1]; nan for clouds without a surface.
     """
 
     C_yx: Float[Array, "c k k"]
@@ -262,7 +262,7 @@ def with_orientation(
     pulled_back = settings.zoomout.pulled_back
     score = partial(orientation_score, pulled_back=pulled_back)
     orientation = jnp.asarray(jax.vmap(lambda C: score(C, *brackets))(C_yx))
-    # Point clouds have no score.
+    # Clouds without a surface have no score.
     asked = (sign != 0) & ~jnp.isnan(orientation)
     agrees = jnp.asarray(sign * orientation)
     half = settings.half_mirrored_energy * (1 - agrees)

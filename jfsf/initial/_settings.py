@@ -18,9 +18,8 @@ class SearchSettings:
     descriptor_weights: of the columns beside the eigenfunctions, for the starts: each
         sign pattern is tried with each. The best weight depends on the shapes. With 0.5
         the legs of TOSCA's dogs are exchanged, with 1 the hands of the embedded child.
-    descriptor_weight: the same afterwards, and in the refinement. With 1, six of 48
-        pairs of embedded shapes exchange their hands even from the right start; with
-        0.5 a right start stays right.
+    descriptor_weight: the same afterwards, and in the refinement. More exchanges hands
+        even from a right start.
     start_ks: sizes of the basis for the starts, see `zoomout`.
     fits: weights of the fits to descriptors, which are starts too.
     fit_size: size of these functional maps.
@@ -38,13 +37,10 @@ class SearchSettings:
     assignment_ks: sizes of the basis for these starts.
     extremity_weight: of the distances to assigned extremities beside eigenfunctions.
     far_descriptor_weight: the same as `descriptor_weight` for these starts. Where
-        proportions differ so do descriptors: from the true map at 30 functions the
-        refinement ends below 0.12 on 20 of 20 pairs of creatures, with 1 on 14.
+        proportions differ so do descriptors: more spoils right maps.
     difference_weight: of what assigned extremities differ in, beside the unevenness of
-        a map: the best of six maps, each at 30 functions, is right on 20 of 40 pairs of
-        creatures, with 0 on 18 (21 if all 120 are tried).
-    far_candidates: maps kept of these. After the whole refinement the first is right on
-        25 of 40 pairs of creatures, the best of all on 34.
+        a map.
+    far_candidates: maps kept of these. Later ones are right where the first is not.
     samples: farthest points on which hypotheses are refined.
     final_samples: farthest points on which the last candidates are refined and ranked.
     final_ks: sizes of the basis for these.

@@ -13,7 +13,7 @@ between, so that a map in the wrong direction is an error where sizes differ.
 The same matrix only where bases are the same. Ours are those of a shape of area 1, and
 the constant function is 1. A shape of area a has eigenvalues 1 / a times and
 eigenvectors 1 / sqrt(a) times as large, and the sign of its constant is arbitrary;
-`Bases` takes a functional map from the ones to the others.
+`to_pyfm`, `to_matlab` and their inverses change a functional map accordingly.
 
 The packages are imported when they are needed. The extra `interop` installs all but
 torch, which people install to fit their machine.
@@ -31,7 +31,7 @@ Read in this order:
 - `_ott`: the sparse kernel as ott-jax's geometry, and its potentials
 """
 
-from jfsf.interop._bases import Bases, Correspondence
+from jfsf.interop._bases import Correspondence
 from jfsf.interop._matlab import (
     MatlabMaps,
     MatlabShape,
@@ -55,7 +55,6 @@ from jfsf.interop._tensors import to_jax, to_numpy, to_torch
 from jfsf.interop._trimesh import from_trimesh, to_trimesh
 
 __all__ = [
-    "Bases",
     "Correspondence",
     "MatlabMaps",
     "MatlabShape",

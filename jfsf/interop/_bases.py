@@ -2,7 +2,7 @@
 
 On a shape of area a: evals_own = evals / a, mass_own = a mass, and
 evecs_own = evecs diag(factors), where the factors are 1 / sqrt(a) but for the sign of
-the constant function. So C_own = diag(1 / factors_x) C_yx diag(factors_y).
+the constant function. So C_other = diag(1 / factors_x) C_yx diag(factors_y).
 """
 
 from typing import Any, NamedTuple
@@ -38,7 +38,7 @@ class Bases(NamedTuple):
     factors_x: Float[np.ndarray, " k"]
     factors_y: Float[np.ndarray, " l"]
 
-    def to_own(self, C_yx: ArrayLike) -> Float[np.ndarray, "k_x k_y"]:
+    def to_other(self, C_yx: ArrayLike) -> Float[np.ndarray, "k_x k_y"]:
         """The other code's functional map from Y to X, from ours.
 
         Raises:
@@ -48,14 +48,14 @@ class Bases(NamedTuple):
         C_yx, by_x, by_y = self._fitting("C_yx", C_yx)
         return C_yx / by_x[:, None] * by_y
 
-    def from_own(self, C_own: ArrayLike) -> Float[np.ndarray, "k_x k_y"]:
+    def from_other(self, C_other: ArrayLike) -> Float[np.ndarray, "k_x k_y"]:
         """Our C_yx from the other code's functional map from Y to X.
 
         Raises:
-            ValueError: as `to_own`.
+            ValueError: as `to_other`.
         """
-        C_own, by_x, by_y = self._fitting("C_own", C_own)
-        return C_own * by_x[:, None] / by_y
+        C_other, by_x, by_y = self._fitting("C_other", C_other)
+        return C_other * by_x[:, None] / by_y
 
     def _fitting(self, name, C):
         C = np.asarray(C)

@@ -157,7 +157,7 @@ def to_matlab(
         sizes = len(shape_x.mesh.vertices), len(shape_y.mesh.vertices)
         T12 = checked_map("to_matlab: T_xy", T_xy, *sizes)[:, None] + 1.0
     if C_yx is not None:
-        C21 = _bases("to_matlab", shape_x, shape_y).to_own(C_yx)
+        C21 = _bases("to_matlab", shape_x, shape_y).to_other(C_yx)
     return MatlabMaps(T12, C21)
 
 
@@ -183,7 +183,7 @@ def from_matlab(
         sizes = len(shape_x.mesh.vertices), len(shape_y.mesh.vertices)
         T_xy = checked_map("from_matlab: T12", T12, *sizes, base=1)
     if C21 is not None:
-        C_yx = _bases("from_matlab", shape_x, shape_y).from_own(C21)
+        C_yx = _bases("from_matlab", shape_x, shape_y).from_other(C21)
     return Correspondence(T_xy, C_yx)
 
 

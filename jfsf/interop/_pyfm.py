@@ -68,7 +68,7 @@ def to_pyfm(
     if T_xy is not None:
         p2p_21 = checked_map("to_pyfm: T_xy", T_xy, *sizes)
     if C_yx is not None:
-        FM_12 = _bases("to_pyfm", mesh1, mesh2).to_own(C_yx)
+        FM_12 = _bases("to_pyfm", mesh1, mesh2).to_other(C_yx)
     return PyfmMaps(p2p_21, FM_12)
 
 
@@ -94,7 +94,7 @@ def from_pyfm(
     if p2p_21 is not None:
         T_xy = checked_map("from_pyfm: p2p_21", p2p_21, *sizes)
     if FM_12 is not None:
-        C_yx = _bases("from_pyfm", mesh1, mesh2).from_own(FM_12)
+        C_yx = _bases("from_pyfm", mesh1, mesh2).from_other(FM_12)
     return Correspondence(T_xy, C_yx)
 
 

@@ -4,6 +4,7 @@ Read in this order:
 
 - `_values`: check the arrays of a mesh, and split polygons into triangles
 - `_geometry`: areas, normals, edges, components
+- `_paths`: shortest paths along edges
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_edit`: wind a mesh outward, keep its largest component, weld its seams
@@ -23,14 +24,18 @@ from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
     Edges,
+    boundary_edges,
     components,
     edges,
     face_areas,
     face_normals,
     surface_area,
+    vertex_areas,
     vertex_components,
+    vertex_normals,
 )
 from jfsf.mesh._holes import without_holes
+from jfsf.mesh._paths import edge_graph, farthest_vertices
 from jfsf.mesh._read import read
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import Repaired, map_of_originals, nearest_kept, repair
@@ -43,14 +48,17 @@ __all__ = [
     "Repaired",
     "Report",
     "Submesh",
+    "boundary_edges",
     "check",
     "check_values",
     "coarsen",
     "components",
     "denoised",
+    "edge_graph",
     "edges",
     "face_areas",
     "face_normals",
+    "farthest_vertices",
     "largest_component",
     "map_of_originals",
     "nearest_kept",
@@ -63,7 +71,9 @@ __all__ = [
     "surface_area",
     "triangulate",
     "validate",
+    "vertex_areas",
     "vertex_components",
+    "vertex_normals",
     "weld",
     "without_holes",
     "without_spikes",

@@ -57,6 +57,19 @@ def surface_area(mesh: Mesh) -> float:
     return float(face_areas(np.asarray(mesh.vertices), np.asarray(mesh.faces)).sum())
 
 
+def vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    """Unit normals (n, 3), faces weighted by their area; 0 where there is none."""
+    total = [_at_vertices(vertices, faces, c) for c in face_normals(vertices, faces).T]
+    normal = np.stack(total, axis=1)
+    size = np.linalg.norm(normal, axis=1, keepdims=True)
+    return normal / np.where(size > 0, size, 1)
+
+
+def vertex_areas(vertices: ArrayLike, faces: ArrayLike) -> Any:
+    """A third (n,) of the area of each vertex's faces."""
+    return _at_vertices(vertices, faces, face_areas(vertices, faces)) / 3
+
+
 def edges(faces: ArrayLike) -> Edges:
     """The undirected edges of faces (m, 3); a vertex is never joined to itself."""
     faces = np.asarray(faces)
@@ -64,6 +77,17 @@ def edges(faces: ArrayLike) -> Edges:
     key = _edge_keys(faces, n)
     key, counts = np.unique(key[key // n != key % n], return_counts=True)
     return Edges(np.stack([key // n, key % n], axis=1), counts)
+
+
+def boundary_edges(faces: ArrayLike) -> ArrayLike:
+    """Edges (b, 2) with one face, from tail to head as that face is wound."""
+    faces = np.asarray(faces)
+    tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    proper = np.flatnonzero(tail != head)
+    key = _edge_keys(faces, int(faces.max(initial=0)) + 1)[proper]
+    _, first, counts = np.unique(key, return_index=True, return_counts=True)
+    alone = proper[first[counts == 1]]
+    return np.stack([tail[alone], head[alone]], axis=1)
 
 
 def pair_half_edges(faces: ArrayLike, n: int) -> HalfEdgePairs:
@@ -140,6 +164,11 @@ def component_volumes(
     ]
     a, b, c = np.moveaxis(corners - np.stack(centre, 1)[component][:, None], 1, 0)
     return np.bincount(component, (a * np.cross(b, c)).sum(axis=1) / 6), area
+
+
+def _at_vertices(vertices, faces, values):
+    """The sum (n,) of the values of each vertex's faces."""
+    return np.bincount(faces.ravel(), np.repeat(values, 3), minlength=len(vertices))
 
 
 def _edge_keys(faces, n):

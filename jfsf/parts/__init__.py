@@ -11,18 +11,14 @@ Read in this order:
 - `_match`: the region that both share, and the maps
 """
 
-from jfsf.parts._hint import longest_loop, looks_partial
+from jfsf.parts._hint import likely_part, longest_loop
 from jfsf.parts._match import Parts, match_parts
 from jfsf.parts._region import cut
-from jfsf.parts._shape import boundary_edges, boundary_vertices, vertex_normals
 
 __all__ = [
     "Parts",
-    "boundary_edges",
-    "boundary_vertices",
     "cut",
+    "likely_part",
     "longest_loop",
-    "looks_partial",
     "match_parts",
-    "vertex_normals",
 ]

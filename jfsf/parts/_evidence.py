@@ -7,7 +7,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from jfsf.evaluate import geodesics
-from jfsf.parts._shape import PartSamples, vertex_normals
+from jfsf.mesh import vertex_normals
+from jfsf.parts._shape import PartSamples
 from jfsf.spectral import operators
 from jfsf.types import Mesh
 
@@ -78,7 +79,7 @@ def curvatures(mesh: Mesh, scale: float = 1.0) -> np.ndarray:
         scale: factor that brings it to the common unit.
     """
     stiff, mass = operators(mesh)
-    normal, _ = vertex_normals(mesh)
+    normal = vertex_normals(*mesh)
     out = []
     for length in (wide / scale for wide in LENGTHS):
         solve = splu((sp.diags(mass) + length**2 * stiff).tocsc()).solve

@@ -1,27 +1,31 @@
-"""Whether a pair looks as if one shape were a part of the other."""
+"""Which shape of a pair looks like a part of the other."""
+
+from typing import Literal
 
 import numpy as np
 
-from jfsf.mesh import components, surface_area
-from jfsf.parts._shape import boundary_edges
+from jfsf.mesh import boundary_edges, components, surface_area
 from jfsf.types import Mesh
 
 # In sqrt(area): a neck or an upper arm that was cut through has about 0.35.
 LONG_LOOP = 0.3
 
 
-def looks_partial(mesh_x: Mesh, mesh_y: Mesh) -> bool:
-    """Whether one of them has a longer boundary loop than the other, by far.
+def likely_part(mesh_x: Mesh, mesh_y: Mesh) -> Literal["x", "y"] | None:
+    """The shape whose longest boundary loop is longer than the other's, by far.
 
     Args:
-        mesh_x, mesh_y: with faces; a point cloud has no boundary.
+        mesh_x, mesh_y: a point cloud has no boundary.
     """
-    return abs(longest_loop(mesh_x) - longest_loop(mesh_y)) > LONG_LOOP
+    more = longest_loop(mesh_x) - longest_loop(mesh_y)
+    if abs(more) <= LONG_LOOP:
+        return None
+    return "x" if more > 0 else "y"
 
 
 def longest_loop(mesh: Mesh) -> float:
     """Length of the longest piece of the boundary, in sqrt(area)."""
-    ends = boundary_edges(mesh)
+    ends = boundary_edges(mesh.faces)
     if len(ends) == 0:
         return 0.0
     vertices = np.asarray(mesh.vertices, float)

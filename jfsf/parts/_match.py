@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import orient, surface_area
+from jfsf.mesh import boundary_edges, orient, surface_area
 from jfsf.parts._beam import assign
 from jfsf.parts._evidence import Evidence, curvatures, evidence
 from jfsf.parts._region import (
@@ -28,7 +28,7 @@ from jfsf.parts._region import (
     dense_map,
     target,
 )
-from jfsf.parts._shape import PartSamples, boundary_vertices, part_samples
+from jfsf.parts._shape import PartSamples, part_samples
 from jfsf.types import Certificate, Mesh
 
 # Samples of the part, and of the other shape, in which partners are looked for.
@@ -107,7 +107,8 @@ def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Pa
     Raises:
         ValueError: no region of enough vertices was found.
     """
-    # The one with the longer cut is bent onto the other, so a swap changes nothing.
+    # An open shape is bent onto a closed one, and of two open ones the smaller, so a
+    # swap changes nothing.
     if _openness(mesh_x) < _openness(mesh_y):
         return _swapped(match_parts(mesh_y, mesh_x, refine, sign))
     states = []
@@ -119,7 +120,7 @@ def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Pa
     refined = []
     for state, sides in states[:REFINED]:
         if state.score < best + HOPELESS:
-            found = _refined(state, sides, mesh_x, mesh_y, refine)
+            found = _refined(state, sides, refine)
             refined += [] if found is None else [(found, sides)]
     if not refined:
         raise ValueError(
@@ -132,13 +133,12 @@ def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Pa
     others = [s.score for s, _ in refined[1:]] + [s.score for s, _ in states[REFINED:]]
     margin = min(others, default=np.inf) - state.score
     for _ in range(ROUNDS - 1):
-        state = _refined(state, sides, mesh_x, mesh_y, refine) or state
+        state = _refined(state, sides, refine) or state
     return _result(state, sides, margin)
 
 
 def _openness(mesh: Mesh) -> tuple[float, float]:
-    edge = boundary_vertices(mesh)
-    return len(edge) > 0, -surface_area(mesh)
+    return len(boundary_edges(mesh.faces)) > 0, -surface_area(mesh)
 
 
 def _swapped(found: Parts) -> Parts:
@@ -208,7 +208,7 @@ def _bent(sides: _Sides, T_xy, scale: float, rounds: int = 6) -> _State:
     return _State(bent, scale * float(np.clip(ratio, 0.9, 1.1)), float(score))
 
 
-def _refined(state: _State, sides: _Sides, mesh_x, mesh_y, refine) -> _State | None:
+def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
     """Cut both shapes to the region, refine the map between the cuts, bend again."""
     x, y = _scaled(sides.x.mesh, state.scale), sides.y.mesh
     near, inside = covered_by(state.bent, x, sides.onto, sides.sign)
@@ -217,8 +217,8 @@ def _refined(state: _State, sides: _Sides, mesh_x, mesh_y, refine) -> _State | N
         return None
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
-    start = tree.query(y.vertices[state.bent.T_xy[part_x.index]])[1].astype(np.int32)
-    found = refine(part_x.mesh, part_y.mesh, start)
+    start = tree.query(y.vertices[state.bent.T_xy[part_x.index]])[1]
+    found = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
     T_xy = state.bent.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(found.T_xy)]
     after = _bent(sides, T_xy, state.scale)

@@ -13,8 +13,14 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.array import common_size
-from jfsf.mesh import Submesh, largest_component
-from jfsf.parts._shape import PartSamples, boundary_edges, vertex_normals
+from jfsf.mesh import (
+    Submesh,
+    boundary_edges,
+    largest_component,
+    vertex_areas,
+    vertex_normals,
+)
+from jfsf.parts._shape import PartSamples
 from jfsf.refine import deform, surface
 from jfsf.types import Mesh, Spectrum
 
@@ -53,9 +59,9 @@ class Bent(NamedTuple):
 
 def target(mesh: Mesh) -> Target:
     """The surface to bend onto."""
-    normal, _ = vertex_normals(mesh)
+    normal = vertex_normals(*mesh)
     outward = np.zeros_like(normal)
-    ends = boundary_edges(mesh)
+    ends = boundary_edges(mesh.faces)
     along = mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]]
     # The face lies to the left of its edge, seen against the normal.
     for end in ends.T:
@@ -85,7 +91,7 @@ def bend_onto(x: Mesh, y: Target, T_xy, sign: int = 1, *, rounds: int = 6) -> Be
         sign: -1 for a map that mirrors.
         rounds: deformations, each followed by a search for the nearest vertices.
     """
-    n, (_, mass) = len(x.vertices), vertex_normals(x)
+    n, mass = len(x.vertices), vertex_areas(*x)
     side, size = _padded_surface(x, sign), _size(x)
     moved, matched = y.mesh.vertices[T_xy], np.ones(n, bool)
     for _ in range(rounds):
@@ -94,9 +100,7 @@ def bend_onto(x: Mesh, y: Target, T_xy, sign: int = 1, *, rounds: int = 6) -> Be
         goal, start = (_rows(v, size) for v in (y.mesh.vertices[T_xy], moved))
         found = _deform(side._replace(mass=jnp.asarray(pull)), goal, start)
         moved = np.asarray(found)[:n].astype(float)
-        T_xy, matched = nearest(
-            y, moved, sign * vertex_normals(Mesh(moved, x.faces))[0]
-        )
+        T_xy, matched = nearest(y, moved, sign * vertex_normals(moved, x.faces))
     return Bent(moved, T_xy, matched)
 
 

@@ -13,7 +13,13 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
-from jfsf.mesh import MeshError, coarsen, face_normals, largest_component
+from jfsf.mesh import (
+    MeshError,
+    coarsen,
+    largest_component,
+    vertex_areas,
+    vertex_normals,
+)
 from jfsf.spectral import spectrum
 from jfsf.types import Mesh
 
@@ -59,7 +65,7 @@ def cues(mesh: Mesh) -> Cues:
     part = largest_component(coarsen(mesh, _DETAIL).mesh).mesh
     vertices = np.asarray(part.vertices, float)
     faces = np.asarray(part.faces).reshape(-1, 3)
-    area, normals = vertex_areas(vertices, faces)
+    area, normals = area_shares(vertices, faces)
     vertices = vertices - area @ vertices
     vertices = vertices / (np.sqrt(area @ (vertices**2).sum(1)) or 1)
     chosen = np.arange(0, len(vertices), -(-len(vertices) // _SAMPLES))
@@ -218,22 +224,17 @@ def _directions(vertices, points, weight):
     return np.concatenate([apart(rests, 4.0), *found])
 
 
-def vertex_areas(
+def area_shares(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n 3"]]:
     """Areas of vertices, which sum to 1, and outward unit normals, 0 for a cloud."""
-    n = len(vertices)
-    area, normals = np.zeros(n), np.zeros((n, 3))
-    cross = face_normals(vertices, faces)
-    for corner in faces.T:
-        np.add.at(area, corner, np.linalg.norm(cross, axis=1))
-        np.add.at(normals, corner, cross)
+    n, area = len(vertices), vertex_areas(vertices, faces)
     if not area.any():
         return np.full(n, 1 / n), np.zeros((n, 3))
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
+    normals = vertex_normals(vertices, faces)
     if _volume_terms(vertices - vertices.mean(0), faces)[0].sum() < 0:
         normals = -normals
-    return area / area.sum(), normals / np.where(length > 0, length, 1)
+    return area / area.sum(), normals
 
 
 def sphere(n: int) -> Float[np.ndarray, "n 3"]:

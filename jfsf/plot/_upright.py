@@ -21,8 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.parts import longest_loop, looks_partial
-from jfsf.plot._cues import Cues, apart, cues, front_cues, up_cues, vertex_areas
+from jfsf.parts import likely_part
+from jfsf.plot._cues import Cues, apart, area_shares, cues, front_cues, up_cues
 from jfsf.types import ArrayLike, Mesh
 
 # By experiments/upright.py on people and animals. Rounds of it differ by a tenth.
@@ -93,9 +93,8 @@ def find_frames(
 
     The surer of both frames is carried to the other shape, unless that is sure too, by
     the rotation that brings most of X's trunk to its image (robust Procrustes). A part,
-    whose boundary is long, is never the surer one. A map
-    that exchanges left and right carries up and front only, so that both shapes face
-    the viewer.
+    whose boundary is long, is never the surer one. A map that exchanges left and right
+    carries up and front only, so that both shapes face the viewer.
 
     Args:
         mesh_x, mesh_y: as `find_frame`.
@@ -109,10 +108,11 @@ def find_frames(
     turn = _alignment(mesh_x, mesh_y, np.asarray(T_xy))
     if turn is None:
         return own_x, own_y
-    if looks_partial(mesh_x, mesh_y):  # a part need not stand as the whole does
-        if longest_loop(mesh_x) > longest_loop(mesh_y):
+    # A part need not stand on its own as the whole does.
+    match likely_part(mesh_x, mesh_y):
+        case "x":
             own_x = own_x._replace(margin=-np.inf)
-        else:
+        case "y":
             own_y = own_y._replace(margin=-np.inf)
     if own_x.margin >= own_y.margin:
         return own_x, _carried(own_x, own_y, turn)
@@ -122,7 +122,7 @@ def find_frames(
 def _alignment(mesh_x, mesh_y, T_xy):
     """(3, 3) orthogonal, by which the directions of X go to Y; None if none fits."""
     points = np.asarray(mesh_x.vertices, float)
-    area = vertex_areas(points, np.asarray(mesh_x.faces).reshape(-1, 3))[0]
+    area = area_shares(points, np.asarray(mesh_x.faces).reshape(-1, 3))[0]
     image = np.asarray(mesh_y.vertices, float)[T_xy]
     points, image = (_of_size_one(p, area) for p in (points, image))
     if np.linalg.norm((points * area[:, None]).T @ image, "nuc") < _ALIGNED:

@@ -108,14 +108,16 @@ def write_report(
     measured = measure(x.mesh, y.mesh, found, truth)
     lap("figures")
     step("candidates")
-    candidates = considered(
-        x.mesh,
-        y.mesh,
-        at=(few_x.index, few_y.index),
-        orientation=orientation,
-        settings=settings,
-        cache=cache,
-    )
+    candidates = []
+    if found.matched_x is None:  # parts are not found by the search
+        candidates = considered(
+            x.mesh,
+            y.mesh,
+            at=(few_x.index, few_y.index),
+            orientation=orientation,
+            settings=settings,
+            cache=cache,
+        )
     lap("candidates")
     step("pictures")
     maps = {"the map found": shown_maps(found, shown_x, shown_y)}
