@@ -21,6 +21,7 @@ only from those above its own:
 - `settings`: every tuned number, and every stage that can be replaced
 - `pipeline`: spectra to maps, stage by stage
 - `arguments`: checks of what `match` is given
+- `sizes`: few sizes to pad to, so few programs
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
@@ -88,18 +89,8 @@ _HOMES = {
 }
 _ROOMS = (
     *("array", "solvers", "storage", "convert", "evaluate", "parts", "arguments"),
-    *(
-        "mapfiles",
-        "interop",
-        "batch",
-        "baselines",
-        "data",
-        "plot",
-        "export",
-        "report",
-        "testing",
-    ),
-    *("cli", "guide"),
+    *("sizes", "mapfiles", "interop", "batch", "baselines", "data", "plot", "export"),
+    *("report", "testing", "cli", "guide"),
     *_HOMES,
 )
 

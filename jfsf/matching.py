@@ -10,12 +10,10 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
-from jfsf.array import common_size, pad
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
@@ -30,6 +28,7 @@ from jfsf.mesh import (
 from jfsf.parts import match_parts
 from jfsf.pipeline import misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
+from jfsf.sizes import Given, padded, padded_arguments, padded_sizes, spectrum_like
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
 from jfsf.storage import Program, compile_ahead
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
@@ -105,7 +104,7 @@ def match(
     shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
     if not all(len(shape.surface.faces) for shape in shapes.values()):
         orientation = "any"
-    given = _Given(
+    given = Given(
         checked_landmarks(landmarks, sizes),
         checked_descriptors(descriptors, sizes),
         checked_initial(initial, sizes),
@@ -142,7 +141,7 @@ def symmetry(
             f"symmetry: mesh has {n} vertices and no faces, and a point cloud without "
             "a clear outside no left and right; triangulate it"
         )
-    given = _Given(None, None, None, orientation_sign("reverse"), True)
+    given = Given(None, None, None, orientation_sign("reverse"), True)
     found = _match({"mesh": shape}, given, settings, cache)
     return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
 
@@ -198,8 +197,8 @@ def padded_bases(
         check_matchable(mesh, name=name, settings=settings)
     shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
     specs = [_basis(s, name, settings, cache) for name, s in shapes.items()]
-    sizes = _padded_sizes([s.surface for s in shapes.values()], settings)
-    padded_x, padded_y = (_padded(*pair) for pair in zip(specs, sizes, strict=True))
+    sizes = padded_sizes([s.surface for s in shapes.values()], settings)
+    padded_x, padded_y = (padded(*pair) for pair in zip(specs, sizes, strict=True))
     return padded_x, padded_y
 
 
@@ -257,7 +256,7 @@ def _partial(
         say("refinement of a region")
         sizes = len(part_x.vertices), len(part_y.vertices)
         initial = checked_initial(T_xy, sizes)
-        given = _Given(None, None, initial, sign, False)
+        given = Given(None, None, initial, sign, False)
         parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
         found = _match(parts, given, settings, cache, keep_spectra=False)
@@ -278,16 +277,6 @@ def _partial(
     return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)
 
 
-class _Given(NamedTuple):
-    """The arguments of `run_stages` beside the spectra; None is left out."""
-
-    landmarks: Any
-    descriptors: Any
-    initial: Any
-    sign: Any
-    self_map: bool
-
-
 class _Shape(NamedTuple):
     """A shape that `check_matchable` has accepted.
 
@@ -300,14 +289,6 @@ class _Shape(NamedTuple):
     whole: Mesh | None = None
 
 
-class _Size(NamedTuple):
-    """All that programs are compiled for, of one shape."""
-
-    eigenpairs: int
-    vertices: int
-    faces: int
-
-
 def _shape(mesh: Mesh) -> _Shape:
     if len(mesh.faces):
         return _Shape(mesh)
@@ -317,7 +298,7 @@ def _shape(mesh: Mesh) -> _Shape:
 
 def _match(
     shapes: Mapping[str, _Shape],
-    given: _Given,
+    given: Given,
     settings: Settings,
     cache: bool,
     progress: Callable[[str], object] | None = None,
@@ -328,9 +309,9 @@ def _match(
     keep_spectra &= cache
     if progress is not None:
         progress("spectra")
-    sizes = _padded_sizes([shape.surface for shape in shapes.values()], settings)
-    given = _padded_arguments(given, sizes)
-    like = [_spectrum_like(size) for size in sizes]
+    sizes = padded_sizes([shape.surface for shape in shapes.values()], settings)
+    given = padded_arguments(given, sizes)
+    like = [spectrum_like(size) for size in sizes]
     # Threads for the spectra, and two that compile. The limit is set around all: one
     # set and lifted by each of them would be left behind.
     threads = ThreadPoolExecutor(len(shapes) + 2)
@@ -342,9 +323,9 @@ def _match(
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
         _run_stages(like[0], like[-1], given, settings, compile_stage, _first)
-        padded = [_padded(*pair) for pair in zip(specs, sizes, strict=True)]
+        specs = [padded(*pair) for pair in zip(specs, sizes, strict=True)]
     run = partial(_run if progress is None else _announced(progress), keep=cache)
-    return _run_stages(padded[0], padded[-1], given, settings, run, _most_confident)
+    return _run_stages(specs[0], specs[-1], given, settings, run, _most_confident)
 
 
 def _first(attempt, first, *_) -> Match:
@@ -372,7 +353,7 @@ def _most_confident(attempt, first, others, confident: float) -> Match:
 
 
 def _run_stages(
-    spec_x, spec_y, given: _Given, settings: Settings, run, most_confident
+    spec_x, spec_y, given: Given, settings: Settings, run, most_confident
 ) -> Match:
     """Each stage is a program: the largest, the search, serves shapes of all sizes."""
 
@@ -423,58 +404,3 @@ def _basis(shape: _Shape, name: str, settings: Settings, cache: bool) -> Spectru
     found = spectrum_of_valid(whole, k, laplacian="robust", name=name, cache=cache)
     # Of the whole's other triangles, if it has any, the winding is unknown.
     return found._replace(faces=mesh.faces)
-
-
-def _padded_sizes(meshes, settings: Settings) -> list[_Size]:
-    """Few sizes, so few programs."""
-    meshes = list(meshes)
-    k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes)
-    # A closed surface has twice as many faces as vertices, so one number serves both.
-    wanted = [max(len(m.vertices), -(-len(m.faces) // 2)) for m in meshes]
-    sizes = list(map(common_size, wanted))
-    # One size for both is half the program, and fewer programs over many pairs. For
-    # very different shapes it would be far more work.
-    if max(sizes) <= 4 * min(sizes):
-        sizes = [max(sizes)] * len(sizes)
-    # Beside a mesh, a cloud without a surface is padded with faces: one program.
-    faces = any(len(mesh.faces) for mesh in meshes)
-    return [_Size(k, n, 2 * n if faces else 0) for n in sizes]
-
-
-def _spectrum_like(size: _Size) -> Spectrum:
-    """A spectrum's shapes and types, before its values are there."""
-    k, n, m = size
-    return jax.eval_shape(
-        lambda: Spectrum(
-            jnp.zeros(k),
-            jnp.zeros((n, k)),
-            jnp.zeros(n),
-            jnp.zeros((m, 3), jnp.int32),
-            jnp.zeros((n, 3)),
-        )
-    )
-
-
-def _padded(spec: Spectrum, size: _Size) -> Spectrum:
-    # By numpy: operations on jax arrays of each size would compile for each size.
-    cut = truncate(spec, size.eigenpairs)
-    return jax.tree.map(jnp.asarray, pad(cut, size.vertices, size.faces))
-
-
-def _padded_arguments(given: _Given, sizes: list[_Size]) -> _Given:
-    n = [size.vertices for size in sizes]
-    if given.descriptors is not None:
-        pair = zip(given.descriptors, (n[0], n[-1]), strict=True)
-        given = given._replace(descriptors=tuple(_rows(*side) for side in pair))
-    if given.initial is not None and given.initial.ndim == 1:
-        given = given._replace(initial=_rows(given.initial, n[0]))
-    elif given.initial is not None and max(given.initial.shape) > sizes[0].eigenpairs:
-        k = sizes[0].eigenpairs  # the shapes are small, and have no more
-        given = given._replace(initial=given.initial[:k, :k])
-    return given
-
-
-def _rows(array: np.ndarray, n: int) -> Array:
-    """The array as jax's own, filled up with zeros to n rows."""
-    width = [(0, n - len(array))] + [(0, 0)] * (array.ndim - 1)
-    return jnp.asarray(np.pad(array, width))

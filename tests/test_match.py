@@ -16,6 +16,7 @@ from jfsf.evaluate import MISSED, certify, geodesic_error
 from jfsf.initial import SearchSettings, candidates, search_samples
 from jfsf.report import warnings_of
 from jfsf.settings import Settings
+from jfsf.sizes import Given, Size, padded, padded_sizes, spectrum_like
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
 from jfsf.storage import _programs
 from jfsf.types import Maps, Mesh
@@ -132,9 +133,9 @@ def test_units_motion_and_winding_change_nothing():
 def as_match_does(*specs, run=partial(matching._run, keep=False)):
     """Padded as `match` pads: the same programs."""
     settings = Settings()
-    sizes = matching._padded_sizes([mesh for mesh, _ in shapes()], settings)
-    pair = tuple(map(matching._padded, specs, sizes))
-    given = matching._Given(None, None, None, 1, False)
+    both = padded_sizes([mesh for mesh, _ in shapes()], settings)
+    pair = tuple(map(padded, specs, both))
+    given = Given(None, None, None, 1, False)
     choose = matching._most_confident
     return matching._run_stages(*pair, given, settings, run, choose)
 
@@ -145,10 +146,10 @@ def test_the_program_is_compiled_for_what_it_gets(x64):
     cloud = mesh_x._replace(faces=mesh_x.faces[:0])
     with jax.enable_x64(x64):
         for meshes in ((mesh_x, mesh_y), (cloud, mesh_y), (mesh_x,)):
-            sizes = matching._padded_sizes(meshes, Settings())
-            for mesh, size in zip(meshes, sizes, strict=True):
-                spec = matching._padded(jfsf.basis(mesh, cache=False), size)
-                like = jax.tree.map(jax.typeof, matching._spectrum_like(size))
+            both = padded_sizes(meshes, Settings())
+            for mesh, size in zip(meshes, both, strict=True):
+                spec = padded(jfsf.basis(mesh, cache=False), size)
+                like = jax.tree.map(jax.typeof, spectrum_like(size))
                 assert jax.tree.map(jax.typeof, spec) == like
 
 
@@ -258,7 +259,7 @@ def test_the_orientation_may_be_traced():
 
 def test_the_programs_of_search_and_refinement_serve_all_sizes():
     def samples(n):
-        shape = matching._spectrum_like(matching._Size(128, n, 2 * n))
+        shape = spectrum_like(Size(128, n, 2 * n))
         return jax.eval_shape(pipeline.shape_samples, shape)
 
     assert samples(5120) == samples(10240)
@@ -282,13 +283,13 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
         return attempt(first)
 
     settings = Settings()
-    given = matching._Given(None, None, None, 1, False)
+    given = Given(None, None, None, 1, False)
     for _ in range(100):
         n = rng.integers(2600, 25_600, 2)
         if max(n) > 4 * min(n):
             continue
         meshes = [Mesh(np.zeros((m, 3)), np.zeros((2 * m - 4, 3), int)) for m in n]
-        pair = map(matching._spectrum_like, matching._padded_sizes(meshes, settings))
+        pair = map(spectrum_like, padded_sizes(meshes, settings))
         matching._run_stages(*pair, given, settings, run, all_starts)
     assert 9 <= len(programs) <= 12
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.mesh import check_values
+from jfsf.mesh import checked_mesh
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -31,8 +31,7 @@ def painted(mesh: Mesh, colours: ArrayLike | None, uv: ArrayLike | None) -> Pain
             outside [0, 1]; texture coordinates without faces.
         MeshError: no mesh.
     """
-    vertices, faces = (np.asarray(a) for a in mesh)
-    check_values(vertices, faces, "export_mesh")
+    vertices, faces = checked_mesh(mesh, "export_mesh")
     n = len(vertices)
     if colours is not None:
         colours = _rows("colours", colours, n, 3)

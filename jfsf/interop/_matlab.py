@@ -17,7 +17,7 @@ from jaxtyping import Float
 from jfsf.interop._bases import Bases, Correspondence, at_unit_area, checked_map
 from jfsf.interop._structs import diagonal, matrix, shape_fields, struct
 from jfsf.mapfiles import MapFileError, read_mat, write_mat
-from jfsf.mesh import check_values
+from jfsf.mesh import check_values, checked_mesh
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
@@ -122,8 +122,7 @@ def write_matlab(
     path = Path(path)
     if path.suffix.lower() != ".mat":
         raise MapFileError(f"{path}: is written as .mat; give it that suffix")
-    vertices, faces = (np.asarray(a) for a in mesh)
-    check_values(vertices, faces, "write_matlab")
+    vertices, faces = checked_mesh(mesh, "write_matlab")
     vertices = vertices.astype(np.float64)
     x, y, z = vertices.T[:, :, None]
     # MATLAB computes with doubles only.

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from jfsf.interop._packages import need
-from jfsf.mesh import MeshError, check_values, triangulate
+from jfsf.mesh import MeshError, check_values, checked_mesh, triangulate
 from jfsf.types import Mesh
 
 if TYPE_CHECKING:
@@ -23,8 +23,7 @@ def to_meshio(mesh: Mesh) -> "meshio.Mesh":
         MeshError: no mesh.
     """
     meshio = need("meshio", "meshio")
-    vertices, faces = (np.asarray(a) for a in mesh)
-    check_values(vertices, faces, "to_meshio")
+    vertices, faces = checked_mesh(mesh, "to_meshio")
     points = np.arange(len(vertices), dtype=np.int32)[:, None]
     cells = [("triangle", faces)] if len(faces) else [("vertex", points)]
     return meshio.Mesh(vertices, cells)

@@ -26,7 +26,7 @@ from jfsf.interop._bases import (
     factors_of,
 )
 from jfsf.interop._packages import need
-from jfsf.mesh import check_values
+from jfsf.mesh import checked_mesh
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
@@ -106,8 +106,7 @@ def mesh_to_pyfm(mesh: Mesh) -> TriMesh:
         MeshError: no mesh.
     """
     pyfm = need("pyFM.mesh", "pyfmaps")
-    vertices, faces = (np.asarray(a) for a in mesh)
-    check_values(vertices, faces, "mesh_to_pyfm")
+    vertices, faces = checked_mesh(mesh, "mesh_to_pyfm")
     return pyfm.TriMesh(vertices, faces if len(faces) else None)
 
 

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Union
 
 import numpy as np
 
-from jfsf.mesh import check_values
+from jfsf.mesh import check_values, checked_mesh
 from jfsf.types import Mesh
 
 if TYPE_CHECKING:
@@ -22,8 +22,7 @@ def to_trimesh(mesh: Mesh) -> Union["trimesh.Trimesh", "trimesh.PointCloud"]:
     """
     import trimesh  # slow to import
 
-    vertices, faces = (np.asarray(a) for a in mesh)
-    check_values(vertices, faces, "to_trimesh")
+    vertices, faces = checked_mesh(mesh, "to_trimesh")
     if not len(faces):
         return trimesh.PointCloud(vertices)
     return trimesh.Trimesh(vertices, faces, process=False, validate=False)

@@ -39,7 +39,7 @@ from jfsf.mesh._paths import edge_graph, farthest_vertices
 from jfsf.mesh._read import read
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import Repaired, map_of_originals, nearest_kept, repair
-from jfsf.mesh._values import MeshError, check_values, triangulate
+from jfsf.mesh._values import MeshError, check_values, checked_mesh, triangulate
 
 __all__ = [
     "Edges",
@@ -51,6 +51,7 @@ __all__ = [
     "boundary_edges",
     "check",
     "check_values",
+    "checked_mesh",
     "coarsen",
     "components",
     "denoised",

@@ -2,11 +2,22 @@
 
 import numpy as np
 
-from jfsf.types import ArrayLike
+from jfsf.types import ArrayLike, Mesh
 
 
 class MeshError(ValueError):
     """A mesh that cannot be read or matched. The message says why and what to do."""
+
+
+def checked_mesh(mesh: Mesh, name: str) -> Mesh:
+    """The mesh in numpy arrays, of any type that `check_values` takes.
+
+    Raises:
+        MeshError: as `check_values`.
+    """
+    vertices, faces = (np.asarray(a) for a in mesh)
+    check_values(vertices, faces, name)
+    return Mesh(vertices, faces)
 
 
 def check_values(vertices: ArrayLike, faces: ArrayLike, name: str) -> None:
