@@ -14,6 +14,7 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
+from jfsf.coarse import at_copies, coarse_copy, has_copy, start_from_copies
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
@@ -26,7 +27,7 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.parts import match_parts
-from jfsf.pipeline import misses_landmarks, run_stages, stage_name
+from jfsf.pipeline import InitialMap, misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
 from jfsf.sizes import Given, padded, padded_arguments, padded_sizes, spectrum_like
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
@@ -309,6 +310,7 @@ def _match(
     keep_spectra &= cache
     if progress is not None:
         progress("spectra")
+    whole = given
     sizes = padded_sizes([shape.surface for shape in shapes.values()], settings)
     given = padded_arguments(given, sizes)
     like = [spectrum_like(size) for size in sizes]
@@ -316,16 +318,57 @@ def _match(
     # set and lifted by each of them would be left behind.
     threads = ThreadPoolExecutor(len(shapes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
+        alone = len(shapes) == 1
         specs = pool.map(
-            lambda item: _basis(item[1], item[0], settings, keep_spectra),
+            lambda item: _basis(
+                item[1], item[0], settings, keep_spectra, threads=alone
+            ),
             shapes.items(),
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         compile_stage = partial(_result_shapes, keep=cache, pool=pool)
-        _run_stages(like[0], like[-1], given, settings, compile_stage, _first)
+        run_stages(
+            *(like[0], like[-1], *given),
+            settings=settings,
+            run=compile_stage,
+            run_sides=lambda stage, *sides: [compile_stage(stage, *s) for s in sides],
+            most_confident=_first,
+        )
         specs = [padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    run = partial(_run if progress is None else _announced(progress), keep=cache)
-    return _run_stages(specs[0], specs[-1], given, settings, run, _most_confident)
+    run, run_sides = partial(_run, keep=cache), partial(_run_sides, keep=cache)
+    if progress is not None:
+        run, run_sides = _announced(run, progress), _announced(run_sides, progress)
+    again = partial(_coarse_start, shapes, whole, specs, settings, cache, progress)
+    return run_stages(
+        *(specs[0], specs[-1], *given),
+        settings=settings,
+        run=run,
+        run_sides=run_sides,
+        most_confident=_most_confident,
+        coarse=again if any(has_copy(size, settings) for size in sizes) else None,
+    )
+
+
+def _coarse_start(
+    shapes: Mapping[str, _Shape],
+    given: Given,
+    specs: list[Spectrum],
+    settings: Settings,
+    cache: bool,
+    progress: Callable[[str], object] | None,
+) -> InitialMap | None:
+    """A start for these shapes from the match of their coarse copies."""
+    copies = {n: coarse_copy(s.surface, settings) for n, s in shapes.items()}
+    x, y = (list(copies.values())[i] for i in (0, -1))
+    if x is None or y is None:
+        return None
+    if progress is not None:
+        progress("coarse copies")
+    parts = {name: _Shape(copy.mesh) for name, copy in copies.items() if copy}
+    found = _match(
+        *(parts, at_copies(given, x, y), settings, cache, progress), keep_spectra=False
+    )
+    return start_from_copies(found, x, y, specs[0], specs[-1], settings=settings)
 
 
 def _first(attempt, first, *_) -> Match:
@@ -352,24 +395,6 @@ def _most_confident(attempt, first, others, confident: float) -> Match:
     return found
 
 
-def _run_stages(
-    spec_x, spec_y, given: Given, settings: Settings, run, most_confident
-) -> Match:
-    """Each stage is a program: the largest, the search, serves shapes of all sizes."""
-
-    def run_sides(stage, x, y):
-        return run(stage, *x), run(stage, *y)
-
-    arguments = spec_x, spec_y, *given
-    return run_stages(
-        *arguments,
-        settings=settings,
-        run=run,
-        run_sides=run_sides,
-        most_confident=most_confident,
-    )
-
-
 def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
     """Shapes of what the stage returns; it compiles."""
     return _program(stage, *args, **options).result
@@ -380,14 +405,24 @@ def _run(stage: partial, *args: Any, **options: Any) -> Any:
     return _program(stage, *args, **options)(*args)
 
 
-def _announced(progress: Callable[[str], object]) -> Callable[..., Any]:
-    """`_run`, where each stage ends before the next is named."""
+def _run_sides(stage: partial, x: tuple, y: tuple, **options: Any) -> tuple[Any, Any]:
+    """What the stage returns for either shape. On a CPU both run at a time."""
+    x, y = jax.tree.map(jnp.asarray, (x, y))
+    programs = [_program(stage, *side, **options) for side in (x, y)]
+    with ThreadPoolExecutor(2) as pool:
+        run = lambda program, side: jax.block_until_ready(program(*side))
+        found_x, found_y = pool.map(run, programs, (x, y))
+    return found_x, found_y
 
-    def run(stage, *args, **options):
+
+def _announced(run: Callable, progress: Callable[[str], object]) -> Callable[..., Any]:
+    """`run`, where each stage ends before the next is named."""
+
+    def announced(stage, *args, **options):
         progress(stage_name(stage))
-        return jax.block_until_ready(_run(stage, *args, **options))
+        return jax.block_until_ready(run(stage, *args, **options))
 
-    return run
+    return announced
 
 
 def _program(stage: partial, *args, **options) -> Program:
@@ -395,12 +430,15 @@ def _program(stage: partial, *args, **options) -> Program:
     return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
-def _basis(shape: _Shape, name: str, settings: Settings, cache: bool) -> Spectrum:
+def _basis(
+    shape: _Shape, name: str, settings: Settings, cache: bool, *, threads: bool = True
+) -> Spectrum:
     mesh, whole = shape
     k = settings.eigenpairs(len(mesh.vertices))
+    options = {"name": name, "cache": cache, "threads": threads}
     if whole is None:
         wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
-        return spectrum_of_valid(wound, k, name=name, cache=cache)
-    found = spectrum_of_valid(whole, k, laplacian="robust", name=name, cache=cache)
+        return spectrum_of_valid(wound, k, **options)
+    found = spectrum_of_valid(whole, k, laplacian="robust", **options)
     # Of the whole's other triangles, if it has any, the winding is unknown.
     return found._replace(faces=mesh.faces)

@@ -52,10 +52,10 @@ from jfsf.spectral import (
     Features,
     brackets,
     embeddings,
+    even_points,
     features,
     functional_map,
     orientation_score,
-    tile_points,
     truncate,
     uniform,
 )
@@ -223,6 +223,7 @@ def run_stages(
     run: Callable[..., Any] = _inline,
     run_sides: Callable[..., Any] = map_sides,
     most_confident: Callable[..., Match] = _most_confident,
+    coarse: Callable[[], InitialMap | None] | None = None,
 ) -> Match:
     """All stages in their order: `match_spectra`, and `jfsf.match` stage by stage.
 
@@ -235,6 +236,8 @@ def run_stages(
             arrays, with static options.
         run_sides: calls a stage for either shape, as `jfsf.array.map_sides`.
         most_confident: chooses among starts, as `_most_confident`, which is traced.
+        coarse: makes starts, along a leading axis, in place of `other_starts`; or
+            None, as it may return if it cannot.
     """
     at_x, at_y = landmarks or (None, None)
     desc_x, desc_y = descriptors or (None, None)
@@ -275,6 +278,8 @@ def run_stages(
         return candidate(known_x.search, known_y.search)
 
     def far() -> InitialMap:
+        if coarse is not None and (found := coarse()) is not None:
+            return found
         stage = partial(other_starts, settings=settings.search)
         return run(stage, *samples, sign, self_map)
 
@@ -339,9 +344,10 @@ def shape_samples(
     whole = features(
         spec, descriptors, landmarks, self_map=self_map, settings=settings.features
     )
+    at = _sample_points(spec, settings)
     return ShapeSamples(
-        search_samples(whole, settings=settings.search),
-        refinement_samples(whole, settings=settings),
+        search_samples(whole, at, settings=settings.search),
+        _refinement_samples(whole, at, settings),
     )
 
 
@@ -497,16 +503,22 @@ def refinement_samples(
     As many whatever the size, so the refinement is one program for all large shapes. A
     shape that has fewer vertices is there whole, with padding.
     """
-    spec, pairs = features.spec, settings.distance_pairs
+    return _refinement_samples(
+        features, _sample_points(features.spec, settings), settings
+    )
+
+
+def _sample_points(spec: Spectrum, settings: Settings):
+    """Vertices that stand for a large shape; None for a small one."""
     if len(spec.mass) <= settings.samples_above:
-        return features
+        return None
     num = min(settings.samples, len(spec.mass))
-    real = spec.mass > 0
-    every = jnp.argsort(~real)[:num].astype(jnp.int32)
-    chosen = tile_points(spec, num=num, distance_pairs=pairs)
-    if len(chosen) == num:
-        chosen = jnp.asarray(jnp.where(real.sum() <= num, every, chosen))
-    return features.at(chosen, distance_pairs=pairs)
+    return even_points(spec, num=num, distance_pairs=settings.distance_pairs)
+
+
+def _refinement_samples(features: Features, at, settings: Settings) -> Features:
+    pairs = settings.distance_pairs
+    return features if at is None else features.at(at, distance_pairs=pairs)
 
 
 @partial(jax.jit, static_argnames="settings")

@@ -27,6 +27,9 @@ class Settings:
         `jfsf.initial.far_candidates`, in their order, until one reaches this. The most
         confident is kept. Of 248 near-isometric pairs none is below 0.9. 0 leaves it
         out.
+    coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further
+        starts of shapes of more than twice as many: the best map of the copies is the
+        one start that is tried on the whole shapes. 0 tries all on these.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
@@ -60,6 +63,7 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     confident: float = 0.9
+    coarse_vertices: int = 5000
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine_converter: Converter = quick_sinkhorn
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
@@ -95,6 +99,11 @@ class Settings:
         if self.samples & (self.samples - 1):
             raise ValueError(
                 f"Settings: samples is {self.samples}; give a power of two"
+            )
+        if 0 < self.coarse_vertices < self.min_vertices or self.coarse_vertices < 0:
+            raise ValueError(
+                f"Settings: coarse_vertices is {self.coarse_vertices}; give 0, or "
+                f"{self.min_vertices} or more"
             )
         if not 0 <= self.confident <= 1:
             raise ValueError(

@@ -80,7 +80,27 @@ def test_values_that_are_not_finite_are_attempt():
     assert attempt(np.full((200, 200), np.nan), 10) is None
 
 
-def test_the_same_bits_again():
+@pytest.mark.parametrize("threads", [True, False])
+def test_the_same_bits_again(threads):
     matrix, _ = operator(1 / (10 + np.arange(300.0)), 4)
-    first, again = largest(matrix, 20), largest(matrix, 20)
+    first = largest(matrix, 20)
+    start = np.random.default_rng(10**7).normal(size=(8, 300))
+    again = largest_eigenpairs(
+        lambda x: matrix @ x, start, 20, tol=1e-10, threads=threads
+    )
     assert all(np.array_equal(a, b) for a, b in zip(first, again, strict=True))
+
+
+def test_a_basis_in_float32():
+    # Like the inverse of a Laplacian's.
+    values = 1 / (10 + 4 * np.pi * np.arange(2000.0))
+    matrix, vectors = operator(values, 8)
+    start = np.random.default_rng(9).normal(size=(8, 2000)).astype(np.float32)
+    found = attempt(matrix, 60, start=start, tol=1e-3)
+    assert found is not None
+    evals, evecs = found
+    assert evecs.dtype == np.float32
+    np.testing.assert_allclose(evals, values[:60], rtol=3e-5)
+    np.testing.assert_allclose(evecs.T @ evecs, np.eye(60), atol=3e-5)
+    low = vectors[:, :50]
+    assert np.abs(low - evecs @ (evecs.T @ low)).max() < 1e-3

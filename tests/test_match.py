@@ -87,7 +87,7 @@ def test_each_stage_is_named_as_it_begins():
     (mesh_x, _), (mesh_y, _) = shapes()
     named = []
     same(jfsf.match(mesh_x, mesh_y, cache=False, progress=named.append))
-    first = ["spectra", "features", "features", "search"]
+    first = ["spectra", "features", "search"]
     assert named == [*first, "refinement", "bending and conversion"]
 
 
@@ -137,7 +137,13 @@ def as_match_does(*specs, run=partial(matching._run, keep=False)):
     pair = tuple(map(padded, specs, both))
     given = Given(None, None, None, 1, False)
     choose = matching._most_confident
-    return matching._run_stages(*pair, given, settings, run, choose)
+    return pipeline.run_stages(
+        *(*pair, *given),
+        settings=settings,
+        run=run,
+        run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
+        most_confident=choose,
+    )
 
 
 @pytest.mark.parametrize("x64", [False, True])
@@ -290,7 +296,13 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             continue
         meshes = [Mesh(np.zeros((m, 3)), np.zeros((2 * m - 4, 3), int)) for m in n]
         pair = map(spectrum_like, padded_sizes(meshes, settings))
-        matching._run_stages(*pair, given, settings, run, all_starts)
+        pipeline.run_stages(
+            *(*pair, *given),
+            settings=settings,
+            run=run,
+            run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
+            most_confident=all_starts,
+        )
     assert 9 <= len(programs) <= 12
 
 

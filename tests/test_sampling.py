@@ -9,7 +9,13 @@ from hypothesis import given, settings
 
 from jfsf import testing
 from jfsf.array import pad
-from jfsf.spectral import biharmonic, farthest_points, restrict, tile_points
+from jfsf.spectral import (
+    biharmonic,
+    even_points,
+    farthest_points,
+    restrict,
+    tile_points,
+)
 
 N, K, NUM = 162, 20, 25
 spectra = testing.spectra(K)
@@ -81,9 +87,27 @@ def test_float32():
     assert restrict(spec, at).mass.dtype == jnp.float32
 
 
+def test_farthest_points_of_some_vertices_only():
+    spec = testing.blob_spectrum(0, K, 2)
+    points = np.asarray(biharmonic(spec))
+    among = np.random.default_rng(3).permutation(N)[:60].astype(np.int32)
+    at = farthest_points(spec, among, num=NUM)
+    wanted = oracles.farthest_points(points[among], np.ones(60, bool), NUM)
+    assert np.array_equal(at, among[wanted])
+    with pytest.raises(ValueError, match="num is 61, there are 60 vertices"):
+        farthest_points(spec, among, num=61)
+
+
+def test_even_points_of_a_small_shape_are_all_its_vertices():
+    spec = testing.blob_spectrum(0, K, 2)
+    padded = pad(spec, 300, len(spec.faces))
+    assert sorted(even_points(padded, num=256)[:N].tolist()) == list(range(N))
+    assert np.array_equal(even_points(padded, num=64), tile_points(padded, num=64))
+
+
 @pytest.mark.parametrize("num", [0, 163])
 def test_num_out_of_range_is_an_error(num):
-    with pytest.raises(ValueError, match=f"num is {num}, the shape has 162 vertices"):
+    with pytest.raises(ValueError, match=f"num is {num}, there are 162 vertices"):
         farthest_points(testing.blob_spectrum(0, K, 2), num=num)
 
 

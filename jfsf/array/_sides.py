@@ -13,7 +13,7 @@ def map_sides(
     """(function(*x), function(*y)).
 
     When all shapes and types of x and y agree, `function` is traced and compiled once
-    and runs in a loop of two steps; the arguments are copied for that. Otherwise it is
+    and runs in a loop of two steps, in which the arguments are copied. Otherwise it is
     traced twice. Padding both shapes to one size (`pad`) makes them agree.
 
     Args:
@@ -22,7 +22,11 @@ def map_sides(
     """
     if jax.tree.map(jax.typeof, x) != jax.tree.map(jax.typeof, y):
         return function(*x), function(*y)
-    stacked = jax.tree.map(lambda *pair: jnp.stack(pair), x, y)
-    results = jax.lax.map(lambda side: function(*side), stacked)
+
+    def side(first):
+        # Not a stack of both: of large shapes that would be twice as much memory.
+        return function(*jax.tree.map(lambda a, b: jnp.where(first, a, b), x, y))
+
+    results = jax.lax.map(side, jnp.array([True, False]))
     result = lambda i: jax.tree.map(lambda a: a[i], results)
     return result(0), result(1)

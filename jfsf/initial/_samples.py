@@ -4,7 +4,7 @@ from functools import partial
 from typing import NamedTuple
 
 import jax
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jfsf.initial._ends import curvedness
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
@@ -32,9 +32,17 @@ class SearchSamples(NamedTuple):
 
 @partial(jax.jit, static_argnames="settings")
 def search_samples(
-    features: Features, *, settings: SearchSettings = SearchSettings()
+    features: Features,
+    among: Int[Array, " p"] | None = None,
+    *,
+    settings: SearchSettings = SearchSettings(),
 ) -> SearchSamples:
     """The shape at farthest points; the only stage of the search that depends on n.
+
+    Args:
+        features: of the whole shape.
+        among: vertices that samples are chosen from, see `farthest_points`.
+        settings: how many samples.
 
     Raises:
         ValueError: fewer eigenpairs than the settings need.
@@ -46,8 +54,8 @@ def search_samples(
             f"search needs {settings.eigenpairs}"
         )
     pairs = settings.distance_pairs
-    num = min(settings.final_samples, len(spec.mass))
-    chosen = farthest_points(spec, num=num, distance_pairs=pairs)
+    num = min(settings.final_samples, len(spec.mass if among is None else among))
+    chosen = farthest_points(spec, among, num=num, distance_pairs=pairs)
     # Each point is the farthest from those before it, so the first are samples too.
     few, many = (
         features.at(chosen[:count], distance_pairs=pairs)

@@ -11,7 +11,8 @@ Read in this order:
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
 - `_repair`: mend a mesh, and keep track of its vertices
-- `_coarsen`: keep some of its vertices
+- `_coarsen`: keep some of its vertices, for display
+- `_decimate`: fewer vertices, a surface like it
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
@@ -20,6 +21,7 @@ Read in this order:
 
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._coarsen import coarsen
+from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, orient, weld
 from jfsf.mesh._geometry import (
@@ -54,6 +56,7 @@ __all__ = [
     "checked_mesh",
     "coarsen",
     "components",
+    "decimate",
     "denoised",
     "edge_graph",
     "edges",

@@ -245,14 +245,18 @@ def rotations(covariance: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
     size = jnp.max(jnp.sum(jnp.abs(horn), 1), 0)
     eye = jnp.eye(4, dtype=m.dtype)[..., None]
     power = horn + size[None, None] * eye  # now none of its eigenvalues is negative
-    for _ in range(SQUARINGS):
+
+    def square(_, power):
         trace = jnp.trace(power)
         power = power / jnp.where(trace > 0, trace, 1)[None, None]
-        power = jnp.sum(power[:, :, None] * power[None], 1)
+        return jnp.sum(power[:, :, None] * power[None], 1)
+
+    # A loop: unrolled, these few lines would be a tenth of the program.
+    power = jax.lax.fori_loop(0, SQUARINGS, square, power)
     best = jnp.argmax(jnp.diagonal(power), 1)
     column = jnp.take_along_axis(power, best[None, None], 1)[:, 0]
-    square = jnp.sum(column**2, 0)
-    w, x, y, z = column / jnp.sqrt(jnp.where(square > 0, square, 1))[None]
+    size = jnp.sum(column**2, 0)
+    w, x, y, z = column / jnp.sqrt(jnp.where(size > 0, size, 1))[None]
     rotation = _matrix(
         [1 - 2 * (y**2 + z**2), 2 * (x * y - w * z), 2 * (x * z + w * y)],
         [2 * (x * y + w * z), 1 - 2 * (x**2 + z**2), 2 * (y * z - w * x)],

@@ -46,6 +46,7 @@ from jfsf.spectral._orientation import (
 from jfsf.spectral._sampling import (
     DISTANCE_PAIRS,
     biharmonic,
+    even_points,
     farthest_points,
     restrict,
     tile_points,
@@ -68,6 +69,7 @@ __all__ = [
     "curvature",
     "coefficients",
     "embeddings",
+    "even_points",
     "farthest_points",
     "features",
     "functional_map",

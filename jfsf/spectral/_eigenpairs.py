@@ -31,11 +31,14 @@ DISSECTION_ABOVE = 50_000
 # Of the residuals: eigenvalues are then right to 1e-4 or better (1e-6 on scans), and
 # maps as good as with all digits.
 TOL = 1e-3
+# Tolerances from here up are met with a basis in float32, which large shapes get: its
+# rounding errors are some 1e-5 of the eigenvalues.
+SINGLE = 1e-4
 # Vectors in a block of Lanczos. Small blocks need fewer vectors in all, but those of
 # large shapes wait for memory, which a block shares.
 BLOCK, LARGE_BLOCK = 8, 16
 # Part of the cache key: raise it when the same mesh is to give other numbers.
-VERSION = 4
+VERSION = 5
 
 
 def spectrum(
@@ -58,8 +61,8 @@ def spectrum(
         mass: lumped areas for "cotan"; "robust" brings its own.
         tol: of the residuals, see `largest_eigenpairs`. With the default, eigenvalues
             are right to 1e-4, and so is the space of all eigenvectors but the last
-            tenth; maps are as good as with more digits. 1e-9 gives eight of them in
-            one and a half times the seconds.
+            tenth; maps are as good as with more digits. Below 1e-4 large meshes take
+            twice the memory, and 1e-9, which gives eight digits, more seconds.
         cache: keep the result in the user's cache folder (`cache.folder`), keyed by the
             mesh's content and the settings.
         name: opens the message of a MeshError: the file, or the argument.
@@ -68,7 +71,7 @@ def spectrum(
         numpy arrays, float64 and int32: evals (k,) ascending, evals[0] = 0; evecs
         (n, k) mass-orthonormal, evecs[:, 0] = 1; mass (n,), sums to 1; the mesh's
         faces. The same mesh gives the same bits again; signs, and bases of repeated
-        eigenvalues, may differ on another machine. 1.3 s at n = 5000, k = 200.
+        eigenvalues, may differ on another machine.
 
     Raises:
         MeshError: what `validate` finds, a vertex without area, a Laplacian that falls
@@ -95,13 +98,17 @@ def spectrum_of_valid(
     tol: float = TOL,
     cache: bool = True,
     name: str = "mesh",
+    threads: bool = True,
 ) -> Spectrum:
-    """`spectrum` of a mesh that `jfsf.mesh.validate` has accepted with this k."""
+    """`spectrum` of a mesh that `jfsf.mesh.validate` has accepted with this k.
+
+    threads: as in `largest_eigenpairs`.
+    """
     mesh = plain_arrays(mesh)
 
     def compute():
         try:
-            return _spectrum(mesh, k, laplacian, mass, tol)
+            return _spectrum(mesh, k, laplacian, mass, tol, threads)
         except MeshError as error:
             raise MeshError(f"{name}: {error}") from error
 
@@ -111,7 +118,7 @@ def spectrum_of_valid(
     return fetch(name_on_disk, Spectrum, compute)
 
 
-def _spectrum(mesh, k, laplacian, mass, tol):
+def _spectrum(mesh, k, laplacian, mass, tol, threads):
     # Neither very large nor very small units overflow.
     low, high = mesh.vertices.min(0) / 2, mesh.vertices.max(0) / 2
     scaled = Mesh((mesh.vertices / 2 - low) / (high - low).max(), mesh.faces)
@@ -131,10 +138,16 @@ def _spectrum(mesh, k, laplacian, mass, tol):
         if 2 * k > len(areas):
             evals, evecs = np.linalg.eigh(symmetric.toarray())
         else:
-            evals, evecs = _shift_invert(symmetric, k, tol)
+            evals, evecs = _shift_invert(symmetric, k, tol, threads=threads)
     evals = np.maximum(evals[:k], 0)
+    single = evecs.dtype == np.float32
     evecs = evecs[:, :k] / np.sqrt(areas)[:, None]
     evals[0], evecs[:, 0] = 0, 1
+    if single:
+        # Orthonormal to 1e-5 so far.
+        gram = (evecs * areas[:, None]).T @ evecs
+        evecs = evecs @ np.linalg.inv(np.linalg.cholesky(gram)).T
+        evecs[:, 0] = 1
     return Spectrum(evals, evecs, areas, mesh.faces.copy(), vertices)  # type: ignore
 
 
@@ -152,13 +165,21 @@ def _check_operators(stiffness, areas):
         raise MeshError(f"its Laplacian falls into {pieces} pieces; keep one of them")
 
 
-def _shift_invert(symmetric, k, tol=TOL, *, dissection_above=DISSECTION_ABOVE):
+def _shift_invert(
+    symmetric, k, tol=TOL, *, threads=True, dissection_above=DISSECTION_ABOVE
+):
     """The first k eigenpairs."""
     n = symmetric.shape[0]
     solve = _factor((symmetric - SHIFT * sp.identity(n)).tocsc(), dissection_above)
     rng = np.random.default_rng(0)
     block = BLOCK if n <= dissection_above else LARGE_BLOCK
-    found = largest_eigenpairs(solve, rng.normal(size=(block, n)), k, tol=tol)
+    # A large basis is what needs most memory.
+    single = tol >= SINGLE and n > dissection_above
+    dtype = np.float32 if single else np.float64
+    start = rng.normal(size=(block, n)).astype(dtype)
+    # The solves stay in float64: in float32 they would lose the lowest eigenvalues.
+    exact = lambda columns: solve(columns.astype(np.float64))
+    found = largest_eigenpairs(exact, start, k, tol=tol, threads=threads)
     if found is None:
         found = _arpack(solve, k, rng.normal(size=n))
     inverse, evecs = found

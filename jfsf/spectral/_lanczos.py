@@ -7,6 +7,7 @@ each pass over the basis, and two threads share the solves and the passes.
 
 from collections.abc import Callable
 from concurrent.futures import Executor, ThreadPoolExecutor
+from contextlib import nullcontext
 
 import numpy as np
 import scipy.linalg as sl
@@ -18,12 +19,14 @@ import scipy.linalg as sl
 FIRST, FIRST_BESIDE = 2.5, 64
 STEP = 0.125
 LAST, LAST_BESIDE = 3, 256
-# Parts of an image that should be zero, relative to those that are not.
-DRIFT = 1e-11
-# A new direction's length, relative to the operator: less than this is rounding.
-EXHAUSTED = 1e-10
-# Sums depend on it in their last bits, so it does not follow the machine.
-THREADS = 2
+# Powers of the precision. Parts of an image that should be zero, relative to those that
+# are not: 1e-11 in float64.
+DRIFT = 0.7
+# A new direction's length, relative to the operator, below which it is rounding: 1e-10.
+EXHAUSTED = 0.64
+# Slices that threads share. Sums depend on it in their last bits, so it does not follow
+# the machine.
+SLICES = 2
 
 
 def largest_eigenpairs(
@@ -32,6 +35,7 @@ def largest_eigenpairs(
     k: int,
     *,
     tol: float,
+    threads: bool = True,
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The k largest eigenvalues of a symmetric operator, and their eigenvectors.
 
@@ -39,9 +43,12 @@ def largest_eigenpairs(
     all before it.
 
     Args:
-        apply: the operator on columns, (n, c) -> (n, c). Two threads call it at a time.
+        apply: the operator on columns, (n, c) -> (n, c). Two threads may call it at a
+            time.
         start: the first block, (b, n), a row a vector, of full rank: random numbers. An
-            eigenvalue with more than b copies gets the others by rounding only.
+            eigenvalue with more than b copies gets the others by rounding only. Its
+            precision is that of the basis: float32 takes half the memory and half the
+            seconds, and is good for residuals of 1e-4 of the largest eigenvalue.
         k: number of eigenpairs; their eigenvalues are positive.
         tol: for the residuals, |A v - theta v| <= tol theta. The error of an eigenvalue
             is of the order of tol squared.
@@ -54,11 +61,12 @@ def largest_eigenpairs(
     last = min(LAST * k + LAST_BESIDE, n) // b * b
     step = max(int(STEP * k) // b, 1) * b
     look_at = max(int(FIRST * k), k + FIRST_BESIDE)
-    basis = np.empty((last, n))  # a row a vector
+    eps = np.finfo(start.dtype).eps
+    basis = np.empty((last, n), start.dtype)  # a row a vector
     small = np.zeros((last, last))  # the operator in the basis, upper triangle
     block = _orthonormal(start)[0]
     drifts = False, False  # of this block, and of the one before
-    with ThreadPoolExecutor(THREADS) as pool:
+    with ThreadPoolExecutor(SLICES) if threads else nullcontext() as pool:
         for begin in range(0, last, b):
             end = begin + b
             basis[begin:end] = block
@@ -71,8 +79,8 @@ def largest_eigenpairs(
             # Exactly, only the last two blocks have a part in the image. Where others
             # have, the basis loses orthogonality; two blocks in a row restore it.
             drift = np.abs(inner[: max(begin - b, 0)]).max(initial=0)
-            drifts = drift > DRIFT * np.abs(inner[begin:]).max(), drifts[0]
-            exhausted = abs(np.diag(factor)).min() < EXHAUSTED * abs(small[0, 0])
+            drifts = drift > eps**DRIFT * np.abs(inner[begin:]).max(), drifts[0]
+            exhausted = abs(np.diag(factor)).min() < eps**EXHAUSTED * abs(small[0, 0])
             for _ in range(2 if exhausted else any(drifts)):
                 _remove(pool, basis[:end], block)
                 block = _orthonormal(block)[0]
@@ -84,8 +92,8 @@ def largest_eigenpairs(
             )
             residuals = np.linalg.norm(factor @ vectors[-b:], axis=0)
             if np.all(residuals <= tol * evals):
-                evecs = np.empty((n, k))
-                falling = np.ascontiguousarray(vectors[:, ::-1])
+                evecs = np.empty((n, k), start.dtype)
+                falling = np.ascontiguousarray(vectors[:, ::-1], start.dtype)
 
                 def combine(at, known=basis[:end], falling=falling, evecs=evecs):
                     np.matmul(known[:, at].T, falling, out=evecs[at])
@@ -95,11 +103,11 @@ def largest_eigenpairs(
     return None
 
 
-def _share(pool: Executor, function: Callable, size: int) -> list:
+def _share(pool: Executor | None, function: Callable, size: int) -> list:
     """`function` of slices of `size` rows or columns, a slice a thread."""
-    cuts = np.linspace(0, size, THREADS + 1).astype(int)
+    cuts = np.linspace(0, size, SLICES + 1).astype(int)
     slices = [slice(*cut) for cut in zip(cuts[:-1], cuts[1:], strict=True)]
-    return list(pool.map(function, slices))
+    return list(map(function, slices) if pool is None else pool.map(function, slices))
 
 
 def _applied(pool, apply, block):

@@ -21,7 +21,11 @@ DISTANCE_PAIRS = 30
 
 @partial(jax.jit, static_argnames=("num", "distance_pairs"))
 def farthest_points(
-    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
+    spec: Spectrum,
+    among: Int[Array, " p"] | None = None,
+    *,
+    num: int,
+    distance_pairs: int = DISTANCE_PAIRS,
 ) -> Int[Array, " num"]:
     """`num` vertices, each the farthest from those before it.
 
@@ -29,15 +33,25 @@ def farthest_points(
     by 1 / lambda. It does not change with pose, sign flips or vertex order, except
     where two vertices are equally far. Padding (mass 0) is never chosen.
 
+    Args:
+        spec: n vertices.
+        among: the vertices to choose from; all when absent. Of a large shape, some that
+            are spread evenly (`even_points`) save time.
+        num: how many.
+        distance_pairs: eigenpairs of the distance.
+
     Raises:
-        ValueError: `num` is not in 1..n.
+        ValueError: `num` is not in 1..n, or above the length of `among`.
     """
-    if not 1 <= num <= len(spec.mass):
+    count = len(spec.mass) if among is None else len(among)
+    if not 1 <= num <= count:
         raise ValueError(
-            f"farthest_points: num is {num}, the shape has {len(spec.mass)} vertices"
+            f"farthest_points: num is {num}, there are {count} vertices to choose from"
         )
-    points = biharmonic(spec, distance_pairs)
-    far = jnp.where(spec.mass > 0, jnp.sum(points**2, 1), -1)
+    points, mass = biharmonic(spec, distance_pairs), spec.mass
+    if among is not None:
+        points, mass = points[among], mass[among]
+    far = jnp.where(mass > 0, jnp.sum(points**2, 1), -1)
 
     def step(state, _):
         far, new = state
@@ -48,8 +62,9 @@ def farthest_points(
     # The first point is the vertex farthest from the mean. Its distance to the mean
     # must not take part afterwards.
     start = argmax(far, 0)
-    far = jnp.where(spec.mass > 0, jnp.inf, -1).astype(points.dtype)
+    far = jnp.where(mass > 0, jnp.inf, -1).astype(points.dtype)
     _, chosen = jax.lax.scan(step, (far, start), None, length=num)
+    chosen = chosen if among is None else among[chosen]
     return chosen.astype(jnp.int32)
 
 
@@ -79,6 +94,23 @@ def tile_points(
     gap = jnp.sum((points - centre[:, None]) ** 2, 2)
     at = jnp.argmin(jnp.where(held.valid, gap, jnp.inf), 1)
     return jnp.take_along_axis(held.member, at[:, None], 1)[:, 0]
+
+
+@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+def even_points(
+    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
+) -> Int[Array, " s"]:
+    """`tile_points`, or all vertices, with padding behind, of a shape that has no more.
+
+    Raises:
+        ValueError: `num` is not in 1..n.
+    """
+    chosen = tile_points(spec, num=num, distance_pairs=distance_pairs)
+    if len(chosen) != num:
+        return chosen
+    real = spec.mass > 0
+    every = jnp.argsort(~real)[:num].astype(jnp.int32)
+    return jnp.asarray(jnp.where(real.sum() <= num, every, chosen))
 
 
 @partial(jax.jit, static_argnames="distance_pairs")

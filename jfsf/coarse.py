@@ -1,0 +1,88 @@
+"""Coarse copies of large shapes, on which starts are compared. Host side."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.array import common_size
+from jfsf.mesh import MeshError, decimate, validate
+from jfsf.pipeline import InitialMap
+from jfsf.settings import Settings
+from jfsf.sizes import Given, Size
+from jfsf.types import ArrayLike, Match, Mesh, Spectrum
+
+
+class CoarseCopy(NamedTuple):
+    """A mesh of fewer vertices, and how it lies on the whole one.
+
+    mesh: the copy.
+    on_whole: (n_copy,), the vertex of the whole nearest to each of the copy.
+    on_copy: (n,), the vertex of the copy nearest to each of the whole.
+    """
+
+    mesh: Mesh
+    on_whole: ArrayLike
+    on_copy: ArrayLike
+
+
+def has_copy(size: Size, settings: Settings) -> bool:
+    """Whether shapes padded to this size get copies: smaller ones gain nothing."""
+    few = common_size(settings.coarse_vertices)
+    return settings.coarse_vertices > 0 and size.vertices > 2 * few and size.faces > 0
+
+
+def coarse_copy(mesh: Mesh, settings: Settings) -> CoarseCopy | None:
+    """The copy of a shape that has faces; None if what is left cannot be matched."""
+    copy = decimate(mesh, settings.coarse_vertices)
+    try:
+        validate(copy)
+    except MeshError:
+        return None
+    return CoarseCopy(copy, _nearest(mesh, copy), _nearest(copy, mesh))
+
+
+def at_copies(given: Given, x: CoarseCopy, y: CoarseCopy) -> Given:
+    """Landmarks and descriptors of the whole shapes, at the copies."""
+    landmarks, descriptors = given.landmarks, given.descriptors
+    if landmarks is not None:
+        sides = zip((x, y), landmarks, strict=True)
+        landmarks = tuple(jnp.asarray(copy.on_copy)[at] for copy, at in sides)
+    if descriptors is not None:
+        sides = zip((x, y), descriptors, strict=True)
+        descriptors = tuple(values[copy.on_whole] for copy, values in sides)
+    return given._replace(landmarks=landmarks, descriptors=descriptors)
+
+
+def start_from_copies(
+    found: Match,
+    x: CoarseCopy,
+    y: CoarseCopy,
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    *,
+    settings: Settings,
+) -> InitialMap:
+    """The map of the copies as a start for the whole shapes, with a leading axis.
+
+    Args:
+        found: the match of the copies.
+        x, y: the copies.
+        spec_x, spec_y: spectra of the whole shapes, padding included.
+        settings: of the search: as many functions as it finds, and its weight of
+            descriptors for shapes of different proportions.
+    """
+    k = settings.search.final_ks[-1]
+    T_xy = y.on_whole[np.asarray(found.T_xy)[x.on_copy]]
+    n = len(T_xy)
+    evecs_x, evecs_y = (np.asarray(spec.evecs)[:, :k] for spec in (spec_x, spec_y))
+    back = (evecs_x[:n] * np.asarray(spec_x.mass)[:n, None]).T
+    C_yx = jnp.asarray(back @ evecs_y[T_xy])[None]
+    unknown = jnp.full(1, jnp.nan, C_yx.dtype)
+    weight = jnp.full_like(unknown, settings.search.far_descriptor_weight)
+    return InitialMap(C_yx, found.certificate.orientation[None], unknown, weight)
+
+
+def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:
+    return KDTree(points.vertices).query(queries.vertices)[1].astype(np.int32)

@@ -1,0 +1,56 @@
+"""decimate: fewer vertices, the same closed surface."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import KDTree
+
+import jfsf
+from jfsf.data import load
+from jfsf.mesh import check, coarsen, decimate, surface_area
+from jfsf.types import Mesh
+
+MESH = load("man_up").mesh
+
+
+@pytest.mark.parametrize("num", [300, 1000, 4000])
+def test_a_closed_surface_stays_one(num):
+    small = decimate(MESH, num)
+    assert 0.9 * num < len(small.vertices) < 1.02 * num
+    report = check(small)
+    assert report.components == 1 and report.boundary_edges == 0
+    assert len(small.vertices) - len(small.faces) / 2 == 2
+    assert abs(surface_area(small) / surface_area(MESH) - 1) < 0.1
+    assert KDTree(small.vertices).query(MESH.vertices)[0].max() < 0.2
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1.0, 1e12])
+def test_units_and_place_change_little(unit):
+    moved = Mesh((MESH.vertices + 1000) * unit, MESH.faces)
+    small, plain = decimate(moved, 800), decimate(MESH, 800)
+    assert abs(len(small.vertices) - len(plain.vertices)) < 20
+    back = small.vertices / unit - 1000
+    assert KDTree(MESH.vertices).query(back)[0].max() < 0.05
+
+
+def test_close_sheets_stay_apart():
+    box = trimesh.creation.box((1, 1, 0.01)).subdivide().subdivide().subdivide()
+    sheets = Mesh(np.asarray(box.vertices), np.asarray(box.faces, np.int32))
+    small = decimate(sheets, 100)
+    assert check(small).nonmanifold_edges == 0
+    assert abs(surface_area(small) / surface_area(sheets) - 1) < 0.01
+    assert np.ptp(coarsen(sheets, 100).mesh.vertices[:, 2]) < 0.02  # for contrast
+
+
+def test_small_meshes_come_back_whole():
+    assert decimate(MESH, len(MESH.vertices)) is MESH
+
+
+@pytest.mark.parametrize("mesh", [MESH, MESH._replace(faces=MESH.faces[:0])])
+def test_errors(mesh):
+    with pytest.raises(ValueError, match="decimate: num is 3 and the mesh has"):
+        decimate(mesh, 3)
+
+
+def test_what_is_left_of_a_scan_can_be_matched():
+    jfsf.check_matchable(decimate(MESH, 500))
