@@ -22,7 +22,6 @@ only from those above its own:
 - `pipeline`: spectra to maps, stage by stage
 - `arguments`: checks of what `match` is given
 - `sizes`: few sizes to pad to, so few programs
-- `coarse`: copies of large shapes, on which starts are compared
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
@@ -90,8 +89,8 @@ _HOMES = {
 }
 _ROOMS = (
     *("array", "solvers", "storage", "convert", "evaluate", "parts", "arguments"),
-    *("sizes", "coarse", "mapfiles", "interop", "batch", "baselines", "data", "plot"),
-    *("export", "report", "testing", "cli", "guide"),
+    *("sizes", "mapfiles", "interop", "batch", "baselines", "data", "plot", "export"),
+    *("report", "testing", "cli", "guide"),
     *_HOMES,
 )
 

@@ -28,8 +28,9 @@ class Settings:
         confident is kept. Of 248 near-isometric pairs none is below 0.9. 0 leaves it
         out.
     coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further
-        starts of shapes of more than twice as many: the best map of the copies is the
-        one start that is tried on the whole shapes. 0 tries all on these.
+        starts of shapes that are more than twice as large, padding included. The best
+        map of the copies is the one start that is tried on the whole shapes. 0 tries
+        all starts on these.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf import Settings, matching, pipeline
+from jfsf import Settings, pipeline
+from jfsf.matching import _running
 from jfsf.pipeline import InitialMap
 from jfsf.types import Certificate, Match
 
@@ -45,7 +46,7 @@ def test_the_most_confident_start_is_kept(first, others, chosen, tried):
     half = len(others) // 2
     makers = [lambda: starts(others[:half]), lambda: starts(others[half:])]
     options = starts(first), makers, 0.5
-    on_host = matching._most_confident(partial(attempt, tried=count), *options)
+    on_host = _running.most_confident(partial(attempt, tried=count), *options)
     traced = jax.jit(lambda: pipeline._most_confident(attempt, *options))()
     assert len(count) == tried
     for found in (on_host, traced):
@@ -58,7 +59,7 @@ def test_a_missed_landmark_asks_for_another_map(other, chosen):
     tried = []
     options = starts(0.7), [lambda: starts([other]), lambda: starts([1.0])], 0.5
     missing = partial(attempt, missed=1.0)
-    on_host = matching._most_confident(partial(missing, tried=tried), *options)
+    on_host = _running.most_confident(partial(missing, tried=tried), *options)
     traced = jax.jit(lambda: pipeline._most_confident(missing, *options))()
     np.testing.assert_allclose(tried, [0.7, other])
     for found in (on_host, traced):
@@ -77,7 +78,7 @@ def test_starts_are_chosen_under_vmap():
 
 def test_a_first_map_of_unknown_confidence_is_kept():
     options = starts(np.nan), [lambda: starts([0.9])], 0.5
-    assert np.isnan(matching._most_confident(attempt, *options).certificate.confidence)
+    assert np.isnan(_running.most_confident(attempt, *options).certificate.confidence)
     traced = pipeline._most_confident(attempt, *options)
     assert np.isnan(traced.certificate.confidence)
 

@@ -2,14 +2,13 @@
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 import pytest
 
 import jfsf
-from jfsf import coarse, matching
 from jfsf.data import load
 from jfsf.evaluate import evaluate
+from jfsf.matching import _coarse, _match
 from jfsf.settings import Settings
 from jfsf.sizes import Given, Size
 from jfsf.types import Match
@@ -25,28 +24,18 @@ class ScoreOnly(NamedTuple):
 
 # No map is confident enough, and shapes of some 5000 vertices are large.
 DOUBTFUL = Settings(coarse_vertices=1000, confident=1.0)
-
-
-def copy_of(mesh):
-    copy = coarse.coarse_copy(mesh, DOUBTFUL)
-    assert copy is not None
-    return copy
-
-
-COPY_X, COPY_Y = copy_of(X), copy_of(Y)
+COPY_X, COPY_Y = (_coarse.coarse_copy(mesh, DOUBTFUL) for mesh in (X, Y))
+CLOUD = X._replace(faces=X.faces[:0])
 
 
 @pytest.mark.parametrize(
-    ("size", "expected"),
-    [
-        (Size(128, 2560, 5120), False),
-        (Size(128, 5120, 10240), True),
-        (Size(128, 5120, 0), False),
-    ],
+    ("other", "vertices", "expected"),
+    [(Y, 2560, False), (Y, 5120, True), (CLOUD, 5120, False)],
 )
-def test_large_surfaces_have_copies(size, expected):
-    assert coarse.has_copy(size, DOUBTFUL) is expected
-    assert not coarse.has_copy(size, Settings(coarse_vertices=0))
+def test_large_surfaces_have_copies(other, vertices, expected):
+    sizes = [Size(128, vertices, 2 * vertices)]
+    assert _coarse.have_copies([X, other], sizes, DOUBTFUL) is expected
+    assert not _coarse.have_copies([X, other], sizes, Settings(coarse_vertices=0))
 
 
 def test_a_copy_lies_on_the_whole():
@@ -64,7 +53,7 @@ def test_arguments_move_to_the_copies():
     landmarks = np.array([3, 70]), np.array([8, 20])
     descriptors = X.vertices, Y.vertices
     given = Given(landmarks, descriptors, None, 1, False)
-    found = coarse.at_copies(given, COPY_X, COPY_Y)
+    found = _coarse.at_copies(given, COPY_X, COPY_Y)
     for copy, mesh, at, there in zip(
         (COPY_X, COPY_Y), (X, Y), landmarks, found.landmarks, strict=True
     ):
@@ -78,7 +67,7 @@ def test_a_start_is_the_map_of_the_copies():
     spec = jfsf.basis(X)
     same = np.arange(len(COPY_X.mesh.vertices))
     found = Match(same, same, None, ScoreOnly(np.array(0.9)))
-    start = coarse.start_from_copies(
+    start = _coarse.start_from_copies(
         found, COPY_X, COPY_X, spec, spec, settings=Settings()
     )
     assert start.C_yx.shape == (1, 40, 40)
@@ -114,16 +103,19 @@ def test_a_pair_without_doubt_has_no_copies():
     assert "coarse copies" not in names
 
 
-def test_what_cannot_be_copied_is_tried_whole(monkeypatch):
-    monkeypatch.setattr(matching, "coarse_copy", lambda *_: None)
+def test_where_the_copy_is_broken_the_whole_is_tried(monkeypatch):
+    def broken(mesh, settings):
+        copy = _coarse.coarse_copy(mesh, settings)
+        return copy._replace(mesh=copy.mesh._replace(faces=copy.mesh.faces[:100]))
+
+    monkeypatch.setattr(_match, "coarse_copy", broken)
     names = []
-    settings = Settings(coarse_vertices=1000, confident=1.0)
-    jfsf.match(X, Y, settings=settings, progress=names.append)
-    assert "coarse copies" not in names
-    assert names.count("refinement") == 1 + settings.search.far_candidates
+    jfsf.match(X, Y, settings=DOUBTFUL, progress=names.append)
+    assert names.count("spectra") == 1
+    assert names.count("refinement") == 1 + DOUBTFUL.search.far_candidates
 
 
 def test_few_coarse_vertices_are_an_error():
     with pytest.raises(ValueError, match="coarse_vertices is 100; give 0, or 160"):
         Settings(coarse_vertices=100)
-    assert jax.tree.leaves(Settings(coarse_vertices=0)) is not None
+    assert Settings(coarse_vertices=0).coarse_vertices == 0

@@ -10,10 +10,11 @@ import pytest
 from scipy.spatial import KDTree
 
 import jfsf
-from jfsf import matching, pipeline, testing
+from jfsf import pipeline, testing
 from jfsf.convert import maps_of, sinkhorn
 from jfsf.evaluate import MISSED, certify, geodesic_error
 from jfsf.initial import SearchSettings, candidates, search_samples
+from jfsf.matching import _match, _running
 from jfsf.report import warnings_of
 from jfsf.settings import Settings
 from jfsf.sizes import Given, Size, padded, padded_sizes, spectrum_like
@@ -130,13 +131,13 @@ def test_units_motion_and_winding_change_nothing():
         nearly_same(jfsf.match(moved, other, cache=False))
 
 
-def as_match_does(*specs, run=partial(matching._run, keep=False)):
+def as_match_does(*specs, run=partial(_running.run_stage, keep=False)):
     """Padded as `match` pads: the same programs."""
     settings = Settings()
     both = padded_sizes([mesh for mesh, _ in shapes()], settings)
     pair = tuple(map(padded, specs, both))
     given = Given(None, None, None, 1, False)
-    choose = matching._most_confident
+    choose = _running.most_confident
     return pipeline.run_stages(
         *(*pair, *given),
         settings=settings,
@@ -358,7 +359,7 @@ def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatc
     (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
     _, opposite = template()
     cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
-    monkeypatch.setattr(matching, "reconstruct", lambda mesh: (mesh, mesh))
+    monkeypatch.setattr(_match, "reconstruct", lambda mesh: (mesh, mesh))
     found = jfsf.match(cloud, mesh_y, cache=False)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
     assert np.isnan(found.certificate.orientation) and found.certificate.finite
@@ -486,7 +487,7 @@ def test_the_searchs_own_map_as_initial_gives_the_default():
     best = []
 
     def run(stage, *args):
-        result = matching._run(stage, *args, keep=False)
+        result = _running.run_stage(stage, *args, keep=False)
         if stage.func is pipeline.best_candidate:
             best.append(np.asarray(result.C_yx))
         return result

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import jfsf
-from jfsf import matching, testing
+from jfsf import testing
 from jfsf.evaluate import pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
+from jfsf.matching import _match
 from jfsf.mesh import MeshError, boundary_edges, surface_area, vertex_areas
 from jfsf.parts import cut, likely_part, longest_loop
 from jfsf.parts._beam import assign
@@ -96,7 +97,7 @@ def test_units_do_not_matter_if_both_have_them(found):
 def test_two_closed_shapes_share_all(found, monkeypatch):
     n = len(WHOLE.vertices)
     whole = found._replace(T_xy=found.T_yx, matched_x=None, matched_y=None)
-    monkeypatch.setattr(matching, "_match", lambda *args, **options: whole)
+    monkeypatch.setattr(_match, "_match", lambda *args, **options: whole)
     same, closed = jfsf.match(WHOLE, WHOLE), partial_match(WHOLE, WHOLE)
     assert same.matched_x is None and same.matched_y is None
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)

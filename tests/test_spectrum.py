@@ -1,6 +1,7 @@
 """Mesh -> Spectrum against dense algebra, the sphere, and its invariances."""
 
 import sys
+from functools import partial
 
 import numpy as np
 import oracles
@@ -163,6 +164,23 @@ def test_nested_dissection_gives_the_same_eigenpairs(metis, monkeypatch):
     same = np.abs(found[1].T @ plain[1])
     np.testing.assert_allclose(same, np.eye(30), atol=1e-6)
     assert np.array_equal(found[1], again[1])
+
+
+def test_a_basis_in_float32_gives_the_same_spectrum(monkeypatch):
+    # As that of a large mesh.
+    large = partial(_eigenpairs._shift_invert, dissection_above=1000)
+    mesh = jfsf.data.load("man_walk").mesh
+    exact = fresh(mesh, 128)
+    monkeypatch.setattr(_eigenpairs, "_shift_invert", large)
+    spec = fresh(mesh, 128, _eigenpairs.TOL)
+    assert not np.array_equal(spec.evals, exact.evals)
+    np.testing.assert_allclose(spec.evals, exact.evals, rtol=1e-4)
+    gram = (spec.evecs.T * spec.mass) @ spec.evecs
+    np.testing.assert_allclose(gram, np.eye(128), atol=1e-12)
+    assert spec.evecs.dtype == float and (spec.evecs[:, 0] == 1).all()
+    low = exact.evecs[:, :100]
+    away = low - spec.evecs @ ((spec.evecs.T * spec.mass) @ low)
+    assert np.sqrt(spec.mass @ away**2).max() < 1e-3
 
 
 def test_the_tolerance_bounds_the_error_of_all_pairs():

@@ -251,7 +251,7 @@ def rotations(covariance: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
         power = power / jnp.where(trace > 0, trace, 1)[None, None]
         return jnp.sum(power[:, :, None] * power[None], 1)
 
-    # A loop: unrolled, these few lines would be a tenth of the program.
+    # A loop compiles faster than so many copies of it.
     power = jax.lax.fori_loop(0, SQUARINGS, square, power)
     best = jnp.argmax(jnp.diagonal(power), 1)
     column = jnp.take_along_axis(power, best[None, None], 1)[:, 0]

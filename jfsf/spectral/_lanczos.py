@@ -19,10 +19,12 @@ import scipy.linalg as sl
 FIRST, FIRST_BESIDE = 2.5, 64
 STEP = 0.125
 LAST, LAST_BESIDE = 3, 256
-# Powers of the precision. Parts of an image that should be zero, relative to those that
-# are not: 1e-11 in float64.
+# These are powers of the machine's precision, so that they suit float32 and float64.
+# Parts of an image that should be zero, relative to those that are not: 1e-11 in
+# float64.
 DRIFT = 0.7
-# A new direction's length, relative to the operator, below which it is rounding: 1e-10.
+# A new direction's length, relative to the operator, below which it is rounding: 1e-10
+# in float64.
 EXHAUSTED = 0.64
 # Slices that threads share. Sums depend on it in their last bits, so it does not follow
 # the machine.
@@ -47,8 +49,8 @@ def largest_eigenpairs(
             time.
         start: the first block, (b, n), a row a vector, of full rank: random numbers. An
             eigenvalue with more than b copies gets the others by rounding only. Its
-            precision is that of the basis: float32 takes half the memory and half the
-            seconds, and is good for residuals of 1e-4 of the largest eigenvalue.
+            precision is that of the basis. In float32 it takes half the memory, and
+            residuals below 1e-6 of the largest eigenvalue are rounding.
         k: number of eigenpairs; their eigenvalues are positive.
         tol: for the residuals, |A v - theta v| <= tol theta. The error of an eigenvalue
             is of the order of tol squared.

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.array import common_size
-from jfsf.mesh import MeshError, decimate, validate
+from jfsf.mesh import decimate
 from jfsf.pipeline import InitialMap
 from jfsf.settings import Settings
 from jfsf.sizes import Given, Size
@@ -27,19 +27,19 @@ class CoarseCopy(NamedTuple):
     on_copy: ArrayLike
 
 
-def has_copy(size: Size, settings: Settings) -> bool:
-    """Whether shapes padded to this size get copies: smaller ones gain nothing."""
-    few = common_size(settings.coarse_vertices)
-    return settings.coarse_vertices > 0 and size.vertices > 2 * few and size.faces > 0
+def have_copies(surfaces: list[Mesh], sizes: list[Size], settings: Settings) -> bool:
+    """Whether these shapes, padded to these sizes, get copies: small ones gain nothing.
+
+    Nor does a cloud without a surface.
+    """
+    few = settings.coarse_vertices
+    large = any(size.vertices > 2 * common_size(few) for size in sizes)
+    return few > 0 and large and all(len(mesh.faces) for mesh in surfaces)
 
 
-def coarse_copy(mesh: Mesh, settings: Settings) -> CoarseCopy | None:
-    """The copy of a shape that has faces; None if what is left cannot be matched."""
+def coarse_copy(mesh: Mesh, settings: Settings) -> CoarseCopy:
+    """The copy of a shape that has faces."""
     copy = decimate(mesh, settings.coarse_vertices)
-    try:
-        validate(copy)
-    except MeshError:
-        return None
     return CoarseCopy(copy, _nearest(mesh, copy), _nearest(copy, mesh))
 
 
@@ -85,4 +85,5 @@ def start_from_copies(
 
 
 def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:
+    """The vertex of `points` nearest to each of `queries`."""
     return KDTree(points.vertices).query(queries.vertices)[1].astype(np.int32)

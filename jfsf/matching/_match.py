@@ -1,12 +1,12 @@
-"""Two meshes -> Match: checks, spectra, and compiled stages. Host side.
+"""Two meshes -> Match: checks, spectra, then the stages. Host side.
 
-This file is long because it has every step from two meshes to their maps.
+This file is long because the public functions explain all that they take.
 """
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,9 +14,15 @@ from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
-from jfsf.coarse import at_copies, coarse_copy, has_copy, start_from_copies
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
+from jfsf.matching._coarse import (
+    at_copies,
+    coarse_copy,
+    have_copies,
+    start_from_copies,
+)
+from jfsf.matching._running import compile_stages, run_compiled
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
@@ -27,11 +33,10 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.parts import match_parts
-from jfsf.pipeline import InitialMap, misses_landmarks, run_stages, stage_name
+from jfsf.pipeline import InitialMap
 from jfsf.settings import Settings
 from jfsf.sizes import Given, padded, padded_arguments, padded_sizes, spectrum_like
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
-from jfsf.storage import Program, compile_ahead
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
 
@@ -310,14 +315,14 @@ def _match(
     keep_spectra &= cache
     if progress is not None:
         progress("spectra")
-    whole = given
-    sizes = padded_sizes([shape.surface for shape in shapes.values()], settings)
-    given = padded_arguments(given, sizes)
-    like = [spectrum_like(size) for size in sizes]
+    surfaces = [shape.surface for shape in shapes.values()]
+    sizes = padded_sizes(surfaces, settings)
+    unpadded, given = given, padded_arguments(given, sizes)
     # Threads for the spectra, and two that compile. The limit is set around all: one
     # set and lifted by each of them would be left behind.
     threads = ThreadPoolExecutor(len(shapes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
+        # Two spectra with two threads each take longer than one after the other.
         alone = len(shapes) == 1
         specs = pool.map(
             lambda item: _basis(
@@ -326,26 +331,19 @@ def _match(
             shapes.items(),
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
-        compile_stage = partial(_result_shapes, keep=cache, pool=pool)
-        run_stages(
-            *(like[0], like[-1], *given),
-            settings=settings,
-            run=compile_stage,
-            run_sides=lambda stage, *sides: [compile_stage(stage, *s) for s in sides],
-            most_confident=_first,
-        )
+        like = [spectrum_like(size) for size in sizes]
+        compile_stages(like[0], like[-1], given, settings, keep=cache, pool=pool)
         specs = [padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    run, run_sides = partial(_run, keep=cache), partial(_run_sides, keep=cache)
-    if progress is not None:
-        run, run_sides = _announced(run, progress), _announced(run_sides, progress)
-    again = partial(_coarse_start, shapes, whole, specs, settings, cache, progress)
-    return run_stages(
-        *(specs[0], specs[-1], *given),
-        settings=settings,
-        run=run,
-        run_sides=run_sides,
-        most_confident=_most_confident,
-        coarse=again if any(has_copy(size, settings) for size in sizes) else None,
+    coarse = None
+    if have_copies(surfaces, sizes, settings):
+        coarse = partial(
+            _coarse_start, shapes, unpadded, specs, settings, cache, progress
+        )
+    return run_compiled(
+        *(specs[0], specs[-1], given, settings),
+        keep=cache,
+        progress=progress,
+        coarse=coarse,
     )
 
 
@@ -357,77 +355,23 @@ def _coarse_start(
     cache: bool,
     progress: Callable[[str], object] | None,
 ) -> InitialMap | None:
-    """A start for these shapes from the match of their coarse copies."""
+    """A start for these shapes from the match of their coarse copies; or None."""
     copies = {n: coarse_copy(s.surface, settings) for n, s in shapes.items()}
-    x, y = (list(copies.values())[i] for i in (0, -1))
-    if x is None or y is None:
-        return None
+    parts = {name: _Shape(copy.mesh) for name, copy in copies.items()}
+    both = list(copies.values())
+    x, y = both[0], both[-1]
     if progress is not None:
         progress("coarse copies")
-    parts = {name: _Shape(copy.mesh) for name, copy in copies.items() if copy}
-    found = _match(
-        *(parts, at_copies(given, x, y), settings, cache, progress), keep_spectra=False
-    )
+    try:
+        for name, part in parts.items():
+            check_matchable(part.surface, name=name, settings=settings)
+        found = _match(
+            *(parts, at_copies(given, x, y), settings, cache, progress),
+            keep_spectra=False,
+        )
+    except MeshError:  # the copy is broken, the whole is not
+        return None
     return start_from_copies(found, x, y, specs[0], specs[-1], settings=settings)
-
-
-def _first(attempt, first, *_) -> Match:
-    """The programs that every pair needs; few pairs need others."""
-    return attempt(first)
-
-
-def _most_confident(attempt, first, others, confident: float) -> Match:
-    """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
-    found = attempt(first)
-    # Not so with nan: there is nothing to compare.
-    doubtful = found.certificate.confidence < confident
-    if not (doubtful or misses_landmarks(found)):
-        return found
-    for make in others:
-        starts = jax.device_get(make())
-        for i in range(len(starts.gap)):
-            start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
-            other = attempt(start)
-            if other.certificate.confidence > found.certificate.confidence:
-                found = other
-            if found.certificate.confidence >= confident:
-                return found
-    return found
-
-
-def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
-    """Shapes of what the stage returns; it compiles."""
-    return _program(stage, *args, **options).result
-
-
-def _run(stage: partial, *args: Any, **options: Any) -> Any:
-    """What the stage returns."""
-    return _program(stage, *args, **options)(*args)
-
-
-def _run_sides(stage: partial, x: tuple, y: tuple, **options: Any) -> tuple[Any, Any]:
-    """What the stage returns for either shape. On a CPU both run at a time."""
-    x, y = jax.tree.map(jnp.asarray, (x, y))
-    programs = [_program(stage, *side, **options) for side in (x, y)]
-    with ThreadPoolExecutor(2) as pool:
-        run = lambda program, side: jax.block_until_ready(program(*side))
-        found_x, found_y = pool.map(run, programs, (x, y))
-    return found_x, found_y
-
-
-def _announced(run: Callable, progress: Callable[[str], object]) -> Callable[..., Any]:
-    """`run`, where each stage ends before the next is named."""
-
-    def announced(stage, *args, **options):
-        progress(stage_name(stage))
-        return jax.block_until_ready(run(stage, *args, **options))
-
-    return announced
-
-
-def _program(stage: partial, *args, **options) -> Program:
-    """The compiled stage for arguments of these shapes."""
-    return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
 def _basis(
