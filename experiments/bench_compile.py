@@ -94,6 +94,7 @@ def main() -> None:
         run=run,
         run_sides=run_sides,
         most_confident=all_starts,
+        most_promising=lambda promise, starts, num: starts,
     )
     steps = "trace", "lower", "compile"
     total = {step: sum(row[step] for row in rows) for step in steps}

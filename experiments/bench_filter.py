@@ -1,6 +1,7 @@
 """Conversion side by side: the filter, nearest neighbour, and their rivals.
 
-All take turns in one run, so that a busy moment slows all alike. On the
+All take turns in one run, so that a busy moment slows all alike. Tiles are made before,
+once a shape, as `jfsf.match` does; their seconds are a row of their own. On the
 authors' pair with --data (6890 vertices, errors Euclidean / sqrt(area)), on two
 embedded shapes without (some 5000, geodesic errors).
 
@@ -25,6 +26,7 @@ from jfsf import data
 from jfsf.array import matmul
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error
+from jfsf.neighbours import tiles_of_pair
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "man_up")
@@ -53,7 +55,7 @@ def interleave(contestants: dict[str, Callable], repeats: int) -> dict[str, dict
 
 
 def embedded(k: int, x: str, y: str):
-    """Aligned embeddings of two embedded shapes by their ground truth, float64.
+    """Spectra of two embedded shapes, embeddings aligned by their truth, an error.
 
     The functional map is the least squares one over X's vertices with a partner.
     """
@@ -68,7 +70,7 @@ def embedded(k: int, x: str, y: str):
         gt = (s.template_to_vertex[::EVERY] for s in (one, two))
         return float(geodesic_error(T_xy, two.mesh, *gt).mean())
 
-    return spec_x.evecs @ C_yx, np.asarray(spec_y.evecs), error
+    return (spec_x, spec_y), (spec_x.evecs @ C_yx, np.asarray(spec_y.evecs)), error
 
 
 @jax.jit
@@ -89,19 +91,23 @@ def main() -> None:
     args = parser.parse_args()
     if args.data is None or args.embedded:
         what = f"embedded {NAMES[0]} to {NAMES[1]}, geodesic errors"
-        emb_x, emb_y, error = embedded(args.k, *NAMES)
+        specs, wide, error = embedded(args.k, *NAMES)
     else:
         what = "the authors' pair, Euclidean errors"
         pair = authors_pair.load(args.data)
-        emb_x, emb_y = authors_pair.embedded(pair, args.k)
+        specs, wide = (pair.spec_x, pair.spec_y), authors_pair.embedded(pair, args.k)
         error = lambda T_xy: authors_pair.measure(pair, T_xy, T_xy)["error"]
 
-    wide = emb_x, emb_y
     narrow = tuple(x.astype(np.float32) for x in wide)
     ours = tuple(map(jnp.asarray, narrow))
-    finished = lambda f, *embs: jax.block_until_ready(f(*embs))
+    specs = jax.tree.map(jnp.asarray, specs)
+    tiles = tiles_of_pair(*specs)
+    finished = lambda f, *args: jax.block_until_ready(f(*args))
     converters = {
         OURS: partial(finished, sinkhorn, *ours),
+        "jfsf sinkhorn among tiles": partial(
+            finished, partial(sinkhorn, tiles=tiles), *ours
+        ),
         "jfsf nearest": partial(finished, nearest, *ours),
         RIVAL: partial(numpy_filter.fast_sinkhorn, *wide),
         "sklearn nearest": partial(numpy_filter.nearest, *wide),
@@ -111,9 +117,11 @@ def main() -> None:
         "two products with row maxima": lambda: (
             finished(product, *ours),
             finished(product, *ours[::-1]),
-        )
+        ),
+        "jfsf tiles of both shapes": partial(finished, tiles_of_pair, *specs),
     }
-    print(f"{what}: {len(emb_x)} and {len(emb_y)} vertices, k = {args.k}")
+    sizes = [len(emb) for emb in wide]
+    print(f"{what}: {sizes[0]} and {sizes[1]} vertices, k = {args.k}")
     rows = interleave({**converters, **bare}, args.repeats)
     for name, run in converters.items():
         # Both kinds of result begin with T_xy.
@@ -128,7 +136,7 @@ def main() -> None:
         )
     settings = {
         "data": what,
-        "vertices": [len(emb_x), len(emb_y)],
+        "vertices": sizes,
         "k": args.k,
         "repeats": args.repeats,
         "seed": None,

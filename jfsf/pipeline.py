@@ -205,6 +205,23 @@ def _most_confident(
     return jax.lax.while_loop(goes_on, step, (0, starts, best))[2]
 
 
+def _most_promising(
+    promise: Callable[[InitialMap], Array], starts: InitialMap, num: int
+) -> InitialMap:
+    """The starts that promise most, the best first.
+
+    Args:
+        promise: a number for each start.
+        starts: along a leading axis.
+        num: of those to keep; all, if there are no more.
+    """
+    if len(starts.gap) <= num:
+        return starts
+    promised = jax.lax.map(promise, starts)
+    order = jnp.argsort(-jnp.nan_to_num(promised, nan=-1.0), stable=True)[:num]
+    return jax.tree.map(lambda values: values[order], starts)
+
+
 def misses_landmarks(match: Match) -> Bool[Array, ""]:
     """Whether a landmark ends far from its partner."""
     return jnp.any(match.certificate.landmarks > MISSED)
@@ -223,6 +240,7 @@ def run_stages(
     run: Callable[..., Any] = _inline,
     run_sides: Callable[..., Any] = map_sides,
     most_confident: Callable[..., Match] = _most_confident,
+    most_promising: Callable[..., InitialMap] = _most_promising,
     coarse: Callable[[], InitialMap | None] | None = None,
 ) -> Match:
     """All stages in their order: `match_spectra`, and `jfsf.match` stage by stage.
@@ -236,6 +254,7 @@ def run_stages(
             arrays, with static options.
         run_sides: calls a stage for either shape, as `jfsf.array.map_sides`.
         most_confident: chooses among starts, as `_most_confident`, which is traced.
+        most_promising: chooses those to try, as `_most_promising`, which is traced.
         coarse: makes starts, along a leading axis, in place of `other_starts`; or
             None, as it may return if it cannot.
     """
@@ -267,8 +286,20 @@ def run_stages(
             stage = partial(kept_landmarks, settings=settings)
             sides = run(stage, *sides, *pair, start, at_x, at_y)
         C_yx = run(partial(_refined, settings=settings), *sides, start)
+        return finished(C_yx, start, settings.bend_rounds)
+
+    def finished(C_yx, start: InitialMap, rounds: int) -> Match:
         finish = partial(_finished, settings=settings)
-        return run(finish, *pair, C_yx, start, samples, sign, landmarks)
+        return run(finish, *pair, C_yx, start, rounds, samples, sign, landmarks)
+
+    def promise(start: InitialMap) -> Array:
+        """The confidence of a start as it is, bent a little."""
+        # As large as a refined map: one program.
+        widest = min(len(spec.evals) for spec in pair)
+        size = min(settings.ks[-1], widest)
+        C_yx = jnp.pad(start.C_yx, [(0, size - k) for k in start.C_yx.shape])
+        rounds = settings.compare_rounds
+        return finished(C_yx, start, rounds).certificate.confidence
 
     def candidate(*samples) -> InitialMap:
         stage = partial(best_candidate, settings=settings.search)
@@ -281,7 +312,8 @@ def run_stages(
         if coarse is not None and (found := coarse()) is not None:
             return found
         stage = partial(other_starts, settings=settings.search)
-        return run(stage, *samples, sign, self_map)
+        starts = run(stage, *samples, sign, self_map)
+        return most_promising(promise, starts, settings.far_attempts)
 
     others = [far]
     if landmarks is not None:
@@ -305,11 +337,11 @@ def _refined(x, y, start: InitialMap, *, settings):
 
 
 def _finished(
-    spec_x, spec_y, C_yx, start: InitialMap, *evidence, settings: Settings
+    spec_x, spec_y, C_yx, start: InitialMap, rounds, *evidence, settings: Settings
 ) -> Match:
     pair = spec_x, spec_y
     tiles = pair_tiles(*pair, settings=settings)
-    embs = bend(*pair, C_yx, start.sign, tiles, settings=settings)
+    embs = bend(*pair, C_yx, start.sign, tiles, rounds, settings=settings)
     maps = convert(*embs, *pair, tiles, settings=settings)
     k = min(len(spec_x.evals), len(spec_y.evals))
     C_yx = functional_map(maps.T_xy, truncate(spec_x, k), spec_y)
@@ -345,8 +377,10 @@ def shape_samples(
         spec, descriptors, landmarks, self_map=self_map, settings=settings.features
     )
     at = _sample_points(spec, settings)
+    # Among all vertices of a very large shape farthest points would take too long.
+    among = at if len(spec.mass) > settings.exhaustive_up_to else None
     return ShapeSamples(
-        search_samples(whole, at, settings=settings.search),
+        search_samples(whole, among, settings=settings.search),
         _refinement_samples(whole, at, settings),
     )
 
@@ -572,6 +606,7 @@ def bend(
     C_yx: Float[Array, "k_x k_y"],
     orientation: Float[Array, ""] | float = 1.0,
     tiles: Pair | None = None,
+    rounds: Int[Array, ""] | int | None = None,
     *,
     settings: Settings = Settings(),
 ) -> tuple[Float[Array, "n_x d"], Float[Array, "n_y d"]]:
@@ -579,14 +614,16 @@ def bend(
 
     Args:
         spec_x, spec_y: with their vertices and faces, for the bending.
-        C_yx: the functional map, refined.
+        C_yx: the functional map, refined. Rows of zeros are left out.
         orientation: -1 for a map that mirrors.
         tiles: of both shapes.
+        rounds: `bend_rounds` or fewer; does not compile anew. None: all.
         settings: `bend_rounds`, `bend_converter`, `bend`. Without rounds, or if
             neither shape has faces, the embeddings are those of C_yx, in the direct
             space.
     """
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
+    emb_x = jnp.where(jnp.any(C_yx != 0, 1)[None], emb_x, 0)
     if not _bends(spec_x, spec_y, settings):
         return emb_x, emb_y
     # A cloud without a surface beside a mesh gets a face of padding: its points move
@@ -609,6 +646,7 @@ def bend(
         rounds=settings.bend_rounds,
         converter=converter,
         tiles=tiles,
+        made=rounds,
         settings=settings.bend,
         **options,
     )

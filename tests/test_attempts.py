@@ -66,6 +66,28 @@ def test_a_missed_landmark_asks_for_another_map(other, chosen):
         assert np.isclose(found.certificate.confidence, chosen)
 
 
+@pytest.mark.parametrize(
+    ("values", "num", "kept"),
+    [
+        ([0.1, 0.7, 0.3], 2, [0.7, 0.3]),
+        ([0.1, 0.7, 0.3], 1, [0.7]),
+        ([0.1, 0.7], 2, [0.1, 0.7]),  # all are tried, so none is compared
+        ([np.nan, 0.2, 0.2, 0.1], 3, [0.2, 0.2, 0.1]),
+        ([np.nan, np.nan, 0.0], 2, [0.0, np.nan]),
+    ],
+)
+def test_the_most_promising_starts_are_tried(values, num, kept):
+    given = starts(values)
+    promise = lambda start: start.gap
+    for choose in (
+        _running.most_promising,
+        jax.jit(pipeline._most_promising, static_argnums=(0, 2)),
+    ):
+        found = choose(promise, given, num)
+        np.testing.assert_allclose(found.gap, kept)
+        assert found.C_yx.shape == (len(kept), 1, 1)
+
+
 def test_starts_are_chosen_under_vmap():
     first, others = starts([0.9, 0.2]), starts([[1.0, 1.0], [0.3, 0.6]])
 

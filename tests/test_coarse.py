@@ -86,9 +86,12 @@ def by_copies():
 def test_a_doubtful_pair_is_matched_by_way_of_its_copies(by_copies):
     found, names = by_copies
     assert names.count("coarse copies") == 1
-    # The first map, all of the copies, and one more.
-    starts = 1 + DOUBTFUL.search.far_candidates
-    assert names.count("refinement") == 1 + starts + 1
+    # The first map, those of the copies, and one more.
+    attempts = 1 + (1 + DOUBTFUL.far_attempts) + 1
+    assert names.count("refinement") == attempts
+    # Further starts are compared before.
+    bent = attempts + DOUBTFUL.search.far_candidates
+    assert names.count("bending and conversion") == bent
     plain = jfsf.match(X, Y, settings=Settings(confident=0))
     assert found.certificate.confidence >= plain.certificate.confidence
     truth = load("man_walk").template_to_vertex, load("man_up").template_to_vertex
@@ -112,7 +115,7 @@ def test_where_the_copy_is_broken_the_whole_is_tried(monkeypatch):
     names = []
     jfsf.match(X, Y, settings=DOUBTFUL, progress=names.append)
     assert names.count("spectra") == 1
-    assert names.count("refinement") == 1 + DOUBTFUL.search.far_candidates
+    assert names.count("refinement") == 1 + DOUBTFUL.far_attempts
 
 
 def test_few_coarse_vertices_are_an_error():

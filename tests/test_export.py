@@ -49,6 +49,7 @@ def exported_stages(spec, landmarks, settings):
         run=run,
         run_sides=run_sides,
         most_confident=all_starts,
+        most_promising=lambda promise, starts, num: starts,
     )
     return programs
 

@@ -144,6 +144,7 @@ def as_match_does(*specs, run=partial(_running.run_stage, keep=False)):
         run=run,
         run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
         most_confident=choose,
+        most_promising=_running.most_promising,
     )
 
 
@@ -289,6 +290,12 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             make()
         return attempt(first)
 
+    def first_two(promise, starts, num):
+        one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), starts)
+        jax.eval_shape(promise, one)
+        assert num == 2
+        return starts
+
     settings = Settings()
     given = Given(None, None, None, 1, False)
     for _ in range(100):
@@ -303,6 +310,7 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             run=run,
             run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
             most_confident=all_starts,
+            most_promising=first_two,
         )
     assert 9 <= len(programs) <= 12
 
@@ -540,6 +548,14 @@ def test_stage_by_stage_is_match():
     C_yx = functional_map(maps.T_xy, spec_x, spec_y)
     evidence = certify(maps, *embs, C_yx, spec_x, spec_y)
     assert evidence.orientation > 0.8 and evidence.finite
+
+
+def test_rows_of_zeros_are_left_out_of_a_map():
+    C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(20, 20)))
+    embed = partial(pipeline.bend, *specs(), settings=Settings(bend_rounds=0))
+    for ours, truth in zip(embed(jnp.pad(C_yx, (0, 10))), embed(C_yx), strict=True):
+        np.testing.assert_allclose(ours[:, :20], truth)
+        assert not ours[:, 20:].any()
 
 
 def test_stages_vmap_over_pairs():

@@ -72,6 +72,8 @@ def test_every_number_is_explained():
         ({"ks": (40, 30)}, r"ks is \(40, 30\)"),
         ({"k": 100}, "k is 100, but ks ends at 128"),
         ({"bend_rounds": -1}, "bend_rounds is -1"),
+        ({"compare_rounds": 0}, "compare_rounds is 0"),
+        ({"far_attempts": 0}, "far_attempts 0"),
         ({"samples": 0}, "samples 0"),
         ({"samples": 4000}, "samples is 4000; give a power of two"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),

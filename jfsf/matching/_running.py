@@ -11,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jfsf.pipeline import InitialMap, misses_landmarks, run_stages, stage_name
 from jfsf.settings import Settings
@@ -75,6 +76,7 @@ def run_compiled(
         run=run,
         run_sides=run_sides,
         most_confident=most_confident,
+        most_promising=most_promising,
         coarse=coarse,
     )
 
@@ -87,15 +89,29 @@ def most_confident(attempt, first, others, confident: float) -> Match:
     if not (doubtful or misses_landmarks(found)):
         return found
     for make in others:
-        starts = jax.device_get(make())
-        for i in range(len(starts.gap)):
-            start = jax.tree.map(lambda values, i=i: jnp.asarray(values[i]), starts)
+        for start in _each(make()):
             other = attempt(start)
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
             if found.certificate.confidence >= confident:
                 return found
     return found
+
+
+def most_promising(promise, starts: InitialMap, num: int) -> InitialMap:
+    """As `jfsf.pipeline.run_stages` asks for."""
+    if len(starts.gap) <= num:
+        return starts
+    promised = np.array([float(promise(start)) for start in _each(starts)])
+    order = np.argsort(-np.nan_to_num(promised, nan=-1.0), stable=True)[:num]
+    return jax.tree.map(lambda values: np.asarray(values)[order], starts)
+
+
+def _each(starts: InitialMap) -> list[InitialMap]:
+    """The starts one by one."""
+    host = jax.device_get(starts)
+    one = lambda i: jax.tree.map(lambda values: jnp.asarray(values[i]), host)
+    return [one(i) for i in range(len(host.gap))]
 
 
 def run_stage(stage: partial, *args: Any, **options: Any) -> Any:

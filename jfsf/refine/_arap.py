@@ -73,6 +73,7 @@ def arap(
     rounds: int = 8,
     converter: Converter,
     tiles: tuple[Tiles, Tiles] | None = None,
+    made: Int[Array, ""] | int | None = None,
     settings: ArapSettings = ArapSettings(),
     neighbour_settings: NeighbourSettings | None = None,
 ) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
@@ -87,6 +88,8 @@ def arap(
         converter: any `jfsf.convert.Converter`.
         tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), handed to the converter
             if it declares them.
+        made: how many of the rounds are made, the others change nothing. Traced, so one
+            program serves all numbers. None: all of them.
         settings: of the deformation.
         neighbour_settings: handed to the converter if it declares them.
 
@@ -135,20 +138,26 @@ def arap(
 
     given = maps_of(maps)
 
-    def step(embs, first):
+    def deform_both(turn, embs):
         # One body for all rounds, the first included, is one program.
-        T_xy, T_yx = jax.lax.cond(first, lambda _: given, convert, embs)
+        T_xy, T_yx = jax.lax.cond(turn == 0, lambda _: given, convert, embs)
         moved = map_sides(
             one_way,
             (surface_x, spec_y.vertices[T_xy], embs[0][:, :3]),
             (surface_y, spec_x.vertices[T_yx], embs[1][:, 3:6]),
         )
-        return embed(*moved[0], *moved[1]), None
+        return embed(*moved[0], *moved[1])
+
+    def step(embs, turn):
+        if made is None:
+            return deform_both(turn, embs), None
+        same = lambda _, embs: embs
+        return jax.lax.cond(turn < made, deform_both, same, turn, embs), None
 
     # Before the first deformation vertices lie at their images, and have no normals.
     start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
     start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
-    return jax.lax.scan(step, start, jnp.arange(rounds) == 0)[0]
+    return jax.lax.scan(step, start, jnp.arange(rounds))[0]
 
 
 @partial(jax.jit, static_argnames="settings")

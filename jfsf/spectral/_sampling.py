@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import argmax, einsum
+from jfsf.array import argmax, einsum, matmul
 from jfsf.neighbours import neighbours, spectral_tiles
 from jfsf.types import Spectrum
 
@@ -51,17 +51,19 @@ def farthest_points(
     points, mass = biharmonic(spec, distance_pairs), spec.mass
     if among is not None:
         points, mass = points[among], mass[among]
-    far = jnp.where(mass > 0, jnp.sum(points**2, 1), -1)
+    square = jnp.sum(points**2, 1)
 
     def step(state, _):
         far, new = state
-        gap = jnp.sum((points - points[new][None]) ** 2, 1)
-        far = jnp.minimum(far, gap)
+        # A product takes half the time of a sum of squared differences.
+        gap = square - 2 * matmul(points, points[new]) + square[new]
+        # Rounding must not put a chosen vertex before another, nor behind padding.
+        far = jnp.minimum(far, jnp.maximum(gap, 0)).at[new].set(-0.5)
         return (far, argmax(far, 0)), new
 
     # The first point is the vertex farthest from the mean. Its distance to the mean
     # must not take part afterwards.
-    start = argmax(far, 0)
+    start = argmax(jnp.where(mass > 0, square, -1), 0)
     far = jnp.where(mass > 0, jnp.inf, -1).astype(points.dtype)
     _, chosen = jax.lax.scan(step, (far, start), None, length=num)
     chosen = chosen if among is None else among[chosen]
