@@ -101,7 +101,8 @@ def main() -> None:
     narrow = tuple(x.astype(np.float32) for x in wide)
     ours = tuple(map(jnp.asarray, narrow))
     specs = jax.tree.map(jnp.asarray, specs)
-    tiles = tiles_of_pair(*specs)
+    make_tiles = jax.jit(tiles_of_pair)
+    tiles = make_tiles(*specs)
     finished = lambda f, *args: jax.block_until_ready(f(*args))
     converters = {
         OURS: partial(finished, sinkhorn, *ours),
@@ -118,7 +119,7 @@ def main() -> None:
             finished(product, *ours),
             finished(product, *ours[::-1]),
         ),
-        "jfsf tiles of both shapes": partial(finished, tiles_of_pair, *specs),
+        "jfsf tiles of both shapes": partial(finished, make_tiles, *specs),
     }
     sizes = [len(emb) for emb in wide]
     print(f"{what}: {sizes[0]} and {sizes[1]} vertices, k = {args.k}")
