@@ -297,7 +297,8 @@ def run_stages(
         # As large as a refined map: one program.
         widest = min(len(spec.evals) for spec in pair)
         size = min(settings.ks[-1], widest)
-        C_yx = jnp.pad(start.C_yx, [(0, size - k) for k in start.C_yx.shape])
+        C_yx = start.C_yx[:size, :size]
+        C_yx = jnp.pad(C_yx, [(0, size - k) for k in C_yx.shape])
         rounds = settings.compare_rounds
         return finished(C_yx, start, rounds).certificate.confidence
 

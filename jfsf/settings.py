@@ -28,7 +28,7 @@ class Settings:
         confident is kept. Of 248 near-isometric pairs none is below 0.9. 0 leaves it
         out.
     compare_rounds: times that the shapes are bent by each of these starts, unrefined,
-        to compare the confidence. That takes a fifth of the time of a refined map, and
+        to compare the confidence. It takes a quarter of the time of a refined map and
         tells right from wrong as well: what is bent by a wrong map for long fits too.
     far_attempts: of these starts, so many are refined, the most confident first.
     coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further

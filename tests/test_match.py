@@ -558,6 +558,12 @@ def test_rows_of_zeros_are_left_out_of_a_map():
         assert not ours[:, 20:].any()
 
 
+def test_a_refinement_may_end_before_the_search_does():
+    settings = Settings(ks=(20, 30))  # the search finds maps of 40 functions
+    found = jax.eval_shape(partial(jfsf.match_spectra, settings=settings), *specs())
+    assert found.T_xy.shape == specs()[0].mass.shape
+
+
 def test_stages_vmap_over_pairs():
     x, y = specs()
     two = jax.tree.map(lambda *a: jnp.stack(a), x, x)
