@@ -624,7 +624,7 @@ def bend(
             space.
     """
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    emb_x = jnp.where(jnp.any(C_yx != 0, 1)[None], emb_x, 0)
+    emb_x = jnp.asarray(jnp.where(jnp.any(C_yx != 0, 1)[None], emb_x, 0))
     if not _bends(spec_x, spec_y, settings):
         return emb_x, emb_y
     # A cloud without a surface beside a mesh gets a face of padding: its points move
