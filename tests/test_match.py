@@ -1,5 +1,6 @@
 """Two meshes to a map, and what must not change it. One size: one compilation."""
 
+import time
 from functools import cache, partial
 
 import fast_simplification
@@ -271,6 +272,24 @@ def test_the_programs_of_search_and_refinement_serve_all_sizes():
         return jax.eval_shape(pipeline.shape_samples, shape)
 
     assert samples(5120) == samples(10240)
+
+
+@pytest.mark.parametrize(("large", "at_a_time"), [(1 << 26, 2), (99, 1)])
+def test_large_shapes_have_their_features_one_by_one(monkeypatch, large, at_a_time):
+    running, most = [], []
+
+    def program(side):
+        running.append(side)
+        time.sleep(0.1)
+        most.append(len(running))
+        running.pop()
+        return side
+
+    monkeypatch.setattr(_running, "_program", lambda *_: program)
+    monkeypatch.setattr(_running, "LARGE", large)
+    sides = _running._run_sides(None, (np.zeros(25, "f4"),), (np.ones(25, "f4"),))
+    assert max(most) == at_a_time
+    assert [side[0] for side in sides] == [0, 1]
 
 
 def test_a_folder_of_many_sizes_needs_twelve_programs():

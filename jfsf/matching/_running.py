@@ -19,6 +19,10 @@ from jfsf.sizes import Given
 from jfsf.storage import Program, compile_ahead
 from jfsf.types import Match, Spectrum
 
+# Bytes of a shape of some 120 000 vertices. Two larger ones at a time need twice the
+# memory and save nothing: one keeps all cores busy.
+LARGE = 1 << 26
+
 
 def compile_stages(
     like_x: Spectrum,
@@ -125,14 +129,18 @@ def _result_shapes(stage: partial, *args: Any, **options: Any) -> Any:
 
 
 def _run_sides(stage: partial, x: tuple, y: tuple, **options: Any) -> tuple[Any, Any]:
-    """What the stage returns for either shape. On a CPU both run at a time."""
+    """What the stage returns for either shape. On a CPU both run at a time if small."""
     # Not in the threads: they do not see a `with jax.default_device(...)` around this.
     x, y = jax.tree.map(jnp.asarray, (x, y))
     programs = [_program(stage, *side, **options) for side in (x, y)]
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(1 if _is_large(x) else 2) as pool:
         run = lambda program, side: jax.block_until_ready(program(*side))
         found_x, found_y = pool.map(run, programs, (x, y))
     return found_x, found_y
+
+
+def _is_large(args: tuple) -> bool:
+    return sum(leaf.nbytes for leaf in jax.tree.leaves(args)) > LARGE
 
 
 def _announced(run: Callable, progress: Callable[[str], object]) -> Callable[..., Any]:
