@@ -55,7 +55,9 @@ def interleave(contestants: dict[str, Callable], repeats: int) -> dict[str, dict
 
 
 def embedded(k: int, x: str, y: str):
-    """Spectra of two embedded shapes, embeddings aligned by their truth, an error.
+    """Spectra, aligned embeddings in float64, and the error of a map.
+
+    Of two embedded shapes, aligned by their ground truth.
 
     The functional map is the least squares one over X's vertices with a partner.
     """

@@ -29,7 +29,7 @@ class Settings:
         out.
     compare_rounds: times that the shapes are bent by each of these starts, unrefined,
         to compare the confidence. It takes a quarter of the time of a refined map and
-        tells right from wrong as well: what is bent by a wrong map for long fits too.
+        ranks starts no worse: bent for long, shapes fit by a wrong map too.
     far_attempts: of these starts, so many are refined, the most confident first.
     coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further
         starts of shapes that are more than twice as large, padding included. The best
