@@ -34,7 +34,7 @@ def main() -> None:
     parser.add_argument("--first", action="store_true", help="no second attempt")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    settings = jfsf.Settings(confident=0) if args.first else jfsf.Settings()
+    settings = jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
     lines = [line.split() for line in args.pairs.read_text().splitlines() if line]
     rows = []
     for name_x, name_y, *rest in lines[:: args.step]:

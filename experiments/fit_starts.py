@@ -90,7 +90,7 @@ def _fitted(x, y, *, fit):
 
 @jax.jit
 def _refined(x, y, C_yx):
-    pair, ks = SamplePair(x.few, y.few, False), SETTINGS.fit_ks
+    pair, ks = SamplePair(x.search_points, y.search_points, False), SETTINGS.fit_ks
     return refine_hypotheses(pair, C_yx, 1.0, ks=ks, settings=SETTINGS)
 
 

@@ -41,7 +41,7 @@ from jfsf.initial import (
     SearchSamples,
     SearchSettings,
     candidates,
-    far_candidates,
+    nonisometric_candidates,
     orientation_sign,
     search_samples,
 )
@@ -109,7 +109,7 @@ def match_spectra(
     """`jfsf.match` from the spectra on: pure, so it vmaps over pairs of equal size.
 
     Under vmap all pairs try as many starts as the least confident one. Reverse
-    differentiation needs `Settings(confident=0)`: the number of starts is not known
+    differentiation needs `Settings(retry_below=0)`: the number of starts is not known
     before, and such a loop has no reverse.
 
     Args:
@@ -152,7 +152,7 @@ def _most_confident(
     attempt: Callable[[InitialMap], Match],
     first: InitialMap,
     others: Sequence[Callable[[], InitialMap]],
-    confident: float,
+    retry_below: float,
 ) -> Match:
     """The first attempt that is confident enough, or the most confident of all.
 
@@ -163,7 +163,7 @@ def _most_confident(
         attempt: makes a match of a start.
         first: the start that is tried first.
         others: each makes further starts, along a leading axis.
-        confident: no further start is tried from this confidence on.
+        retry_below: no further start is tried from this confidence on.
     """
 
     def made():
@@ -187,7 +187,7 @@ def _most_confident(
     def goes_on(state):
         i, _, best = state
         # Not so with nan: there is nothing to compare.
-        more = best.certificate.confidence < confident
+        more = best.certificate.confidence < retry_below
         more |= (i == 1) & misses_landmarks(best)
         return (i < count) & more
 
@@ -299,7 +299,7 @@ def run_stages(
         size = min(settings.ks[-1], widest)
         C_yx = start.C_yx[:size, :size]
         C_yx = jnp.pad(C_yx, [(0, size - k) for k in C_yx.shape])
-        rounds = settings.compare_rounds
+        rounds = settings.screening_rounds
         return finished(C_yx, start, rounds).certificate.confidence
 
     def candidate(*samples) -> InitialMap:
@@ -314,7 +314,7 @@ def run_stages(
             return found
         stage = partial(other_starts, settings=settings.search)
         starts = run(stage, *samples, sign, self_map)
-        return most_promising(promise, starts, settings.far_attempts)
+        return most_promising(promise, starts, settings.nonisometric_attempts)
 
     others = [far]
     if landmarks is not None:
@@ -322,9 +322,9 @@ def run_stages(
 
     if initial is not None:
         return attempt(run(partial(given_map, settings=settings), *pair, initial))
-    if not settings.confident:
+    if not settings.retry_below:
         return attempt(guided())
-    return most_confident(attempt, candidate(*samples), others, settings.confident)
+    return most_confident(attempt, candidate(*samples), others, settings.retry_below)
 
 
 def stage_name(stage: partial) -> str:
@@ -424,15 +424,15 @@ def other_starts(
     *,
     settings: SearchSettings = SearchSettings(),
 ) -> InitialMap:
-    """Starts for shapes of different proportions: `jfsf.initial.far_candidates`.
+    """Starts for shapes of other proportions: `jfsf.initial.nonisometric_candidates`.
 
     Args:
         x, y, orientation, self_map, settings: as `best_candidate`.
 
     Returns:
-        As many maps as `settings.far_candidates`, along the leading axis.
+        As many maps as `settings.nonisometric_candidates`, along the leading axis.
     """
-    found = far_candidates(
+    found = nonisometric_candidates(
         x,
         y,
         orientation=orientation,  # type: ignore[arg-type]
@@ -444,7 +444,7 @@ def other_starts(
     # the wanted one.
     wanted = orientation * jnp.abs(found.orientation)
     score = jnp.where(orientation == 0, found.orientation, wanted)
-    weight = jnp.full_like(unknown, settings.far_descriptor_weight)
+    weight = jnp.full_like(unknown, settings.nonisometric_descriptor_weight)
     return InitialMap(found.C_yx, score, unknown, weight)
 
 
@@ -647,7 +647,7 @@ def bend(
         rounds=settings.bend_rounds,
         converter=converter,
         tiles=tiles,
-        made=rounds,
+        active_rounds=rounds,
         settings=settings.bend,
         **options,
     )

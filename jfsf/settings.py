@@ -23,14 +23,15 @@ class Settings:
         the bending, hardly after it.
     features: descriptors, curvature and oriented products.
     search: the search for the initial map.
-    confident: a map of less confidence (`Certificate.confidence`) is refined again from
-        other starts (`jfsf.initial.far_candidates`), until one reaches this. The most
-        confident is kept. Of 248 near-isometric pairs none is below 0.9. 0 leaves it
-        out.
-    compare_rounds: times that the shapes are bent by each of these starts, unrefined,
+    retry_below: a map of less confidence (`Certificate.confidence`) is refined again
+        from other starts (`jfsf.initial.nonisometric_candidates`), until one reaches
+        this. The most confident is kept. Of 248 near-isometric pairs none is below 0.9.
+        0 leaves it out.
+    screening_rounds: times that the shapes are bent by each of these starts, unrefined,
         to compare the confidence. It takes a quarter of the time of a refined map and
         ranks starts no worse: bent for long, shapes fit by a wrong map too.
-    far_attempts: of these starts, so many are refined, the most confident first.
+    nonisometric_attempts: of these starts, so many are refined, the most confident
+        first.
     coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further
         starts of shapes that are more than twice as large, padding included. The best
         map of the copies is the one start that is tried on the whole shapes. 0 tries
@@ -68,9 +69,9 @@ class Settings:
     k: int = 128
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
-    confident: float = 0.9
-    compare_rounds: int = 2
-    far_attempts: int = 2
+    retry_below: float = 0.9
+    screening_rounds: int = 2
+    nonisometric_attempts: int = 2
     coarse_vertices: int = 5000
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine_converter: Converter = quick_sinkhorn
@@ -104,10 +105,10 @@ class Settings:
                 f"Settings: bend_rounds is {self.bend_rounds} and samples "
                 f"{self.samples}; give 0 or more, and 1 or more"
             )
-        if self.compare_rounds < 1 or self.far_attempts < 1:
+        if self.screening_rounds < 1 or self.nonisometric_attempts < 1:
             raise ValueError(
-                f"Settings: compare_rounds is {self.compare_rounds} and far_attempts "
-                f"{self.far_attempts}; give 1 or more"
+                f"Settings: screening_rounds is {self.screening_rounds} and "
+                f"nonisometric_attempts {self.nonisometric_attempts}; give 1 or more"
             )
         if self.samples & (self.samples - 1):
             raise ValueError(
@@ -118,9 +119,9 @@ class Settings:
                 f"Settings: coarse_vertices is {self.coarse_vertices}; give 0, or "
                 f"{self.min_vertices} or more"
             )
-        if not 0 <= self.confident <= 1:
+        if not 0 <= self.retry_below <= 1:
             raise ValueError(
-                f"Settings: confident is {self.confident}; give a probability"
+                f"Settings: retry_below is {self.retry_below}; give a probability"
             )
         for name in ("converter", "refine_converter", "bend_converter"):
             if not callable(getattr(self, name)):

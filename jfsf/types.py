@@ -184,7 +184,8 @@ class Certificate(NamedTuple):
     finite: whether every number the maps came from is finite.
     energy: departure from an isometry, of the final functional map at samples
         (`jfsf.initial.energies`); nan without samples.
-    unevenness: how unevenly this map stretches (`jfsf.initial.unevenness`); likewise.
+    log_stretch_std: standard deviation of the logarithm of its stretch: how unevenly it
+        stretches (`jfsf.initial.log_stretch_std`); likewise.
     residual: distance left between shapes that were bent onto each other, in sqrt(area)
         (`jfsf.evaluate.bending_residual`); nan if they were not.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
@@ -207,7 +208,7 @@ class Certificate(NamedTuple):
     nn_agreement: Float[Array, ""]
     finite: Bool[Array, ""]
     energy: Float[Array, ""]
-    unevenness: Float[Array, ""]
+    log_stretch_std: Float[Array, ""]
     residual: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]

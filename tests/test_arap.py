@@ -160,9 +160,9 @@ def test_rounds_that_are_not_made_change_nothing():
     spec_x = testing.blob_spectrum(0, K)
     pair = spec_x, posed(spec_x)
     few = jax.jit(partial(run, *pair, rough(spec_x)))
-    for made in (1, 2, 3):
-        expected = run(*pair, rough(spec_x), rounds=made)
-        found = few(made=made)
+    for rounds in (1, 2, 3):
+        expected = run(*pair, rough(spec_x), rounds=rounds)
+        found = few(active_rounds=rounds)
         for ours, truth in zip(found, expected, strict=True):
             np.testing.assert_allclose(ours, truth, atol=1e-12)
     assert few._cache_size() == 1

@@ -32,7 +32,7 @@ def attempt(start, tried=None, missed=0.0):
 @pytest.mark.parametrize(
     ("first", "others", "chosen", "tried"),
     [
-        (0.9, [1.0, 1.0], 0.9, 1),  # confident: nothing else is tried
+        (0.9, [1.0, 1.0], 0.9, 1),  # retry_below: nothing else is tried
         (0.5, [1.0, 1.0], 0.5, 1),
         (0.2, [0.1, 0.6, 0.9], 0.6, 3),  # the first that is confident
         (0.3, [0.1, 0.4, 0.2], 0.4, 4),  # none is: the most confident
@@ -107,4 +107,4 @@ def test_a_first_map_of_unknown_confidence_is_kept():
 
 def test_confident_is_a_probability():
     with pytest.raises(ValueError, match="confident is 2"):
-        Settings(confident=2)
+        Settings(retry_below=2)

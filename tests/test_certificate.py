@@ -98,9 +98,9 @@ def test_confidence_without_evidence():
     assert 0 < confidence(jnp.nan, 0.5, 0.5) < 1  # a point cloud
     assert np.isnan(confidence(0.9, jnp.nan, 0.5))
     values = jnp.linspace(0.1, 0.9, 9)
-    bent = partial(confidence, energy=jnp.nan, unevenness=0.55)
+    bent = partial(confidence, energy=jnp.nan, log_stretch_std=0.55)
     assert np.all(np.diff(bent(0.9, residual=values / 100)) < 0)
     assert np.all(np.diff(bent(values, residual=0.003)) > 0)
     assert bent(0.95, residual=0.001) > 0.9 > 0.1 > bent(0.5, residual=0.02)
     found = evidence(SPEC, SPEC, jnp.eye(K))  # without samples
-    assert np.isnan(found.confidence) and np.isnan(found.unevenness)
+    assert np.isnan(found.confidence) and np.isnan(found.log_stretch_std)

@@ -23,7 +23,7 @@ class ScoreOnly(NamedTuple):
 
 
 # No map is confident enough, and shapes of some 5000 vertices are large.
-DOUBTFUL = Settings(coarse_vertices=1000, confident=1.0)
+DOUBTFUL = Settings(coarse_vertices=1000, retry_below=1.0)
 COPY_X, COPY_Y = (_coarse.coarse_copy(mesh, DOUBTFUL) for mesh in (X, Y))
 CLOUD = X._replace(faces=X.faces[:0])
 
@@ -87,12 +87,12 @@ def test_a_doubtful_pair_is_matched_by_way_of_its_copies(by_copies):
     found, names = by_copies
     assert names.count("coarse copies") == 1
     # The first map, those of the copies, and one more.
-    attempts = 1 + (1 + DOUBTFUL.far_attempts) + 1
+    attempts = 1 + (1 + DOUBTFUL.nonisometric_attempts) + 1
     assert names.count("refinement") == attempts
     # Further starts are compared before.
-    bent = attempts + DOUBTFUL.search.far_candidates
+    bent = attempts + DOUBTFUL.search.nonisometric_candidates
     assert names.count("bending and conversion") == bent
-    plain = jfsf.match(X, Y, settings=Settings(confident=0))
+    plain = jfsf.match(X, Y, settings=Settings(retry_below=0))
     assert found.certificate.confidence >= plain.certificate.confidence
     truth = load("man_walk").template_to_vertex, load("man_up").template_to_vertex
     scores = evaluate(found, X, Y, truth=truth, every=20, only=("error",))
@@ -115,7 +115,7 @@ def test_where_the_copy_is_broken_the_whole_is_tried(monkeypatch):
     names = []
     jfsf.match(X, Y, settings=DOUBTFUL, progress=names.append)
     assert names.count("spectra") == 1
-    assert names.count("refinement") == 1 + DOUBTFUL.far_attempts
+    assert names.count("refinement") == 1 + DOUBTFUL.nonisometric_attempts
 
 
 def test_few_coarse_vertices_are_an_error():

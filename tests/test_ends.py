@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jfsf.initial._ends import curvedness, looks
+from jfsf.initial._ends import tip_descriptors, total_curvatures
 from jfsf.types import Spectrum
 
 
@@ -23,7 +23,7 @@ def total(mesh, scale=1.0, padding=0):
         faces=jnp.asarray(faces, jnp.int32),
     )
     cells = jnp.zeros((n, 2), jnp.int32)
-    return np.asarray(curvedness(spec, jnp.zeros(1, jnp.int32), cells))[0]
+    return np.asarray(total_curvatures(spec, jnp.zeros(1, jnp.int32), cells))[0]
 
 
 SPHERE = trimesh.creation.icosphere(subdivisions=3)
@@ -67,10 +67,12 @@ def test_looks_are_those_of_the_end_alone():
     )
     share = jnp.asarray(width / width.sum())
     far = jnp.asarray(geodesics)
-    slender, gaussian, willmore = looks(far, jnp.ones(2), share, jnp.asarray(curved)).T
+    slender, gaussian, willmore = tip_descriptors(
+        far, jnp.ones(2), share, jnp.asarray(curved)
+    ).T
     np.testing.assert_allclose(slender[0] - slender[1], np.log(2), atol=0.05)
     # Samples -1, -0.95 and 1, 0.95 lie well inside.
     np.testing.assert_allclose(gaussian, np.log([1 + 6, 1]), atol=0.05)
     np.testing.assert_allclose(willmore, np.log([1, 1 + 4]), atol=0.05)
-    longer = looks(3 * far, 3 * jnp.ones(2), share, jnp.asarray(curved))
+    longer = tip_descriptors(3 * far, 3 * jnp.ones(2), share, jnp.asarray(curved))
     np.testing.assert_allclose(longer[:, 0] - slender, -2 * np.log(3), atol=1e-4)

@@ -12,15 +12,15 @@ from scipy.sparse.csgraph import dijkstra
 
 from jfsf import testing
 from jfsf.array import pad
-from jfsf.initial import SearchSettings, far_candidates, search_samples
+from jfsf.initial import SearchSettings, nonisometric_candidates, search_samples
 from jfsf.initial._extremities import assignments, extremities
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._hypotheses import SamplePair
-from jfsf.initial._proportions import unevenness
+from jfsf.initial._proportions import log_stretch_std
 from jfsf.spectral import biharmonic, farthest_points, features, wks
 
 DEFAULT = SearchSettings()
-FEW = SearchSettings(assignments=20, far_candidates=3)
+FEW = SearchSettings(assignments=20, nonisometric_candidates=3)
 SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
 OTHER = testing.blob_spectrum(1, DEFAULT.eigenpairs)
 DESC, OTHER_DESC = (wks(spec, num=5) for spec in (SPEC, OTHER))
@@ -99,10 +99,10 @@ def test_every_assignment_is_listed_once():
 
 def test_the_identity_is_the_least_uneven():
     few = search_samples(features(SPEC), settings=FEW)
-    pair = SamplePair(few.few, few.few, False)
+    pair = SamplePair(few.search_points, few.search_points, False)
     flipped = jnp.diag(jnp.where(jnp.arange(30) % 3 == 1, -1.0, 1.0))
     maps = jnp.stack([jnp.eye(30), flipped]).astype(SPEC.evecs.dtype)
-    found = unevenness(pair, few.geodesics, few.geodesics, maps)
+    found = log_stretch_std(pair, few.geodesics, few.geodesics, maps)
     assert found[0] < 1e-3 < found[1]
 
 
@@ -112,7 +112,7 @@ def far(spec_x, spec_y, **options):
         search_samples(features(spec, desc), settings=FEW)
         for spec, desc in (spec_x, spec_y)
     )
-    return far_candidates(x, y, settings=FEW, **options)
+    return nonisometric_candidates(x, y, settings=FEW, **options)
 
 
 def test_starts_from_extremities_find_the_identity():
@@ -204,5 +204,5 @@ def test_numbers_that_do_not_fit_are_an_error():
         SearchSettings(assigned=8)
     with pytest.raises(ValueError, match="assignment_ks end at 20"):
         SearchSettings(assignment_ks=(8, 20))
-    with pytest.raises(ValueError, match="far_candidates is 0"):
-        SearchSettings(far_candidates=0)
+    with pytest.raises(ValueError, match="nonisometric_candidates is 0"):
+        SearchSettings(nonisometric_candidates=0)

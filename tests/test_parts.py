@@ -11,9 +11,9 @@ from jfsf.mapfiles import MapFileError, read_match, write_match
 from jfsf.matching import _match
 from jfsf.mesh import MeshError, boundary_edges, surface_area, vertex_areas
 from jfsf.parts import cut, likely_part, longest_loop
+from jfsf.parts._ball_descriptors import ball_descriptors
 from jfsf.parts._beam import assign
 from jfsf.parts._evidence import curvatures
-from jfsf.parts._looks import looks
 from jfsf.parts._region import bend_onto, covered_by, nearest, target
 from jfsf.parts._shape import part_samples
 from jfsf.types import Mesh
@@ -30,7 +30,7 @@ PART = cut(WHOLE, HEIGHT < np.quantile(HEIGHT, 0.7))
 SETTINGS = jfsf.Settings(
     k=40,
     ks=(30, 30, 40),
-    confident=0,
+    retry_below=0,
     bend_rounds=3,
     search=SearchSettings(samples=60, final_samples=100, assignments=20),
 )
@@ -141,13 +141,13 @@ def test_a_long_boundary_is_a_hint():
 def test_samples_of_a_part_see_what_they_see_in_the_whole():
     whole, part = part_samples(WHOLE, 60), part_samples(PART.mesh, 60)
     inner = part.to_boundary[part.at] > 0.35
-    seen = looks(part, np.flatnonzero(inner))
+    seen = ball_descriptors(part, np.flatnonzero(inner))
     at = PART.index[part.at[inner]]
     same = part_samples(WHOLE, 60)._replace(
         at=at, distance=jfsf.evaluate.geodesics(WHOLE, at)
     )
     # Heat geodesics near a cut differ a little.
-    away = np.abs(seen - looks(same, np.arange(len(at))))
+    away = np.abs(seen - ball_descriptors(same, np.arange(len(at))))
     assert away.mean() < 0.02
     assert np.isinf(whole.to_boundary).all()
     edge = np.unique(boundary_edges(PART.mesh.faces))

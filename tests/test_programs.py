@@ -153,7 +153,7 @@ def test_two_processes_compile_a_program_once(kept, monkeypatch, ends_well):
     path.unlink()
     another_process()
     # The other process compiles, and this one waits for it; but not for ever.
-    monkeypatch.setattr(_programs, "PATIENCE", 60 if ends_well else 1)
+    monkeypatch.setattr(_programs, "LOCK_SECONDS", 60 if ends_well else 1)
     release = _programs._lock(path)
     with ThreadPoolExecutor(1) as pool:
         found = pool.submit(ask)

@@ -7,10 +7,10 @@ import numpy as np
 
 from jfsf.types import Spectrum
 
-# `common_size`: up to LARGE it takes longer to compile for another size than to run for
-# twice as many vertices.
+# Up to FINER_ABOVE it takes longer to compile for another size than to run for twice as
+# many vertices.
 SMALLEST = 320
-LARGE = 64 * SMALLEST
+FINER_ABOVE = 64 * SMALLEST
 
 
 def padded_size(size: int, *, per_doubling: int = 8, first: int = 256) -> int:
@@ -42,7 +42,7 @@ def common_size(size: int) -> int:
     From 320 up each is twice the one before, to 20 480; from there on there are four a
     doubling. 5120 suits the meshes of about 5000 vertices that this field uses most.
     """
-    large = size > LARGE
+    large = size > FINER_ABOVE
     return padded_size(size, per_doubling=4 if large else 1, first=SMALLEST)
 
 

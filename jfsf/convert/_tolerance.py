@@ -31,7 +31,7 @@ from jfsf.solvers import fixed_point
 # many times in a row there may be no progress before the updates end: 2560 updates. On
 # a sharp kernel the error may rest for a thousand before it falls again.
 JUDGE_EVERY = 16
-PATIENCE = 40
+MAX_STALLED = 40
 SLOW, PROGRESS = 0.5, 0.99
 # 2 minus the relaxation: factors when the error falls slowly and when it rises.
 LESS, MORE, LEAST = 0.7, 2.0, 0.02
@@ -149,7 +149,7 @@ class _Updates(NamedTuple):
 
     def ended(self, state: _State) -> Array:
         """Whether the marginals are met, or the error no longer falls."""
-        hopeless = jnp.isnan(state.error) | (state.stalled >= PATIENCE)
+        hopeless = jnp.isnan(state.error) | (state.stalled >= MAX_STALLED)
         return hopeless | (state.error <= self.atol)
 
 

@@ -11,14 +11,14 @@ from jfsf.convert import maps_of
 from jfsf.evaluate._bending import bending_residual
 from jfsf.evaluate._confidence import confidence
 from jfsf.evaluate._functional_metrics import orthogonality
-from jfsf.evaluate._landmarks import MISSED, landmark_distances, mean_distance
+from jfsf.evaluate._landmarks import MISSED, landmark_distances, rms_distance
 from jfsf.evaluate._map_metrics import coverage
 from jfsf.initial import (
     SamplePair,
     SearchSamples,
     SearchSettings,
     energies,
-    unevenness,
+    log_stretch_std,
 )
 from jfsf.spectral import (
     DISTANCE_PAIRS,
@@ -32,8 +32,8 @@ from jfsf.types import Certificate, Filtered, Maps, Spectrum
 # A map that misses all landmarks counts as so many doubtful ones more: that is little
 # against a map that is nearly certain, since a landmark may be wrong too.
 MISSED_WEIGHT = 3.0
-# Functions of a map whose energy and unevenness are read at samples.
-COMPARED = 40
+# Functions of a map whose energy and stretch are read at samples.
+READ_FUNCTIONS = 40
 
 
 @partial(jax.jit, static_argnames=("bent", "oriented_functions", "distance_pairs"))
@@ -61,7 +61,7 @@ def certify(
         C_yx: the functional map of maps.T_xy.
         spec_x, spec_y: spectra; faces wound outward, or none.
         gap: `jfsf.pipeline.InitialMap.gap`, passed on.
-        samples: both shapes at samples, for energy, unevenness and confidence.
+        samples: both shapes at samples, for energy, log_stretch_std and confidence.
         sign: of the wanted orientation, 0 for any; for the confidence.
         landmarks: vertices of X and their partners on Y; for the confidence too.
         bent: the embeddings are those of `jfsf.refine.arap`.
@@ -112,7 +112,7 @@ def certify(
         nn_agreement=agree.astype(dtype),
         finite=finite,
         energy=energy,
-        unevenness=uneven,
+        log_stretch_std=uneven,
         residual=residual,
         confidence=likely,
         landmarks=missed,
@@ -124,10 +124,13 @@ def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples] | None):
     if samples is None:
         return (jnp.full((), jnp.nan, C_yx.dtype),) * 2
     x, y = samples
-    few, many = SamplePair(x.few, y.few, False), SamplePair(x.many, y.many, False)
-    lead = C_yx[None, :COMPARED, :COMPARED]
-    energy = energies(many, lead, settings=SearchSettings())
-    uneven = unevenness(few, x.geodesics, y.geodesics, lead)
+    search_pair, ranking_pair = (
+        SamplePair(x.search_points, y.search_points, False),
+        SamplePair(x.ranking_points, y.ranking_points, False),
+    )
+    lead = C_yx[None, :READ_FUNCTIONS, :READ_FUNCTIONS]
+    energy = energies(ranking_pair, lead, settings=SearchSettings())
+    uneven = log_stretch_std(search_pair, x.geodesics, y.geodesics, lead)
     return energy[0].astype(C_yx.dtype), uneven[0].astype(C_yx.dtype)
 
 
@@ -142,4 +145,4 @@ def _there_and_back(returned, spec: Spectrum, pairs: int):
     """Mean distance of a vertex from its image there and back; 1 for random images."""
     points = biharmonic(spec, pairs)
     moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
-    return matmul(spec.mass, moved) / mean_distance(points, spec.mass)
+    return matmul(spec.mass, moved) / rms_distance(points, spec.mass)

@@ -11,14 +11,14 @@ from jaxtyping import Array, Float
 BENT = {
     "constant": -18.0,
     "orientation": 3.0,
-    "unevenness": -4.0,
+    "log_stretch_std": -4.0,
     "residual": -3.5,
 }
 NOT_BENT = {
     "constant": 8.2,
     "orientation": 6.1,
     "energy": -2.9,
-    "unevenness": -16.7,
+    "log_stretch_std": -16.7,
 }
 # What a map without an orientation, of a cloud without a surface, counts as having.
 UNKNOWN_ORIENTATION = 0.9
@@ -29,24 +29,28 @@ LEAST_RESIDUAL = 1e-3
 def confidence(
     orientation: Float[Array, "..."] | float,
     energy: Float[Array, "..."] | float,
-    unevenness: Float[Array, "..."] | float,
+    log_stretch_std: Float[Array, "..."] | float,
     residual: Float[Array, "..."] | float = jnp.nan,
 ) -> Float[Array, "..."]:
     """Probability that the mean geodesic error is below 0.1 of sqrt(area).
 
     Args:
         orientation: the score, times the sign that was asked for; nan if there is none.
-        energy, unevenness: of the final map, see `jfsf.types.Certificate`; the energy
-            is read where shapes were not bent.
+        energy, log_stretch_std: of the final map, see `jfsf.types.Certificate`; the
+            energy is read where shapes were not bent.
         residual: likewise; nan for shapes that were not bent.
 
     Returns:
-        In [0, 1]; nan where energy or unevenness is nan and was read.
+        In [0, 1]; nan where energy or log_stretch_std is nan and was read.
     """
     known = jnp.where(jnp.isnan(orientation), UNKNOWN_ORIENTATION, orientation)
     close = jnp.log(jnp.nan_to_num(residual) + LEAST_RESIDUAL)
-    bent = _logit(BENT, orientation=known, unevenness=unevenness, residual=close)
-    not_bent = _logit(NOT_BENT, orientation=known, energy=energy, unevenness=unevenness)
+    bent = _logit(
+        BENT, orientation=known, log_stretch_std=log_stretch_std, residual=close
+    )
+    not_bent = _logit(
+        NOT_BENT, orientation=known, energy=energy, log_stretch_std=log_stretch_std
+    )
     return jax.nn.sigmoid(jnp.where(jnp.isnan(residual), not_bent, bent))
 
 

@@ -28,10 +28,10 @@ def landmark_distances(
     """
     points = biharmonic(spec, distance_pairs)
     apart = jnp.linalg.norm(points[images] - points[partners], axis=1)
-    return apart / mean_distance(points, spec.mass)
+    return apart / rms_distance(points, spec.mass)
 
 
-def mean_distance(points: Float[Array, "n d"], mass: Float[Array, " n"]) -> Array:
+def rms_distance(points: Float[Array, "n d"], mass: Float[Array, " n"]) -> Array:
     """Root mean squared distance of two random vertices: twice the variance."""
     centre = matmul(mass, points)
     return jnp.sqrt(2 * matmul(mass, jnp.sum((points - centre[None]) ** 2, 1)))

@@ -21,7 +21,7 @@ from jfsf.initial._fit import fit
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
 from jfsf.initial._linear import Fit, solve
 from jfsf.initial._nonlinear import solve_nonlinear
-from jfsf.initial._proportions import far_candidates, unevenness
+from jfsf.initial._proportions import log_stretch_std, nonisometric_candidates
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._search import (
     Candidates,
@@ -48,7 +48,7 @@ __all__ = [
     "candidates",
     "combine",
     "energies",
-    "far_candidates",
+    "nonisometric_candidates",
     "fit",
     "orientation_sign",
     "refine_hypotheses",
@@ -58,5 +58,5 @@ __all__ = [
     "solve",
     "solve_nonlinear",
     "terms",
-    "unevenness",
+    "log_stretch_std",
 ]

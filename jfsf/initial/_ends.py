@@ -23,7 +23,7 @@ LEAST_AREA = 1e-3
 
 
 @jax.jit
-def curvedness(
+def total_curvatures(
     spec: Spectrum, samples: Int[Array, " s"], cells: Int[Array, "n 2"]
 ) -> Float[Array, "s 2"]:
     """Total curvature of the cell of each sample: both scale-invariant.
@@ -62,11 +62,11 @@ def curvedness(
     return jnp.zeros((len(samples), 2), values.dtype).at[cells[:, 0]].add(values)
 
 
-def looks(
+def tip_descriptors(
     geodesics: Float[Array, "e s"],
     reach: Float[Array, " e"],
     mass: Float[Array, " s"],
-    curvedness: Float[Array, "s 2"],
+    total_curvatures: Float[Array, "s 2"],
 ) -> Float[Array, "e 3"]:
     """Slenderness and total curvatures of the ends of limbs, as logarithms.
 
@@ -74,10 +74,10 @@ def looks(
         geodesics: from each tip to all samples.
         reach: from each tip to the middle of the shape.
         mass: of samples, in sum 1.
-        curvedness: see there.
+        total_curvatures: see there.
     """
     tiny = jnp.finfo(geodesics.dtype).tiny
     border = REACH * jnp.maximum(reach, tiny)[:, None]
     inside = jax.nn.sigmoid(SHARPNESS * (1 - geodesics / border))
     slender = jnp.log(matmul(inside, mass[:, None]) + LEAST_AREA) - 2 * jnp.log(border)
-    return jnp.concatenate([slender, jnp.log(1 + matmul(inside, curvedness))], 1)
+    return jnp.concatenate([slender, jnp.log(1 + matmul(inside, total_curvatures))], 1)

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import map_sides, matmul
-from jfsf.initial._ends import looks
+from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._settings import SearchSettings
 
@@ -47,7 +47,7 @@ class Assignments(NamedTuple):
     from_x, from_y: for each assignment, the distances of all samples to its
         extremities, each divided by its mean over the shape. They are comparable where
         the proportions differ, since the mean of a long limb is long.
-    difference: how much assigned extremities differ in looks, see `looks`.
+    difference: how much assigned extremities differ, see `tip_descriptors`.
     """
 
     from_x: Float[Array, "a s_x m"]
@@ -66,17 +66,17 @@ def best_assignments(
     """
 
     def side(samples: SearchSamples):
-        geodesics, mass = samples.geodesics, samples.few.spec.mass
+        geodesics, mass = samples.geodesics, samples.search_points.spec.mass
         share = mass / mass.sum()
         mean = matmul(geodesics, share)
         at = extremities(geodesics, share, num=settings.extremities)
         middle = jnp.argmin(jnp.where(mass > 0, mean, jnp.inf))
         far = geodesics[at]
-        look = looks(far, far[:, middle], share, samples.curvedness)
-        return far[:, at], mean[at], far / mean[at][:, None], look
+        tips = tip_descriptors(far, far[:, middle], share, samples.total_curvatures)
+        return far[:, at], mean[at], far / mean[at][:, None], tips
 
     sides = map_sides(side, (x,), (y,))
-    (between_x, mean_x, from_x, look_x), (between_y, mean_y, from_y, look_y) = sides
+    (between_x, mean_x, from_x, tips_x), (between_y, mean_y, from_y, tips_y) = sides
     of_x, of_y = (
         jnp.asarray(ends)
         for ends in assignments(settings.extremities, settings.assigned)
@@ -90,7 +90,7 @@ def best_assignments(
     uneven = jnp.mean(jnp.abs(change - jnp.median(change, 1, keepdims=True)), 1)
     change = jnp.log(mean_x[of_x] / mean_y[of_y])
     further = jnp.mean(jnp.abs(change - jnp.mean(change, 1, keepdims=True)), 1)
-    apart = jnp.mean(jnp.abs(look_x[:, None] - look_y[None]), 2)
+    apart = jnp.mean(jnp.abs(tips_x[:, None] - tips_y[None]), 2)
     difference = jnp.mean(apart[of_x, of_y], 1)
     cost = uneven + further / 2 + difference
     _, best = jax.lax.top_k(-cost, min(settings.assignments, len(cost)))

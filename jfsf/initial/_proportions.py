@@ -2,7 +2,7 @@
 
 Where limbs differ in length, a wrong map may be closer to an isometry than the right
 one, so `candidates` may not hold the right map. These candidates come from extremities
-(`_extremities`) instead, and are ranked by `unevenness`, and by how much assigned
+(`_extremities`) instead, and are ranked by `log_stretch_std`, and by how much assigned
 extremities differ, instead of the energy. No measure of a coarse map tells right from
 wrong here: refine several and compare.
 """
@@ -41,7 +41,7 @@ NEAR = 6
 COLLAPSED = 0.3
 
 
-def far_candidates(
+def nonisometric_candidates(
     x: SearchSamples,
     y: SearchSamples,
     *,
@@ -53,39 +53,46 @@ def far_candidates(
 
     Args:
         x, y, orientation, self_map: as `candidates`.
-        settings: `far_candidates` says how many maps.
+        settings: `nonisometric_candidates` says how many maps.
 
     Raises:
         ValueError: an unknown orientation.
     """
     sign = orientation_sign(orientation)
-    return _far_candidates(x, y, sign, self_map, settings=settings)
+    return _nonisometric_candidates(x, y, sign, self_map, settings=settings)
 
 
 @partial(jax.jit, static_argnames="settings")
-def _far_candidates(x, y, sign, self_map, *, settings: SearchSettings) -> Candidates:
-    few, many = (
+def _nonisometric_candidates(
+    x, y, sign, self_map, *, settings: SearchSettings
+) -> Candidates:
+    search_pair, ranking_pair = (
         sample_pair(*sides, sign, self_map)
-        for sides in ((x.few, y.few), (x.many, y.many))
+        for sides in (
+            (x.search_points, y.search_points),
+            (x.ranking_points, y.ranking_points),
+        )
     )
     oriented = partial(
         with_orientation,
-        brackets=(x.few.brackets, y.few.brackets),
+        brackets=(x.search_points.brackets, y.search_points.brackets),
         sign=sign,
         settings=settings,
     )
     assigned = best_assignments(x, y, settings=settings)
-    found = refine_extremities(few, assigned, settings=settings)
-    cost = unevenness(few, x.geodesics, y.geodesics, found)
+    found = refine_extremities(search_pair, assigned, settings=settings)
+    cost = log_stretch_std(search_pair, x.geodesics, y.geodesics, found)
     cost += settings.difference_weight * assigned.difference
     _, score = oriented(cost, found)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
-    kept = best_different(found, cost, settings.far_candidates, settings=settings)
-    weight = settings.far_descriptor_weight
-    last = refine_hypotheses(
-        many, found[kept], weight, ks=settings.final_ks, settings=settings
+    kept = best_different(
+        found, cost, settings.nonisometric_candidates, settings=settings
     )
-    energy, score = oriented(energies(many, last, settings=settings), last)
+    weight = settings.nonisometric_descriptor_weight
+    last = refine_hypotheses(
+        ranking_pair, found[kept], weight, ks=settings.final_ks, settings=settings
+    )
+    energy, score = oriented(energies(ranking_pair, last, settings=settings), last)
     return Candidates(last, energy, score)
 
 
@@ -99,7 +106,7 @@ def refine_extremities(
     Args:
         pair: the samples.
         assigned: `best_assignments`.
-        settings: `assignment_ks`, `extremity_weight`, `far_descriptor_weight`,
+        settings: `assignment_ks`, `extremity_weight`, `nonisometric_descriptor_weight`,
             `zoomout`.
     """
     x, y, _ = pair
@@ -112,7 +119,7 @@ def refine_extremities(
         return jnp.linalg.solve(gram, matmul(back, y.spec.evecs[:, : ks[0]][T_xy]))
 
     def columns(side: Features, distances):
-        known = side.columns * settings.far_descriptor_weight
+        known = side.columns * settings.nonisometric_descriptor_weight
         far = distances.astype(known.dtype) * settings.extremity_weight
         return jnp.concatenate([known, far], 1)
 
@@ -142,7 +149,7 @@ def refine_extremities(
     return jax.lax.map(refine, coordinates, batch_size=batch_size)
 
 
-def unevenness(
+def log_stretch_std(
     pair: SamplePair,
     geodesics_x: Float[Array, "s_x s_x"],
     geodesics_y: Float[Array, "s_y s_y"],

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import jax
 from jaxtyping import Array, Float, Int
 
-from jfsf.initial._ends import curvedness
+from jfsf.initial._ends import total_curvatures
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._settings import SearchSettings
 from jfsf.initial._terms import ShapeTerms, shape_terms
@@ -16,18 +16,20 @@ from jfsf.spectral import Features, farthest_points
 class SearchSamples(NamedTuple):
     """A shape at samples.
 
-    few: features at `SearchSettings.samples` vertices, or all if there are fewer.
-    many: features at `SearchSettings.final_samples` vertices, likewise.
+    search_points: features at `SearchSettings.samples` vertices, on which maps are
+        refined; all vertices if there are fewer.
+    ranking_points: features at `SearchSettings.final_samples` vertices, on which the
+        last candidates are ranked.
     fit: for the fits to descriptors.
-    geodesics: distances between the few samples, see `sample_geodesics`.
-    curvedness: total curvatures of their cells.
+    geodesics: distances between the search points, see `sample_geodesics`.
+    total_curvatures: total curvatures of their cells.
     """
 
-    few: Features
-    many: Features
+    search_points: Features
+    ranking_points: Features
     fit: ShapeTerms
     geodesics: Float[Array, "s s"]
-    curvedness: Float[Array, "s 2"]
+    total_curvatures: Float[Array, "s 2"]
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -57,7 +59,7 @@ def search_samples(
     num = min(settings.final_samples, len(spec.mass if among is None else among))
     chosen = farthest_points(spec, among, num=num, distance_pairs=pairs)
     # Each point is the farthest from those before it, so the first are samples too.
-    few, many = (
+    search_points, ranking_points = (
         features.at(chosen[:count], distance_pairs=pairs)
         for count in (settings.samples, settings.final_samples)
     )
@@ -65,4 +67,6 @@ def search_samples(
     at = chosen[: settings.samples]
     cells = sample_cells(spec, at, distance_pairs=pairs)
     geodesics = sample_geodesics(spec, at, cells)
-    return SearchSamples(few, many, fit, geodesics, curvedness(spec, at, cells))
+    return SearchSamples(
+        search_points, ranking_points, fit, geodesics, total_curvatures(spec, at, cells)
+    )

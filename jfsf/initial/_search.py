@@ -165,11 +165,11 @@ def _candidates(
     num: int,
     settings: SearchSettings,
 ) -> Candidates:
-    few = sample_pair(x.few, y.few, sign, self_map)
-    many = sample_pair(x.many, y.many, sign, self_map)
+    search_pair = sample_pair(x.search_points, y.search_points, sign, self_map)
+    ranking_pair = sample_pair(x.ranking_points, y.ranking_points, sign, self_map)
     refine = partial(refine_hypotheses, settings=settings)
     energy_of = partial(energies, settings=settings)
-    dtype, half = x.few.spec.evecs.dtype, settings.descriptor_weight
+    dtype, half = x.search_points.spec.evecs.dtype, settings.descriptor_weight
     flip_from, flip_to = settings.flip_range
 
     signs = jnp.asarray(sign_patterns(settings.sign_functions), dtype)
@@ -179,8 +179,8 @@ def _candidates(
     fitted = fits(x, y, sign, settings).astype(dtype)
     parents = jnp.concatenate(
         [
-            refine(few, starts, start_weights, ks=settings.start_ks),
-            refine(few, fitted, 1.0, ks=settings.fit_ks),
+            refine(search_pair, starts, start_weights, ks=settings.start_ks),
+            refine(search_pair, fitted, 1.0, ks=settings.fit_ks),
         ]
     )
     # Every other parent has columns of full weight. By energy alone few would have: it
@@ -188,22 +188,27 @@ def _candidates(
     start_weights = jnp.pad(start_weights, (0, len(fitted)), constant_values=1)
     group = jnp.where(start_weights < 1, 1, 0)
     chosen = best_different(
-        parents, energy_of(few, parents), settings.parents, group, 2, settings=settings
+        parents,
+        energy_of(search_pair, parents),
+        settings.parents,
+        group,
+        2,
+        settings=settings,
     )
 
     flipped = jnp.asarray(flips(flip_from, flip_to), dtype)
     children = parents[chosen][:, None, :flip_to, :flip_to] * flipped[None, :, None, :]
     children = children.reshape(-1, flip_to, flip_to)
-    children = refine(few, children, half, ks=settings.flip_ks)
-    brackets = x.few.brackets, y.few.brackets
+    children = refine(search_pair, children, half, ks=settings.flip_ks)
+    brackets = x.search_points.brackets, y.search_points.brackets
     oriented = partial(
         with_orientation, brackets=brackets, sign=sign, settings=settings
     )
-    energy, _ = oriented(energy_of(few, children), children)
+    energy, _ = oriented(energy_of(search_pair, children), children)
     best = children[best_different(children, energy, num, settings=settings)]
 
-    last = refine(many, best, half, ks=settings.final_ks)
-    energy, orientation = oriented(energy_of(many, last), last)
+    last = refine(ranking_pair, best, half, ks=settings.final_ks)
+    energy, orientation = oriented(energy_of(ranking_pair, last), last)
     # Two candidates may have become one map. Copies rank last, or they would count as
     # rivals.
     kept = best_different(last, energy, num, settings=settings)

@@ -30,17 +30,18 @@ class SearchSettings:
     flip_range: the eigenfunctions whose signs are flipped one at a time in the best
         starts: functions that are odd from front to back are among them.
     flip_ks: sizes of the basis after a flip; the first is the end of `flip_range`.
-    extremities: found on each shape, for the starts of `far_candidates`.
+    extremities: found on each shape, for the starts of `nonisometric_candidates`.
     assigned: of these, in one start. Two shapes may have unequal numbers of limbs.
     assignments: starts of this kind, those that change distances between extremities
         most evenly and bring together extremities that look alike.
     assignment_ks: sizes of the basis for these starts.
     extremity_weight: of the distances to assigned extremities beside eigenfunctions.
-    far_descriptor_weight: the same as `descriptor_weight` for these starts. Where
-        proportions differ so do descriptors: more spoils right maps.
-    difference_weight: of what assigned extremities differ in, beside the unevenness of
-        a map.
-    far_candidates: maps kept of these. Later ones are right where the first is not.
+    nonisometric_descriptor_weight: the same as `descriptor_weight` for these starts.
+        Where proportions differ so do descriptors: more spoils right maps.
+    difference_weight: of what assigned extremities differ in, beside
+        `jfsf.initial.log_stretch_std` of a map.
+    nonisometric_candidates: maps kept of these. Later ones are right where the first is
+        not.
     samples: farthest points on which hypotheses are refined.
     final_samples: farthest points on which the last candidates are refined and ranked.
     final_ks: sizes of the basis for these.
@@ -76,9 +77,9 @@ class SearchSettings:
     assignments: int = 160
     assignment_ks: tuple[int, ...] = (8, 10, 13, 16, 20, 25, 30)
     extremity_weight: float = 2.0
-    far_descriptor_weight: float = 0.1
+    nonisometric_descriptor_weight: float = 0.1
     difference_weight: float = 0.4
-    far_candidates: int = 8
+    nonisometric_candidates: int = 8
     samples: int = 300
     final_samples: int = 1000
     final_ks: tuple[int, ...] = (30, 30, 30, 40)
@@ -123,9 +124,9 @@ class SearchSettings:
             f"{self.final_ks[0]}; end with no fewer": (
                 self.assignment_ks[-1] >= self.final_ks[0]
             ),
-            f"far_candidates is {self.far_candidates}, assignments {self.assignments}; "
-            "keep 1 or more, and no more than there are": (
-                1 <= self.far_candidates <= self.assignments
+            f"nonisometric_candidates is {self.nonisometric_candidates}, assignments "
+            f"{self.assignments}; keep 1 or more, and no more than there are": (
+                1 <= self.nonisometric_candidates <= self.assignments
             ),
             f"samples is {self.samples}, final_samples {self.final_samples}; it must "
             "not be more": self.samples <= self.final_samples,

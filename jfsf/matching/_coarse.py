@@ -80,7 +80,7 @@ def start_from_copies(
     back = (evecs_x[:n] * np.asarray(spec_x.mass)[:n, None]).T
     C_yx = jnp.asarray(back @ evecs_y[T_xy])[None]
     unknown = jnp.full(1, jnp.nan, C_yx.dtype)
-    weight = jnp.full_like(unknown, settings.search.far_descriptor_weight)
+    weight = jnp.full_like(unknown, settings.search.nonisometric_descriptor_weight)
     return InitialMap(C_yx, found.certificate.orientation[None], unknown, weight)
 
 

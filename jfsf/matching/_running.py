@@ -85,11 +85,11 @@ def run_compiled(
     )
 
 
-def most_confident(attempt, first, others, confident: float) -> Match:
+def most_confident(attempt, first, others, retry_below: float) -> Match:
     """As `jfsf.pipeline.run_stages` asks for, without starts that nobody needs."""
     found = attempt(first)
     # Not so with nan: there is nothing to compare.
-    doubtful = found.certificate.confidence < confident
+    doubtful = found.certificate.confidence < retry_below
     if not (doubtful or misses_landmarks(found)):
         return found
     for make in others:
@@ -97,7 +97,7 @@ def most_confident(attempt, first, others, confident: float) -> Match:
             other = attempt(start)
             if other.certificate.confidence > found.certificate.confidence:
                 found = other
-            if found.certificate.confidence >= confident:
+            if found.certificate.confidence >= retry_below:
                 return found
     return found
 

@@ -34,7 +34,7 @@ from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
 BLOCKS = 32  # blocks of queries at a time; this does not change results
-FAR = 1e30  # a squared distance above all others, and finite
+UNREACHABLE = 1e30  # a squared distance above all others, and finite
 
 
 @partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
@@ -165,7 +165,7 @@ def _search(
         best = _best_tiles(ranking, levels, kept, settings)
         block_points = points[best].reshape(-1, points.shape[2]) - mean
         offset = square_norms(block_points) / 2
-        offset = jnp.where(slot_valid[best].ravel(), offset, FAR)
+        offset = jnp.where(slot_valid[best].ravel(), offset, UNREACHABLE)
         # Points as rows, queries as columns: maxima over points then vectorise.
         score = inner_products(block_points, block_queries) - offset[:, None]
         score -= square_norms(block_queries)[None] / 2
@@ -205,7 +205,7 @@ def _tree(points, valid, settings: NeighbourSettings):
     def offset(centre, square, count):
         # An empty tile is never near.
         nearer = settings.spread * square
-        return jnp.where(count > 0, square_norms(centre) - nearer, FAR)
+        return jnp.where(count > 0, square_norms(centre) - nearer, UNREACHABLE)
 
     return [(level[0], offset(*level)) for level in levels]
 
@@ -249,7 +249,7 @@ def _recall(
     checked = min(settings.checked, slots)
     at = tiles_q.member.ravel()[jnp.arange(checked) * (slots // checked)]
     fast_q, fast_p = jax.lax.stop_gradient((scaled(queries[at]), scaled(points)))
-    offset = jnp.where(valid_p, square_norms(fast_p) / 2, FAR)
+    offset = jnp.where(valid_p, square_norms(fast_p) / 2, UNREACHABLE)
     idx = argmax(inner_products(fast_p, fast_q) - offset[:, None], 0)[:, None]
     every = jnp.ones(len(at), bool)
     exact = measure_distances(queries[at], idx, points, every, valid_p)

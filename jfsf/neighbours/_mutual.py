@@ -23,7 +23,9 @@ from jfsf.neighbours._exhaustive import (
 from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Neighbours
 
-FAR = 1e30  # a squared distance above all others; `max_with_index` needs it finite
+UNREACHABLE = (
+    1e30  # a squared distance above all others; `max_with_index` needs it finite
+)
 
 
 @partial(jax.jit, static_argnames=("k0", "settings"))
@@ -89,8 +91,8 @@ def _indices(
 
     def prepared(points, valid):
         fast = scaled(points)
-        offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), FAR)
-        return pad_rows(fast, num_rows), pad_rows(offset, num_rows, FAR)
+        offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), UNREACHABLE)
+        return pad_rows(fast, num_rows), pad_rows(offset, num_rows, UNREACHABLE)
 
     fast_x, offset_x = prepared(x, valid_x)
     fast_y, offset_y = prepared(y, valid_y)

@@ -4,7 +4,7 @@ Read in this order:
 
 - `_shape`: what survives a cut, read at samples
 - `_hint`: whether a pair looks partial
-- `_looks`: what a point sees within some distances
+- `_ball_descriptors`: what a point sees within some distances
 - `_beam`: assignments of a few samples
 - `_region`: bend one shape onto the other; which part of it that covers
 - `_evidence`: how well it fits

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.parts._looks import looks, unlikeness
+from jfsf.parts._ball_descriptors import ball_descriptors, unlikeness
 from jfsf.parts._shape import PartSamples
 
 # Factors of X's lengths that are tried.
@@ -18,8 +18,8 @@ SCALES = tuple(float(s) for s in np.exp(np.linspace(-0.45, 0.45, 10)))
 SLACK, SHARE = 0.03, 0.12
 # Factor of that where the path in X runs along a cut: in the whole it may be shorter.
 SHORTER = 0.4
-# Of the directions, and of the looks, beside the distances.
-TURN_WEIGHT, LOOKS_WEIGHT = 1.0, 1.2
+# Of the directions, and of the balls, beside the distances.
+TURN_WEIGHT, BALL_WEIGHT = 1.0, 1.2
 # Cost of a scale e times as large or small, per sample.
 SCALE_WEIGHT = 0.15
 # Partners of the next sample that an assignment is followed with.
@@ -76,7 +76,7 @@ def assign(
     unlike = np.stack([pair.unlike(s) for s in scale])  # (scales, a, s_y)
     num = len(y.at)
     # A state: partners, the number of its scale, its sign, its cost.
-    first = LOOKS_WEIGHT * unlike[:, 0] + SCALE_WEIGHT * np.abs(np.log(scale))[:, None]
+    first = BALL_WEIGHT * unlike[:, 0] + SCALE_WEIGHT * np.abs(np.log(scale))[:, None]
     partner: np.ndarray = np.tile(np.arange(num), len(scale))[:, None]
     of_scale: np.ndarray = np.repeat(np.arange(len(scale)), num)
     cost: np.ndarray = first.ravel()
@@ -88,7 +88,7 @@ def assign(
     cell = np.append(np.argmin(pair.between_y[: min(CELLS, num)], 0), -1)
     lonely = ALONE if np.isinf(y.to_boundary).all() else ALONE_OPEN
     for m in range(1, len(which)):
-        new = cost[:, None] + LOOKS_WEIGHT * unlike[of_scale, m]
+        new = cost[:, None] + BALL_WEIGHT * unlike[of_scale, m]
         new += SCALE_WEIGHT * np.abs(np.log(scale))[of_scale, None]
         new += pair.cost(m, partner, scale[of_scale], sign)
         alone = cost + lonely
@@ -137,10 +137,10 @@ class _Pair:
         self.touches = around < 1.02 * self.between_x + 0.01
         self.turn_x = x.direction[np.ix_(which, which)]
         self.turn_y = y.direction
-        self.looks_y = looks(y, np.arange(len(y.at)))
+        self.balls_y = ball_descriptors(y, np.arange(len(y.at)))
 
     def unlike(self, scale) -> np.ndarray:
-        return unlikeness(looks(self.x, self.which, scale), self.looks_y)
+        return unlikeness(ball_descriptors(self.x, self.which, scale), self.balls_y)
 
     def cost(self, m, partner, scale, sign):
         """(states, s_y) mean cost of sample m with each partner, to those before it."""

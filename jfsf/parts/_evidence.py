@@ -15,7 +15,7 @@ from jfsf.types import Mesh
 # Lengths, in the common unit, over which curvature is read.
 LENGTHS = (0.015, 0.03, 0.06)
 # Samples between which distances are compared.
-COMPARED = 30
+DISTANCE_SAMPLES = 30
 
 
 class Evidence(NamedTuple):
@@ -114,7 +114,7 @@ def _stretch(mesh: Mesh, moved, matched, scale) -> float:
 
 
 def _distances(x: PartSamples, y: PartSamples, T_xy, matched, scale):
-    at = x.at[:COMPARED]
+    at = x.at[:DISTANCE_SAMPLES]
     num = len(at)
     there = matched[at]
     far_y = geodesics(y.mesh, T_xy[at])[:, T_xy[at]]

@@ -27,7 +27,7 @@ from jfsf.types import Mesh, Spectrum
 # Half the distance that opposite normals count for, as in `jfsf.refine.ArapSettings`.
 NORMAL_WEIGHT = 0.03
 # A surface further away covers nothing.
-FAR = 0.1
+COVER_DISTANCE = 0.1
 # Vertices that nothing covers follow their partners this much.
 LOOSE = 1e-3
 
@@ -76,7 +76,7 @@ def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
     away, near = onto.tree.query(query)
     step = points - onto.mesh.vertices[near]
     beyond = np.sum(step * onto.outward[near], 1) > 0
-    return near, (away < FAR) & ~beyond
+    return near, (away < COVER_DISTANCE) & ~beyond
 
 
 def bend_onto(x: Mesh, y: Target, T_xy, sign: int = 1, *, rounds: int = 6) -> Bent:

@@ -73,7 +73,7 @@ def arap(
     rounds: int = 8,
     converter: Converter,
     tiles: tuple[Tiles, Tiles] | None = None,
-    made: Int[Array, ""] | int | None = None,
+    active_rounds: Int[Array, ""] | int | None = None,
     settings: ArapSettings = ArapSettings(),
     neighbour_settings: NeighbourSettings | None = None,
 ) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
@@ -88,7 +88,8 @@ def arap(
         converter: any `jfsf.convert.Converter`.
         tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), handed to the converter
             if it declares them.
-        made: how many of the rounds are made, the others change nothing. Traced, so one
+        active_rounds: how many of the rounds deform; the others change
+            nothing. Traced, so one
             program serves all numbers. None: all of them.
         settings: of the deformation.
         neighbour_settings: handed to the converter if it declares them.
@@ -149,10 +150,10 @@ def arap(
         return embed(*moved[0], *moved[1])
 
     def step(embs, turn):
-        if made is None:
+        if active_rounds is None:
             return deform_both(turn, embs), None
         same = lambda _, embs: embs
-        return jax.lax.cond(turn < made, deform_both, same, turn, embs), None
+        return jax.lax.cond(turn < active_rounds, deform_both, same, turn, embs), None
 
     # Before the first deformation vertices lie at their images, and have no normals.
     start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]

@@ -68,7 +68,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "nn_agreement": "share that nearest neighbour maps alike",
         "finite": "every number is finite",
         "energy": "departure from an isometry",
-        "unevenness": "how unevenly the map stretches; 0 for a similarity",
+        "log_stretch_std": "how unevenly the map stretches; 0 for a similarity",
         "residual": "distance left between the bent shapes, in sqrt(area)",
         "confidence": verdict(float(certificate.confidence)),
     }
@@ -168,14 +168,14 @@ def reasons(certificate: Certificate) -> list[str]:
         found.append(f"It {way} left and right (score {score:+.2f}, at most 1).")
     if not np.isnan(figure["residual"]):
         found.append(
-            f"It stretches unevenly by {figure['unevenness']:.2f}, and the bent shapes "
-            f"stay {figure['residual']:.4f} of sqrt(area) apart; the confidence is "
-            "read from these two and the score."
+            f"It stretches unevenly by {figure['log_stretch_std']:.2f}, and the bent "
+            f"shapes stay {figure['residual']:.4f} of sqrt(area) apart; the confidence "
+            "is read from these two and the score."
         )
     elif not np.isnan(figure["energy"]):
         found.append(
             f"It departs from an isometry by {figure['energy']:.2f} and stretches "
-            f"unevenly by {figure['unevenness']:.2f}; the confidence is read from "
+            f"unevenly by {figure['log_stretch_std']:.2f}; the confidence is read from "
             "these two and the score."
         )
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])

@@ -35,7 +35,7 @@ CPU_OPTIONS = {
     "xla_disable_hlo_passes": "tree_reduction_rewriter",
 }
 # Seconds to wait for another process that compiles the same program.
-PATIENCE = 120
+LOCK_SECONDS = 120
 # The programs of this process.
 known: dict[tuple, "Program"] = {}
 
@@ -205,7 +205,7 @@ def _lock(path: Path) -> Callable[[], None]:
     """
     at = path.with_suffix(".lock")
     # Another thread than this one may release it.
-    lock = filelock.FileLock(at, timeout=PATIENCE, thread_local=False)
+    lock = filelock.FileLock(at, timeout=LOCK_SECONDS, thread_local=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         lock.acquire()

@@ -10,7 +10,7 @@ RADII = (0.05, 0.08, 0.12, 0.17, 0.23, 0.3)
 COLUMNS = 5
 
 
-def looks(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
+def ball_descriptors(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
     """Area, curvature and extent of the geodesic balls around samples.
 
     Args:
@@ -43,14 +43,14 @@ def looks(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
     return out
 
 
-def unlikeness(looks_x: np.ndarray, looks_y: np.ndarray) -> np.ndarray:
+def unlikeness(balls_x: np.ndarray, balls_y: np.ndarray) -> np.ndarray:
     """(a, b) mean difference of what two points see, in standard deviations; below 1.
 
     Where nothing can be compared it is the mean of all that can.
     """
-    flat = looks_y.reshape(-1, *looks_y.shape[1:])
+    flat = balls_y.reshape(-1, *balls_y.shape[1:])
     width = np.nanstd(flat, axis=0) + 1e-6
-    apart = np.abs(looks_x[:, None] - looks_y[None]) / width
+    apart = np.abs(balls_x[:, None] - balls_y[None]) / width
     known = ~np.isnan(apart)
     total = np.where(known, np.minimum(apart, 3), 0).sum((2, 3))
     count = known.sum((2, 3))
