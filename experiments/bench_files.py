@@ -62,9 +62,8 @@ def _measure(folder: Path, meshes, again: int) -> dict:
     command += ["--out", str(folder / "map.npz")]
     seconds, most = [], 0
     for _ in range(1 + again):
-        for path in cache.glob("*"):
-            if path.suffix != ".program":
-                path.unlink()
+        for path in cache.glob("*.npz"):
+            path.unlink()
         start = time.perf_counter()
         process = subprocess.Popen(
             command,

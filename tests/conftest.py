@@ -45,6 +45,8 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
 settings.register_profile("jfsf", derandomize=True, deadline=None, max_examples=20)
+# Other draws in every run, and more: --hypothesis-profile=anew.
+settings.register_profile("anew", deadline=None, max_examples=100, print_blob=True)
 settings.load_profile("jfsf")
 
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -59,7 +61,7 @@ def free_programs():
     yield
     maps = Path("/proc/self/maps")
     if maps.exists() and len(maps.read_bytes().splitlines()) > 25_000:
-        from jfsf.storage import _programs
+        from jfsf.runtime import _programs
 
         _programs.known.clear()
         jax.clear_caches()

@@ -1,19 +1,25 @@
 """Programs that are compiled early, with options, or kept on disk: same results."""
 
+import hashlib
+import os
+import pickle
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+import platformdirs
 import pytest
 
-from jfsf import storage
+from jfsf import runtime, storage
+from jfsf.runtime import _compiler, _program_files, _programs
 from jfsf.settings import Settings
-from jfsf.storage import _programs
 
 
 def centred(x, *, axis):
@@ -22,18 +28,18 @@ def centred(x, *, axis):
 
 def test_the_result_is_that_of_jit():
     x = jnp.arange(12.0).reshape(3, 4)
-    moved = storage.large_jit(centred, "cpu", static_argnames="axis")
+    moved = runtime.large_jit(centred, "cpu", static_argnames="axis")
     np.testing.assert_allclose(moved(x, axis=1), centred(x, axis=1))
 
 
 def test_it_compiles_once():
-    runs = [storage.large_jit(centred, "cpu", static_argnames="axis") for _ in range(2)]
+    runs = [runtime.large_jit(centred, "cpu", static_argnames="axis") for _ in range(2)]
     assert runs[0] is runs[1]
 
 
 def test_options_that_this_xla_lacks_are_left_out():
     known = {"xla_backend_optimization_level": 1}
-    assert _programs.supported(known | {"xla_of_another_year": 1}) == known
+    assert _compiler.supported(known | {"xla_of_another_year": 1}) == known
 
 
 class Halves(NamedTuple):
@@ -51,7 +57,7 @@ def split(halves, scale, *, at):
 
 
 def run(function, *args, **options):
-    return storage.compile_ahead(function, *args, **options)(*args)
+    return runtime.compile_ahead(function, *args, **options)(*args)
 
 
 def ask(scale=4.0, at=2):
@@ -65,7 +71,7 @@ def kept(tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
     _programs.known.clear()
     traced.clear()
-    yield tmp_path / "jfsf"
+    yield tmp_path / "jfsf" / "programs"
     _programs.known.clear()
 
 
@@ -96,13 +102,13 @@ def test_other_options_or_settings_of_jax_are_other_programs(kept):
 
 def test_other_code_or_parts_are_other_names():
     names = [
-        _programs.program_key(split, "one"),
-        _programs.program_key(split, "two"),
-        _programs.program_key(run, "one"),
-        _programs.program_key(split, "one", code="newer"),
+        _program_files.program_key(split, "one"),
+        _program_files.program_key(split, "two"),
+        _program_files.program_key(run, "one"),
+        _program_files.program_key(split, "one", code="newer"),
     ]
     assert len(set(names)) == 4
-    assert names[0] == _programs.program_key(split, "one")
+    assert names[0] == _program_files.program_key(split, "one")
 
 
 def with_settings(x, *, settings):
@@ -118,7 +124,7 @@ def test_settings_are_part_of_the_name(kept):
     x = jnp.ones(2)
     for _ in range(2):
         for settings in (Settings(), Settings(bend_rounds=3)):
-            storage.compile_ahead(described, x, settings=settings)
+            runtime.compile_ahead(described, x, settings=settings)
         another_process()
     assert len(list(kept.iterdir())) == 2
 
@@ -153,19 +159,18 @@ def test_two_processes_compile_a_program_once(kept, monkeypatch, ends_well):
     path.unlink()
     another_process()
     # The other process compiles, and this one waits for it; but not for ever.
-    monkeypatch.setattr(_programs, "LOCK_SECONDS", 60 if ends_well else 1)
-    release = _programs._lock(path)
-    with ThreadPoolExecutor(1) as pool:
+    monkeypatch.setattr(_program_files, "LOCK_SECONDS", 60 if ends_well else 1)
+    with ExitStack() as lock, ThreadPoolExecutor(1) as pool:
+        lock.enter_context(_program_files.program_lock(path))
         found = pool.submit(ask)
         with pytest.raises(TimeoutError):
             found.result(timeout=0.5)
         assert not traced
         if ends_well:
-            path.write_bytes(whole)
-            release()
+            storage.write_private(path, whole)
+            lock.close()
         np.testing.assert_allclose(found.result().low, [0, 2])
     assert traced == ([] if ends_well else [2])
-    release()
     assert [path.suffix for path in kept.iterdir()] == [".program"]
 
 
@@ -197,9 +202,10 @@ def test_what_jax_prints_or_keeps_is_no_part_of_the_name(kept, monkeypatch):
     assert not traced and len(list(kept.iterdir())) == 1
 
 
-def test_a_folder_that_cannot_be_made_is_no_error(kept, monkeypatch):
-    (kept.parent / "file").write_text("")
-    monkeypatch.setenv("JFSF_CACHE", str(kept.parent / "file" / "jfsf"))
+def test_a_folder_that_cannot_be_made_is_no_error(kept, monkeypatch, tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    monkeypatch.setenv("JFSF_CACHE", str(file / "jfsf"))
     np.testing.assert_allclose(ask().low, [0, 2])
 
 
@@ -222,3 +228,194 @@ print(test_programs.ask().low, test_programs.traced)
         for _ in range(2)
     ]
     assert said == ["[0. 2.] [2]", "[0. 2.] []"]
+
+
+WITH_OWNERS = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs file owners")
+AS_ROOT = pytest.mark.skipif(
+    not hasattr(os, "getuid") or os.getuid() != 0, reason="only root gives files away"
+)
+
+
+class Hostile:
+    """A pickle that makes a file when it is read."""
+
+    def __init__(self, marker):
+        self.marker = marker
+
+    def __reduce__(self):
+        return Path.touch, (self.marker,)
+
+
+@pytest.fixture
+def hostile(kept, tmp_path):
+    """A file at the place of `ask`'s program that would run; and what it would make."""
+    ask()
+    (path,) = kept.iterdir()
+    marker = tmp_path / "marker"
+    payload = pickle.dumps(Hostile(marker))
+    path.write_bytes(hashlib.sha256(payload).digest() + payload)
+    another_process()
+    return path, marker
+
+
+def in_a_world_writable_folder(path):
+    path.parent.chmod(0o777)
+
+
+def in_a_sticky_folder(path):
+    path.parent.chmod(0o1777)
+
+
+def of_another_user(path):
+    os.chown(path, 12345, -1)
+
+
+def in_a_folder_of_another_user(path):
+    os.chown(path.parent, 12345, -1)
+
+
+def as_a_link(path):
+    path.rename(path.parent.parent / "elsewhere")
+    path.symlink_to(path.parent.parent / "elsewhere")
+
+
+def in_a_linked_folder(path):
+    path.parent.rename(path.parent.parent / "elsewhere")
+    path.parent.symlink_to(path.parent.parent / "elsewhere")
+
+
+def group_writable(path):
+    path.chmod(0o660)
+
+
+def in_a_group_writable_folder(path):
+    path.parent.chmod(0o770)
+
+
+@WITH_OWNERS
+@pytest.mark.parametrize(
+    ("expose", "said"),
+    [
+        (in_a_world_writable_folder, r"programs \(mode 0777\).*chmod 700"),
+        (in_a_sticky_folder, r"programs \(mode 1777\).*chmod 700"),
+        (in_a_group_writable_folder, r"programs \(mode 0770\).*chmod 700"),
+        (group_writable, r"\.program \(mode 0660\).*chmod 600"),
+        (as_a_link, r"\.program is a symbolic link"),
+        (in_a_linked_folder, "programs is a symbolic link"),
+        pytest.param(of_another_user, r"\.program belongs to user 1", marks=AS_ROOT),
+        pytest.param(
+            in_a_folder_of_another_user, "programs belongs to user 1", marks=AS_ROOT
+        ),
+    ],
+)
+def test_what_another_user_may_have_written_does_not_run(hostile, expose, said):
+    path, marker = hostile
+    expose(path)
+    before = path.read_bytes()
+    with pytest.warns(RuntimeWarning, match=said) as raised:
+        for _ in range(2):
+            np.testing.assert_allclose(ask().low, [0, 2])
+            _programs.known.clear()
+    assert len(raised) == 1 and "JFSF_CACHE" in str(raised[0].message)
+    assert traced == [2, 2] and not marker.exists()
+    # Nothing is written there either.
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
+
+
+@WITH_OWNERS
+def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
+    # Folder and file are checked as opened: another folder of that name is not read.
+    path, marker = hostile
+    private = path.read_bytes()
+    real = storage._private._open_folder
+
+    def swapped(folder):
+        opened = real(folder)
+        folder.rename(folder.parent / "before")
+        folder.mkdir()
+        (folder / path.name).write_bytes(b"another's")
+        return opened
+
+    monkeypatch.setattr(storage._private, "_open_folder", swapped)
+    assert storage.read_private(path) == private
+    assert not marker.exists()
+
+
+@WITH_OWNERS
+def test_the_marker_shows_that_a_program_ran(hostile):
+    # By a user's own hand it does run: so the tests above show something.
+    _, marker = hostile
+    np.testing.assert_allclose(ask().low, [0, 2])
+    assert marker.exists()
+
+
+@WITH_OWNERS
+@pytest.mark.parametrize("umask", [0, 0o002, 0o077])
+def test_programs_are_private_whatever_the_umask(kept, umask):
+    before = os.umask(umask)
+    try:
+        ask()
+    finally:
+        os.umask(before)
+    (path,) = kept.iterdir()
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert kept.stat().st_mode & 0o777 == 0o700
+    another_process()
+    ask()
+    assert not traced
+
+
+def test_without_owners_only_the_platforms_folder_is_trusted(
+    kept, monkeypatch, tmp_path
+):
+    monkeypatch.delattr(os, "getuid", raising=False)
+    own = tmp_path / "own"
+    monkeypatch.setattr(platformdirs, "user_cache_dir", lambda name: str(own / name))
+    ask()
+    another_process()
+    ask()
+    assert not traced and not kept.exists()
+    assert len(list((own / "jfsf" / "programs").iterdir())) == 1
+    assert len(storage.stored_files()) == 1
+
+
+def test_the_least_recently_used_program_is_dropped(kept, monkeypatch):
+    monkeypatch.setattr(_programs, "MOST_KNOWN", 2)
+    for at in (2, 3, 2, 4):
+        ask(at=at)
+    assert traced == [2, 3, 4] and len(_programs.known) == 2
+    ask(at=2)
+    assert traced == [2, 3, 4]
+    ask(at=3)  # dropped, and on disk
+    assert traced == [2, 3, 4] and len(_programs.known) == 2
+    shutil.rmtree(kept)
+    np.testing.assert_allclose(ask(at=4).low, [0, 2, 4, 6])
+    assert traced == [2, 3, 4, 4]
+
+
+def test_a_program_that_is_loaded_is_as_good_as_new(kept, monkeypatch):
+    ask()
+    (path,) = kept.iterdir()
+    os.utime(path, (1, 1))
+    another_process()
+    ask()
+    assert path.stat().st_mtime > 1e9
+
+
+def test_programs_make_room_for_each_other(kept, monkeypatch):
+    ask()
+    (first,) = kept.iterdir()
+    os.utime(first, (1, 1))
+    gigabytes = 1.5 * first.stat().st_size / 1e9
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", f"{gigabytes:.9f}")
+    ask(at=3)
+    assert len(list(kept.iterdir())) == 1 and not first.exists()
+
+
+def test_a_wrong_limit_is_an_error_before_the_work(kept, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", "much")
+    with pytest.raises(ValueError, match="JFSF_CACHE_LIMIT is 'much'"):
+        ask()
+    assert not traced
+    halves = Halves(jnp.arange(5.0), None)
+    run(split, halves, 4.0, keep=False, at=2)

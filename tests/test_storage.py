@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from clock import clocks
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -53,6 +54,13 @@ def test_a_record_is_computed_once(place):
     assert same(storage.fetch("key", Pair, lambda: VALUE))
     assert same(storage.fetch("key", Pair, never))
     assert [file.name for file in place.iterdir()] == ["key.npz"]
+
+
+def test_a_record_does_not_carry_the_clock(place, monkeypatch):
+    for year in clocks(monkeypatch):
+        storage.fetch(f"{year}", Pair, lambda: VALUE)
+    one, two = place.iterdir()
+    assert one.read_bytes() == two.read_bytes()
 
 
 def test_what_compute_raises_passes_through(place):
@@ -257,3 +265,106 @@ def test_neighbours_do_not_run_together():
     assert storage.key(np.zeros(2), 1) != storage.key(np.zeros((2, 1)), 1)
     grid = np.arange(6.0).reshape(2, 3)
     assert storage.key(grid.T) == storage.key(np.ascontiguousarray(grid.T))
+
+
+NAMES = [f"{digit}" * 64 for digit in "abcd"]
+
+
+def stored(place, name, size, used, suffix=".npz"):
+    """A file of the cache, last used `used` seconds after the year 1970."""
+    place.mkdir(parents=True, exist_ok=True)
+    path = place / f"{name}{suffix}"
+    path.write_bytes(bytes(size))
+    os.utime(path, (used, used))
+    return path
+
+
+def limit(monkeypatch, num_bytes):
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", f"{num_bytes / 1e9:.9f}")
+
+
+def test_the_least_recently_used_files_go_first(place, monkeypatch):
+    limit(monkeypatch, 250)
+    spectrum = stored(place, NAMES[0], 100, used=3)
+    program = stored(place / "programs", NAMES[1], 100, 2, ".program")
+    oldest = stored(place, NAMES[2], 100, used=1)
+    storage.make_room()
+    assert spectrum.exists() and program.exists() and not oldest.exists()
+    limit(monkeypatch, 150)
+    storage.make_room()
+    assert spectrum.exists() and not program.exists()
+
+
+def test_what_is_read_is_used(place):
+    storage.fetch(NAMES[0], Pair, lambda: VALUE)
+    path = place / f"{NAMES[0]}.npz"
+    os.utime(path, (1, 1))
+    storage.fetch(NAMES[0], Pair, never)
+    assert path.stat().st_mtime > 1e9
+
+
+def test_storing_makes_room(place, monkeypatch):
+    old = stored(place, NAMES[0], 10_000, used=1)
+    limit(monkeypatch, 9_000)
+    storage.fetch(NAMES[1], Pair, lambda: VALUE)
+    assert not old.exists() and (place / f"{NAMES[1]}.npz").exists()
+
+
+def test_only_files_of_the_cache_are_removed(place, monkeypatch):
+    limit(monkeypatch, 1)
+    strange = [
+        stored(place, "thesis", 100, used=1),
+        stored(place, NAMES[0], 100, 1, ".npy"),
+        stored(place, NAMES[0].upper(), 100, used=1),
+        stored(place, NAMES[0][1:], 100, used=1),
+        stored(place / "mine", NAMES[0], 100, used=1),
+        stored(place.parent / "elsewhere", NAMES[0], 100, used=1),
+    ]
+    (place / f"{NAMES[1]}.npz").mkdir()
+    (place / f"{NAMES[2]}.npz").symlink_to(strange[0])
+    (place / "programs").symlink_to(place.parent / "elsewhere")
+    own = stored(place, NAMES[3], 100, used=1)
+    storage.make_room()
+    assert not own.exists() and all(path.exists() for path in strange)
+    assert (place / f"{NAMES[1]}.npz").is_dir()
+    assert (place / f"{NAMES[2]}.npz").is_symlink()
+
+
+def test_files_that_vanish_meanwhile_are_no_error(place, monkeypatch):
+    paths = [stored(place, name, 100, used=n) for n, name in enumerate(NAMES)]
+    files = storage.stored_files()
+    assert [file.path for file in files] == paths
+    paths[0].unlink()
+    limit(monkeypatch, 250)
+    monkeypatch.setattr(storage._folder, "stored_files", lambda: files)
+    storage.make_room()
+    # The first counts as removed.
+    assert [path.exists() for path in paths] == [False, False, True, True]
+
+
+def test_a_file_that_cannot_be_removed_stays(place, monkeypatch):
+    first, second = (stored(place, name, 100, used=1) for name in NAMES[:2])
+    limit(monkeypatch, 150)
+    real = type(first).unlink
+
+    def unlink(path, missing_ok=False):
+        if path == first:
+            raise PermissionError("another's")
+        real(path, missing_ok)
+
+    monkeypatch.setattr(type(first), "unlink", unlink)
+    storage.make_room()
+    assert first.exists() and not second.exists()
+
+
+@pytest.mark.parametrize("text", ["much", "0", "-1", "nan", "10 GB"])
+def test_a_wrong_limit_is_an_error_before_the_work(place, monkeypatch, text):
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", text)
+    with pytest.raises(ValueError, match=f"JFSF_CACHE_LIMIT is '{text}'; give gigab"):
+        storage.fetch("key", Pair, never)
+
+
+def test_the_limit_follows_the_environment(monkeypatch):
+    for text, expected in (("", 10e9), ("2.5", 2.5e9), ("inf", np.inf)):
+        monkeypatch.setenv("JFSF_CACHE_LIMIT", text)
+        assert storage.limit_bytes() == expected

@@ -1,4 +1,4 @@
-"""The command line, `jfsf`: demo, match, batch, evaluate and info.
+"""The command line, `jfsf`: demo, match, batch, evaluate, info and cache.
 
 Heavy imports are made inside the commands, so that help and wrong usage answer sooner.
 
@@ -13,6 +13,7 @@ Read in this order:
 - `_batch`: `jfsf batch`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
+- `_cache`: `jfsf cache`
 - `_app`: the other commands, options, and exit codes
 """
 

@@ -4,8 +4,9 @@ Read in this order:
 
 - `_atomic`: write a file completely or not at all
 - `_npz`: read an array of a .npz file to its end
+- `_private`: files that only this user can have written
+- `_folder`: the cache folder, its limit, and what is removed from it
 - `_cache`: records of arrays, kept under a digest of their inputs
-- `_programs`: compile programs early, and keep them on disk
 """
 
 from jfsf.storage._atomic import (
@@ -14,21 +15,50 @@ from jfsf.storage._atomic import (
     write_atomically,
     write_text,
 )
-from jfsf.storage._cache import fetch, folder, key, store
+from jfsf.storage._cache import fetch, key, store
+from jfsf.storage._folder import (
+    PROGRAM,
+    SPECTRUM,
+    StoredFile,
+    folder,
+    limit_bytes,
+    make_room,
+    mark_used,
+    programs_folder,
+    remove_stored,
+    stored_files,
+)
 from jfsf.storage._npz import read_npz_array
-from jfsf.storage._programs import Program, compile_ahead, large_jit
+from jfsf.storage._private import (
+    NotPrivateError,
+    has_owners,
+    make_private,
+    read_private,
+    write_private,
+)
 
 __all__ = [
-    "Program",
+    "PROGRAM",
+    "SPECTRUM",
+    "NotPrivateError",
+    "StoredFile",
     "check_writable",
-    "compile_ahead",
     "fetch",
     "folder",
+    "has_owners",
     "key",
-    "large_jit",
+    "limit_bytes",
+    "make_private",
+    "make_room",
+    "mark_used",
+    "programs_folder",
     "read_npz_array",
+    "read_private",
+    "remove_stored",
     "remove_unfinished",
     "store",
+    "stored_files",
     "write_atomically",
+    "write_private",
     "write_text",
 ]

@@ -12,7 +12,9 @@ _unfinished: set[Path] = set()
 
 
 def write_atomically(
-    path: str | os.PathLike[str], write: Callable[[BinaryIO], object]
+    path: str | os.PathLike[str],
+    write: Callable[[BinaryIO], object],
+    mode: int = 0o666,
 ) -> None:
     """Replace the file at `path`; readers see the old file or the whole new one.
 
@@ -22,6 +24,7 @@ def write_atomically(
     Args:
         path: the file to write, in a folder that exists.
         write: is given the temporary file, open for writing bytes.
+        mode: who may read and write the file, less what the process's umask forbids.
 
     Raises:
         OSError: the folder or the file cannot be written; it names `path`. Other
@@ -31,7 +34,8 @@ def write_atomically(
     temporary = _temporary(path)
     _unfinished.add(temporary)
     try:
-        with temporary.open("xb") as file:
+        opener = lambda name, flags: os.open(name, flags, mode)
+        with open(temporary, "xb", opener=opener) as file:
             write(file)
         # Windows renames only closed files.
         os.replace(temporary, path)

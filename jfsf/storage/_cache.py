@@ -1,26 +1,16 @@
-"""A disk cache of records of arrays. The name of a file is a digest of its inputs.
-
-Files live in the user's cache folder, or in the folder that JFSF_CACHE names. They can
-be deleted at any time.
-"""
+"""A disk cache of records of arrays. The name of a file is a digest of its inputs."""
 
 import hashlib
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 from zipfile import ZipFile
 
 import numpy as np
-import platformdirs
 
 from jfsf.storage._atomic import write_atomically
+from jfsf.storage._folder import SPECTRUM, folder, limit_bytes, make_room, mark_used
 from jfsf.storage._npz import read_npz_array
-
-
-def folder() -> Path:
-    """The folder of the cache: $JFSF_CACHE, or the platform's cache folder."""
-    return Path(os.environ.get("JFSF_CACHE") or platformdirs.user_cache_dir("jfsf"))
 
 
 def key(*parts: Any) -> str:
@@ -46,16 +36,23 @@ def fetch(key: str, record: Any, compute: Callable[[], Any]) -> Any:
         key: names the file; see `key`.
         record: class of NamedTuple, all its fields arrays.
         compute: gives the record; its errors pass through, and nothing is stored then.
+
+    Raises:
+        ValueError: JFSF_CACHE_LIMIT is no number above 0.
     """
-    path = folder() / f"{key}.npz"
+    limit_bytes()  # a wrong limit is found before the work
+    path = folder() / f"{key}{SPECTRUM}"
     try:
         with ZipFile(path) as file:
-            return record(*(read_npz_array(file, name) for name in record._fields))
+            found = record(*(read_npz_array(file, name) for name in record._fields))
+        mark_used(path)
+        return found
     except Exception:  # a damaged file makes numpy and zipfile raise nearly anything
         pass
     value = compute()
     try:
         store(path, **value._asdict())
+        make_room()
     except OSError:
         pass
     return value

@@ -1,0 +1,187 @@
+"""Compiled programs on disk: their names, and how they are read and written."""
+
+import hashlib
+import os
+import pickle
+import platform as machine
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import filelock
+import jax
+import jax.numpy as jnp
+from jax.experimental.serialize_executable import deserialize_and_load, serialize
+
+from jfsf.array import static_text
+from jfsf.storage import (
+    PROGRAM,
+    NotPrivateError,
+    key,
+    limit_bytes,
+    make_private,
+    make_room,
+    mark_used,
+    programs_folder,
+    read_private,
+    write_private,
+)
+
+PACKAGE = Path(__file__).parents[1]
+# All code that is traced, as it is at import: a file may have changed when a program is
+# asked for.
+CODE = key(
+    *map(version, ("jax", "jaxlib", "jaxopt", "lineax")),
+    *(file.read_bytes() for file in sorted(PACKAGE.rglob("*.py"))),
+)
+# Seconds to wait for another process that compiles the same program.
+LOCK_SECONDS = 120
+
+
+def program_path(
+    function: Callable, options: Mapping[str, Any], *parts: Any
+) -> Path | None:
+    """The file of the program of `partial(function, **options)`.
+
+    None if options hold a function from outside this package, whose code is not known,
+    or if it is for other devices than one CPU.
+
+    Args:
+        function: of this package.
+        options: static.
+        parts: what else it depends on, beside jax's settings and the processor.
+
+    Raises:
+        ValueError: JFSF_CACHE_LIMIT is no number above 0.
+    """
+    text = _describe_own(options)
+    if text is None or [d.platform for d in jax.devices()] != ["cpu"]:
+        return None
+    limit_bytes()  # a wrong limit is found before the work
+    name = program_key(function, text, *parts, jax_settings(), _processor())
+    return programs_folder() / f"{name}{PROGRAM}"
+
+
+def program_key(function: Callable, *parts: Any, code: str = CODE) -> str:
+    """The name on disk of a program of `function` that depends on `parts`."""
+    return key(code, function.__module__, function.__qualname__, *parts)
+
+
+@contextmanager
+def program_lock(path: Path) -> Iterator[None]:
+    """While no other process compiles this program; another thread may leave it.
+
+    In a folder without locks several compile the same: slower, and no less right.
+    """
+    at = path.with_suffix(".lock")
+    lock = filelock.FileLock(at, LOCK_SECONDS, mode=0o600, thread_local=False)
+    with suppress(OSError, NotImplementedError):  # `filelock.Timeout` is an OSError
+        make_private(path.parent)
+        lock.acquire()
+    try:
+        yield
+    finally:
+        if lock.is_locked:
+            with suppress(OSError):
+                at.unlink()  # who waits for it will find the program
+            lock.release()
+
+
+def save_program(path: Path, compiled: jax.stages.Compiled, result: Any) -> None:
+    """Write a program that returns `result`, if it can be written."""
+    try:
+        payload = pickle.dumps((serialize(compiled)[0], result))
+        write_private(path, _digest(payload) + payload)
+        make_room()
+    except Exception:  # not writable; or it calls Python, which jax refuses variously
+        pass
+
+
+def load_program(path: Path, num: int) -> tuple[Callable, Any] | None:
+    """The program of `num` arrays in the file, and its `result`.
+
+    None if there is no file, or a damaged one.
+
+    Raises:
+        NotPrivateError: another user may have written it, so it is not loaded.
+    """
+    try:
+        whole = read_private(path)
+        head = len(_digest(b""))
+        if whole[:head] != _digest(whole[head:]):
+            return None
+        # A process that has lowered no program has no LAPACK, and one that it loads
+        # crashes (jax issue 29610).
+        jax.jit(jnp.linalg.cholesky).lower(jnp.eye(1))
+        payload, result = pickle.loads(whole[head:])
+        into = jax.tree.structure(((0,) * num, {}))
+        out = jax.tree.structure((0,) * len(jax.tree.leaves(result)))
+        with _without_messages():
+            compiled = deserialize_and_load(payload, into, out)
+    except NotPrivateError:
+        raise
+    except Exception:  # of another version, whatever the name says
+        return None
+    mark_used(path)
+    return compiled, result
+
+
+@contextmanager
+def _without_messages() -> Iterator[None]:
+    """XLA logs two long lines for each program that it loads, which mean nothing."""
+    name = "jax_logging_level"
+    before = jax.config.values[name]
+    levels = dict(enumerate(("INFO", "WARNING", "ERROR", "CRITICAL")))
+    # jax sets nothing back to "not set", so first to what it had from the environment.
+    cpp = levels.get(int(os.environ.get("TF_CPP_MIN_LOG_LEVEL") or 1), "WARNING")
+    jax.config.update(name, "CRITICAL")
+    try:
+        yield
+    finally:
+        jax.config.update(name, cpp)
+        jax.config.update(name, before)
+
+
+def _digest(data: bytes) -> bytes:
+    return hashlib.sha256(data).digest()
+
+
+@cache
+def _processor() -> str:
+    """What machine code depends on beside XLA."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        features = {line for line in lines if line.startswith(("flags", "Features"))}
+    except OSError:
+        features = {machine.processor()}
+    return repr((machine.machine(), sorted(features), os.environ.get("XLA_FLAGS")))
+
+
+def jax_settings() -> str:
+    """jax's settings, but for those of its own cache and of what it prints."""
+    other = "jax_compilation_cache", "jax_persistent_cache", "jax_log"
+    values = sorted(jax.config.values.items())
+    return repr([pair for pair in values if not pair[0].startswith(other)])
+
+
+def _describe_own(options: Mapping[str, Any]) -> str | None:
+    """The text of static options; None if they hold a function of somebody else's."""
+    own = __name__.partition(".")[0]
+
+    def name_of(function):
+        module = getattr(function, "__module__", None) or ""
+        if module.partition(".")[0] != own:
+            raise _ForeignFunctionError
+        return f"{module}.{function.__qualname__}"
+
+    try:
+        return static_text(tuple(sorted(options.items())), name_of=name_of)
+    except _ForeignFunctionError:
+        return None
+
+
+class _ForeignFunctionError(Exception):
+    pass

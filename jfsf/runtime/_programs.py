@@ -1,0 +1,153 @@
+"""Compile large programs early and in less time, and keep them on disk.
+
+What is kept is machine code. A fresh process gets the programs of a match of 5000
+vertices in 1.2 s, against 15 s from `jax.export`'s StableHLO, which XLA compiles again,
+and 20 s by tracing and compiling (`experiments/bench_programs.py`, two cores). Exports
+with jax's own cache of compiled programs take 1.4 s, but that cache is set for the
+whole process. It holds machine code too, so a hostile file is no safer there;
+`jfsf.storage.read_private` refuses files that another user can have written.
+"""
+
+import threading
+import warnings
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jfsf.runtime._compiler import compiler_options
+from jfsf.runtime._program_files import (
+    jax_settings,
+    load_program,
+    program_lock,
+    program_path,
+    save_program,
+)
+from jfsf.storage import NotPrivateError
+
+# A program of `match` takes 330 to 640 memory maps, 430 on average, and Linux ends a
+# process that has 65 530. This many take a third of these, and half at most; pairs of
+# all sizes need some twelve.
+MOST_KNOWN = 48
+# The programs of this process, the least recently used first.
+known: dict[tuple, "Program"] = {}
+_known_lock = threading.Lock()
+_warned: set[Path] = set()  # folders
+
+
+class Program:
+    """A function for arguments of some shapes, compiled or being compiled.
+
+    Attributes:
+        result: shapes and types of what it returns, as `jax.ShapeDtypeStruct`.
+    """
+
+    def __init__(self, result: Any, compiled: Callable[[], Callable]) -> None:
+        """`compiled` waits for a function from leaves to leaves."""
+        self.result = result
+        self._compiled = compiled
+
+    def __call__(self, *args: Any) -> Any:
+        """What the function returns."""
+        found = self._compiled()(*jax.tree.leaves(args))
+        return jax.tree.structure(self.result).unflatten(found)
+
+
+def compile_ahead(
+    function: Callable[..., Any],
+    *args: Any,
+    keep: bool = True,
+    pool: Executor | None = None,
+    **options: Any,
+) -> Program:
+    """`partial(function, **options)` by `large_jit`, already compiled on return.
+
+    So a program can be compiled while its arguments are still being computed.
+
+    A compiled program is kept in `jfsf.storage.programs_folder`: a new process neither
+    traces nor compiles it, and of several processes that ask for it at a time one
+    compiles. It is found again by all that it depends on: the code of this package, the
+    versions of jax, its settings, the machine's processor, the options and the shapes
+    of the arguments. On one CPU device only, and only where no other user can write the
+    folder or the file; otherwise a RuntimeWarning says why, once for a folder.
+
+    Args:
+        function: of this package; the same object in each call.
+        args: arrays, numbers, and records of them, or `jax.ShapeDtypeStruct` for
+            arrays. Only shapes and types count.
+        keep: False leaves the cache folder alone. So do options that hold a function
+            from outside this package, whose code is not known.
+        pool: compiles it, beside the caller.
+        options: static.
+    """
+    leaves, tree = jax.tree.flatten(args)
+    shapes = tuple(map(_shape, leaves))
+    static = tuple(sorted(options.items()))
+    asked = function, static, tree, shapes, jax_settings()
+    with _known_lock:
+        found = known.get(asked)
+    if found is None:
+        path = program_path(function, options, str(tree), shapes) if keep else None
+        found = _compiled(partial(function, **options), tree, shapes, path, pool)
+    with _known_lock:
+        known.pop(asked, None)
+        known[asked] = found  # the last to be dropped
+        while len(known) > MOST_KNOWN:
+            del known[next(iter(known))]
+    return found
+
+
+def _shape(leaf) -> jax.ShapeDtypeStruct:
+    aval = jax.typeof(leaf)
+    return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
+
+
+def _compiled(function, tree, shapes, path, pool) -> Program:
+    trees = []
+
+    def flat(*leaves):
+        found, out = jax.tree.flatten(function(*jax.tree.unflatten(tree, leaves)))
+        trees.append(out)
+        return tuple(found)
+
+    with ExitStack() as stack:
+        if path is not None:
+            try:
+                kept = load_program(path, len(shapes))
+                if kept is None:
+                    stack.enter_context(program_lock(path))
+                    # Another process may have compiled it by now.
+                    kept = load_program(path, len(shapes))
+                if kept is not None:
+                    loaded, result = kept
+                    return Program(result, lambda: loaded)
+            except NotPrivateError as error:
+                _warn_once(path.parent, error)
+                path = None
+        options = compiler_options(jax.default_backend())
+        lowered = jax.jit(flat, compiler_options=options).lower(*shapes)
+        lock = stack.pop_all()
+    result = trees[-1].unflatten(map(_shape, lowered.out_info))
+
+    def build():
+        with lock:
+            compiled = lowered.compile()
+            if path is not None:
+                save_program(path, compiled, result)
+        return compiled
+
+    if pool is None:
+        compiled = build()
+        return Program(result, lambda: compiled)
+    return Program(result, pool.submit(build).result)
+
+
+def _warn_once(folder: Path, error: NotPrivateError) -> None:
+    if folder not in _warned:
+        _warned.add(folder)
+        text = f"a compiled program is neither loaded nor kept: {error}"
+        warnings.warn(text, RuntimeWarning, stacklevel=4)
