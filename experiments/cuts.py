@@ -9,7 +9,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.data import Sample
-from jfsf.evaluate import geodesics
+from jfsf.geometry import geodesics
 from jfsf.mesh import Submesh, surface_area
 from jfsf.parts import cut
 

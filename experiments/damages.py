@@ -13,7 +13,7 @@ from upsample import upsample
 
 from jfsf import data
 from jfsf.data import Sample
-from jfsf.evaluate import geodesics
+from jfsf.geometry import geodesics
 from jfsf.mesh import surface_area
 from jfsf.parts import cut
 from jfsf.types import Mesh

@@ -28,7 +28,7 @@ from scipy.spatial import KDTree
 import jfsf
 from jfsf import data
 from jfsf.convert import nearest
-from jfsf.evaluate import pair_distances
+from jfsf.geometry import pair_distances
 from jfsf.initial import fit
 from jfsf.mesh import surface_area, vertex_areas
 from jfsf.refine import zoomout

@@ -16,7 +16,9 @@ import results_file
 from far import load_pair
 
 import jfsf
-from jfsf.evaluate import MISSED, evaluate, geodesics
+from jfsf.evaluate import evaluate
+from jfsf.evidence import MISSED
+from jfsf.geometry import GeodesicSolver
 
 NUM = 5
 NAMES = ("none", "right", "wrong")
@@ -68,12 +70,13 @@ def main() -> None:
 
 def _far_apart(mesh, points) -> list[int]:
     """Template points: the farthest of one, then the farthest from those before."""
-    start = geodesics(mesh, points[:1])[0][points]
+    solver = GeodesicSolver(mesh)
+    start = solver.rows(points[:1])[0][points]
     at = [int(np.argmax(start))]
-    far = geodesics(mesh, points[at])[0][points]
+    far = solver.rows(points[at])[0][points]
     while len(at) < NUM:
         at.append(int(np.argmax(far)))
-        far = np.minimum(far, geodesics(mesh, points[at[-1:]])[0][points])
+        far = np.minimum(far, solver.rows(points[at[-1:]])[0][points])
     return at
 
 

@@ -3,11 +3,13 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import trimesh
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.array import pad
+from jfsf.geometry import normals
+from jfsf.runtime import pad
 from jfsf.spectral import CURVATURE_TIMES, curvature, spectrum
 from jfsf.types import Mesh
 
@@ -85,3 +87,19 @@ def test_float32_vmap_and_gradients():
     assert jnp.isfinite(slope(specs[0].vertices)).all()
     # A length of 0 has no derivative, but must not give nan.
     assert jnp.isfinite(slope(jnp.zeros_like(specs[0].vertices))).all()
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8"])
+def test_the_tip_of_a_fin_has_no_normal(dtype):
+    # Two faces back to back: what is left of their normals is rounding.
+    vertices, faces = testing.blob(0)
+    tip = len(vertices)
+    fin = np.array([[0, 1, tip], [1, 0, tip]])
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))[0]
+    points = np.concatenate([vertices, [[0.3, 0.7, 1.1]]]) @ turn + (0.1, 0.2, 0.3)
+    points = jnp.asarray(points, dtype)
+    found = normals(points, jnp.asarray(np.concatenate([faces, fin])))
+    assert found.dtype == dtype and not found[tip].any()
+    plain = normals(points, jnp.asarray(faces))
+    np.testing.assert_allclose(found[:tip], plain[:tip], atol=1e-5)
+    np.testing.assert_allclose(jnp.linalg.norm(found[:tip], axis=1), 1, rtol=1e-5)

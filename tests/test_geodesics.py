@@ -3,12 +3,13 @@
 import sys
 
 import numpy as np
+import potpourri3d as pp3d
 import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.evaluate import geodesics, pair_distances, vertex_indices
+from jfsf.geometry import GeodesicSolver, geodesics, pair_distances, vertex_indices
 from jfsf.types import Mesh
 
 NO_FACES = np.zeros((0, 3), np.int32)
@@ -118,6 +119,49 @@ def test_only_the_fewer_distinct_sources_are_computed():
     assert seen == []
     geodesics(mesh, [1, 2], progress=lambda done, all: seen.append((done, all)))
     assert seen == [(1, 2), (2, 2)]
+
+
+@pytest.fixture
+def factored(monkeypatch):
+    """Sizes of the pieces that the heat method has factored so far."""
+    made, build = [], pp3d.MeshHeatMethodDistanceSolver
+
+    def counted(vertices, faces):
+        made.append(len(vertices))
+        return build(vertices, faces)
+
+    monkeypatch.setattr(pp3d, "MeshHeatMethodDistanceSolver", counted)
+    return made
+
+
+def test_a_kept_solver_factors_each_piece_once(factored):
+    mesh = side_by_side(square(5), sphere(1))
+    n, m = 25, 42
+    solver = GeodesicSolver(mesh)
+    assert factored == []
+    first = solver.rows([3, 4])
+    assert factored == [n]
+    both = solver.rows([3, n + 1]), solver.pairs([3, n + 1, 3], [4, n + 5, n])
+    assert factored == [n, m]
+    np.testing.assert_array_equal(solver.rows([3, 4]), first)
+    assert factored == [n, m]
+    np.testing.assert_array_equal(geodesics(mesh, [3, 4]), first)
+    np.testing.assert_array_equal(geodesics(mesh, [3, n + 1]), both[0])
+    alone = pair_distances(mesh, [3, n + 1, 3], [4, n + 5, n])
+    np.testing.assert_array_equal(alone, both[1])
+    assert factored == [n, m, n, n, m, n, m]
+
+
+@pytest.mark.parametrize("exact", [True, False])
+def test_a_kept_solver_gives_the_distances_of_fresh_ones(exact):
+    mesh, rng = sphere(2), np.random.default_rng(0)
+    solver = GeodesicSolver(mesh, exact=exact)
+    for _ in range(3):
+        a, b = rng.integers(len(mesh.vertices), size=(2, 6))
+        fresh = geodesics(mesh, a, exact=exact)
+        np.testing.assert_array_equal(solver.rows(a), fresh)
+        pairs = pair_distances(mesh, a, b, exact=exact)
+        np.testing.assert_array_equal(solver.pairs(a, b), pairs)
 
 
 def test_nothing_asked_nothing_given():

@@ -7,13 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jfsf.evaluate._functional_metrics import orthogonality, zoomout_energy
-from jfsf.evaluate._geodesics import Progress
 from jfsf.evaluate._map_metrics import (
     bijectivity,
     coverage,
     geodesic_error,
     smoothness,
 )
+from jfsf.geometry import Progress
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh
 
@@ -75,7 +75,7 @@ def evaluate(
         truth: (gt_x, gt_y), (p,) each, 0-based: vertices that correspond.
         every: measure the error at every Nth point of `truth` and the bijectivity at
             every Nth vertex, from 0 on.
-        exact: exact geodesics, as for `geodesics`.
+        exact: exact geodesics, as for `jfsf.geometry.geodesics`.
         only: the figures to measure, of `MEASURED`; geodesics take nearly all the time.
         operators_x, operators_y: (stiffness, mass) as `operators` of the meshes gives
             them, for callers that measure several maps; the mass in any unit.

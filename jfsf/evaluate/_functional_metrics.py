@@ -21,6 +21,7 @@ def orthogonality(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     """|C^T C - I|_2, the spectral norm: 0 for an area-preserving map.
 
     At least 1 when k_x < k_y, where C^T C cannot have full rank. No unit.
+    "Orthogonality" in table 2 of Pai et al. (CVPR 2021).
 
     Args:
         C_yx: functions on Y pulled back to X.
@@ -45,6 +46,9 @@ def laplacian_commutativity(
 ) -> Float[Array, ""]:
     """|L_X C - C L_Y| / |C|: 0 for an isometry; in units of the eigenvalues.
 
+    L_X and L_Y are the eigenvalues on a diagonal. "Laplacian commutativity" in table 2
+    of Pai et al. (CVPR 2021).
+
     Args:
         C_yx: functions on Y pulled back to X.
         evals_x, evals_y: eigenvalues.
@@ -68,8 +72,8 @@ def laplacian_commutativity(
 def zoomout_energy(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     """sum over k of |C_k^T C_k - I|_F / k, C_k the leading k by k block.
 
-    k runs from 1 to min(k_x, k_y). After Melzi et al. (2019), who square the norm; the
-    paper's tables do not. No unit.
+    k runs from 1 to min(k_x, k_y). "ZoomOut energy" in table 2 of Pai et al. (CVPR
+    2021). After Melzi et al. (2019), who square the norm; that table does not. No unit.
 
     Args:
         C_yx: functions on Y pulled back to X.
@@ -100,6 +104,9 @@ def spectral_chamfer(
     mass_y: Float[Array, " n_y"] | None = None,
 ) -> Float[Array, ""]:
     """Mean distance from a row of emb_x to the nearest of emb_y, plus the converse.
+
+    mean_i min_j |x_i - y_j| + mean_j min_i |x_i - y_j|, of rows x_i and y_j: "chamfer
+    distance" in table 2 of Pai et al. (CVPR 2021).
 
     Symmetric and differentiable. The authors report sums in place of means, on spectra
     in mesh units: with n vertices on both shapes theirs is ours times

@@ -13,7 +13,7 @@ import robust_laplacian
 import scipy.sparse as sp
 from jaxtyping import Array, Float
 
-from jfsf.evaluate._geodesics import Progress, pair_distances, vertex_indices
+from jfsf.geometry import Progress, pair_distances, vertex_indices
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
 
@@ -27,16 +27,17 @@ def geodesic_error(
     exact: bool = False,
     progress: Progress | None = None,
 ) -> np.ndarray:
-    """Distance on Y from T_xy[gt_x[i]] to gt_y[i], over sqrt(area of Y).
+    """d_Y(T_xy[gt_x[i]], gt_y[i]) / sqrt(area of Y), d_Y the geodesic distance on Y.
 
-    The mean is the paper's "accuracy" (Kim, Lipman and Funkhouser 2011).
+    The mean is "accuracy" in tables 1 and 2 of Pai et al. (CVPR 2021), after Kim,
+    Lipman and Funkhouser (2011).
 
     Args:
         T_xy: (n_x,) integers, the vertex of Y for each vertex of X.
         mesh_y: the target.
         gt_x, gt_y: (p,) 0-based; point i of the ground truth is vertex gt_x[i] of X and
             gt_y[i] of Y. `arange` for shapes in common connectivity.
-        exact, progress: as for `geodesics`.
+        exact, progress: as for `jfsf.geometry.geodesics`.
 
     Returns:
         (p,) float64, without unit; inf between pieces that are not connected.
@@ -63,17 +64,19 @@ def bijectivity(
     exact: bool = False,
     progress: Progress | None = None,
 ) -> np.ndarray:
-    """Distance on X from x to T_yx[T_xy[x]], over sqrt(area of X).
+    """d_X(x, T_yx[T_xy[x]]) / sqrt(area of X), d_X the geodesic distance on X.
+
+    The mean is "bijectivity" in tables 1 and 2 of Pai et al. (CVPR 2021).
 
     Args:
         T_xy: (n_x,) integers, the vertex of Y for each vertex of X.
         T_yx: (n_y,) integers, the vertex of X for each vertex of Y.
         mesh_x: X, on which the distance is measured.
         at: (p,) vertices of X to measure at; all when absent.
-        exact, progress: as for `geodesics`.
+        exact, progress: as for `jfsf.geometry.geodesics`.
 
     Returns:
-        (n_x,) or (p,) float64, without unit; the mean is the paper's figure.
+        (n_x,) or (p,) float64, without unit.
 
     Raises:
         ValueError: lengths differ or an index is out of range.
@@ -93,6 +96,9 @@ def coverage(
     T_xy: ArrayLike, mass_y: ArrayLike, *, mass_x: ArrayLike | None = None
 ) -> Float[Array, ""]:
     """Share of Y's area that T_xy hits, in [0, 1].
+
+    The sum of a_j over all vertices j = T_xy[i] of Y, each once, over that of all j.
+    "Coverage" in tables 1 and 2 of Pai et al. (CVPR 2021).
 
     Args:
         T_xy: (n_x,) integers, the vertex of Y for each vertex of X.
@@ -131,6 +137,9 @@ def smoothness(
     T_xy: ArrayLike, vertices_y: ArrayLike, stiffness_x: sp.csr_matrix | sp.csr_array
 ) -> float:
     """Mean Dirichlet energy of Y's coordinates pulled back by T_xy; 0 is constant.
+
+    1/3 sum_c f_c^T W f_c, with f_c = y_c[T_xy] for the three coordinates y_c of Y and W
+    the stiffness of X. "Smoothness" in tables 1 and 2 of Pai et al. (CVPR 2021).
 
     Each coordinate is scaled to [0, 1] over Y first, and one that is constant on Y
     counts 0. So the size of neither shape matters, but the rotation of Y does.

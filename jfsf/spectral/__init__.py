@@ -16,7 +16,6 @@ from jfsf.spectral._descriptors import (
     CURVATURE_TIMES,
     curvature,
     hks,
-    normals,
     standardise,
     wks,
 )
@@ -74,7 +73,6 @@ __all__ = [
     "features",
     "functional_map",
     "hks",
-    "normals",
     "operators",
     "orientation_score",
     "polar",

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import HIGHEST, matmul
+from jfsf.geometry import normals
 from jfsf.types import Spectrum
 
 SMALLEST = 1e-6  # eigenvalues below are the constant's: log and division stay finite
@@ -113,21 +114,9 @@ def standardise(
     """Each column with mean 0 and mean square 1 over the shape; 0 on padding."""
     centred = desc - matmul(mass, desc)[None, :]
     size = jnp.sqrt(matmul(mass, centred**2))
-    found = size > 0
-    scaled = centred * jnp.where(found, 1 / jnp.where(found, size, 1), 0)[None, :]
+    varies = size > 0
+    scaled = centred * jnp.where(varies, 1 / jnp.where(varies, size, 1), 0)[None, :]
     return jnp.where((mass > 0)[:, None], scaled, 0)
-
-
-def normals(
-    points: Float[Array, "n 3"], faces: Int[Array, "m 3"]
-) -> Float[Array, "n 3"]:
-    """Unit normals at vertices, each face's counted by its area; 0 without faces."""
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    across = jnp.cross(b - a, c - a)
-    total = jnp.zeros_like(points).at[faces].add(across[:, None])
-    size = jnp.sum(total**2, 1, keepdims=True)
-    found = size > 0
-    return total * jnp.where(found, 1 / jnp.sqrt(jnp.where(found, size, 1)), 0)
 
 
 def _signature(spec, log_weight, landmarks):

@@ -179,10 +179,10 @@ def _shift_invert(
     # Solves in float32 are no faster at 100 000 vertices, and the lowest eigenvalues
     # would be off by 6e-5.
     exact = lambda columns: solve(columns.astype(np.float64, copy=False))
-    found = largest_eigenpairs(exact, start, k, tol=tol, threads=threads)
-    if found is None:
-        found = _arpack(solve, k, rng.normal(size=n))
-    inverse, evecs = found
+    eigenpairs = largest_eigenpairs(exact, start, k, tol=tol, threads=threads)
+    if eigenpairs is None:
+        eigenpairs = _arpack(solve, k, rng.normal(size=n))
+    inverse, evecs = eigenpairs
     return SHIFT + 1 / inverse, evecs
 
 

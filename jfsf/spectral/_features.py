@@ -120,14 +120,14 @@ def features(
         # Heat from a landmark is positive, but for what the cut of the spectrum adds.
         seen = hks(spec, landmarks, num=settings.landmark_times)
         given.append(jnp.maximum(seen, 0))
-    found = jnp.concatenate(given, 1) if len(given) > 1 else given[0]
+    all_descriptors = jnp.concatenate(given, 1) if len(given) > 1 else given[0]
     standard = standardise(curvature(spec, times=settings.curvature_times), spec.mass)
     weighted = settings.curvature_weight * standard
-    columns = jnp.concatenate([standardise(found, spec.mass), weighted], 1)
+    columns = jnp.concatenate([standardise(all_descriptors, spec.mass), weighted], 1)
     k = min(settings.oriented_functions, len(spec.evals))
     return Features(
         spec,
-        found,
+        all_descriptors,
         # The same numbers as in the columns.
         weighted / settings.curvature_weight,
         jnp.where(self_map, 0, columns),

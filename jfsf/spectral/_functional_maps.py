@@ -21,7 +21,7 @@ Space = Literal["adjoint", "direct"]
 def functional_map(
     T_xy: Int[Array, " n_x"], spec_x: Spectrum, spec_y: Spectrum
 ) -> Float[Array, "k_x k_y"]:
-    """C_yx of a map from X to Y: Phi_X^+ Phi_Y[T_xy] (eq. 4).
+    """C_yx of a map from X to Y: Phi_X^+ Phi_Y[T_xy] (eq. 4 of Pai et al., CVPR 2021).
 
     Args:
         T_xy: the vertex of Y for each vertex of X.
@@ -58,10 +58,10 @@ def embeddings(
 ) -> tuple[Float[Array, "n_x d"], Float[Array, "n_y d"]]:
     """The aligned embeddings (emb_x, emb_y) whose rows a converter compares.
 
-    "adjoint" is (Phi_X C_yx, Phi_Y): eq. 5, exact for delta functions. "direct" is
-    (Phi_X, Phi_Y C_yx^T): the space of ZoomOut and older work, which holds up when C_yx
-    loses rank. Where C_yx is orthonormal they agree. Eigenvectors beyond C_yx's size
-    are left out.
+    "adjoint" is (Phi_X C_yx, Phi_Y): eqs. 5 and 10 of Pai et al. (CVPR 2021), exact for
+    delta functions. "direct" is (Phi_X, Phi_Y C_yx^T): the space of ZoomOut and older
+    work, which holds up when C_yx loses rank. Where C_yx is orthonormal they agree.
+    Eigenvectors beyond C_yx's size are left out.
 
     Raises:
         ValueError: C_yx is larger than the bases, or `space` is unknown.
@@ -82,7 +82,10 @@ def embeddings(
 
 @jax.jit
 def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
-    """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD."""
+    """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD.
+
+    Of a matrix without full rank there are many, and it is one of them.
+    """
     return _polar(C_yx)
 
 
@@ -99,13 +102,13 @@ def _polar_slope(primals, tangents):
     u, sizes, vt = jnp.linalg.svd(C, full_matrices=False)
     inner = matmul(matmul(u.T, slope), vt.T)
     turn = safe_divide(inner - inner.T, sizes[:, None] + sizes[None, :])
-    found = matmul(matmul(u, turn), vt)
+    change = matmul(matmul(u, turn), vt)
     # What leaves the span of the columns, or of the rows; one of the two is 0.
     shrink = matmul(vt.T * safe_divide(jnp.ones_like(sizes), sizes)[None], vt)
-    found += matmul(slope - matmul(u, matmul(u.T, slope)), shrink)
+    change += matmul(slope - matmul(u, matmul(u.T, slope)), shrink)
     shrink = matmul(u * safe_divide(jnp.ones_like(sizes), sizes)[None], u.T)
-    found += matmul(shrink, slope - matmul(matmul(slope, vt.T), vt))
-    return matmul(u, vt), found
+    change += matmul(shrink, slope - matmul(matmul(slope, vt.T), vt))
+    return matmul(u, vt), change
 
 
 def truncate(spec: Spectrum, k: int) -> Spectrum:

@@ -72,8 +72,13 @@ def orientation_score(
 ) -> Float[Array, ""]:
     """Correlation of brackets pulled back with brackets of what is pulled back.
 
-    Brackets are those of pairs of the first `pulled_back` functions of Y, each as a
-    function in the basis of X. With s_x = s_y the score does not change when
+    s = <P, Q> / (|P| |Q|), over c < r and 1 <= i, j <= `pulled_back`, with
+
+        P[c, i, j] = sum_ab B_x[c, a, b] C[a, i] C[b, j],   {C f_i, C f_j} on X,
+        Q[c, i, j] = sum_d C[c, d] B_y[d, i, j],            C {f_i, f_j},
+
+    f_i the eigenfunctions of Y and all indices below r, the size of the smallest of C
+    and the brackets. With s_x = s_y the score does not change when
     eigenvectors change sign, or are rotated among the first s_x of X, the first
     `pulled_back` of Y, or the rest of the first s_y of Y, and C_yx with them.
 

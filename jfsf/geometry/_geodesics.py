@@ -22,6 +22,64 @@ Progress = Callable[[int, int], object]  # sources done, sources in all
 CLOUD_POINTS = 32  # the point cloud solver joins each point to its 30 nearest
 
 
+class GeodesicSolver:
+    """Distances on one mesh that is asked often: each of its pieces is factored once.
+
+    A piece is factored when a source on it is first asked for, and kept as long as the
+    solver.
+    """
+
+    def __init__(self, mesh: Mesh, *, exact: bool = False):
+        """Check the mesh.
+
+        Args:
+            mesh: triangle mesh, or point cloud (no faces; heat method only).
+            exact: exact distances, with the extra `jfsf[exact]`; needs a manifold.
+
+        Raises:
+            ValueError: faces out of range, vertices that are not finite, or no exact
+                distance to be had.
+        """
+        self._size = len(mesh.vertices)
+        self._row = _rows(mesh, exact)
+
+    def rows(
+        self, sources: ArrayLike, *, progress: Progress | None = None
+    ) -> np.ndarray:
+        """Distances (s, n) from each source to every vertex, as `geodesics`."""
+        sources = vertex_indices("geodesics", "sources", sources, self._size)
+        out = np.empty((len(sources), self._size))
+        for i, source in enumerate(sources):
+            out[i] = self._row(source)
+            if progress is not None:
+                progress(i + 1, len(sources))
+        return out
+
+    def pairs(
+        self, a: ArrayLike, b: ArrayLike, *, progress: Progress | None = None
+    ) -> np.ndarray:
+        """Distance (p,) between a[i] and b[i], for each i, as `pair_distances`."""
+        name = "pair_distances"
+        a = vertex_indices(name, "a", a, self._size)
+        b = vertex_indices(name, "b", b, self._size)
+        if len(a) != len(b):
+            raise ValueError(f"{name}: a has {len(a)} vertices, b has {len(b)}")
+
+        out = np.zeros(len(a))
+        apart = np.flatnonzero(a != b)
+        a, b = a[apart], b[apart]
+        if len(np.unique(b)) < len(np.unique(a)):
+            a, b = b, a
+        order = np.argsort(a, kind="stable")
+        sources, first = np.unique(a[order], return_index=True)
+        groups = np.split(order, first[1:]) if len(a) else []
+        for i, pairs in enumerate(groups):
+            out[apart[pairs]] = self._row(sources[i])[b[pairs]]
+            if progress is not None:
+                progress(i + 1, len(sources))
+        return out
+
+
 def geodesics(
     mesh: Mesh,
     sources: ArrayLike,
@@ -30,6 +88,8 @@ def geodesics(
     progress: Progress | None = None,
 ) -> np.ndarray:
     """Distances from each source vertex to every vertex.
+
+    A mesh that is asked again is factored anew; `GeodesicSolver` keeps it.
 
     Args:
         mesh: triangle mesh, or point cloud (no faces; heat method only).
@@ -45,14 +105,7 @@ def geodesics(
         ValueError: sources out of range, faces out of range, vertices that are not
             finite, or no exact distance to be had.
     """
-    sources = vertex_indices("geodesics", "sources", sources, len(mesh.vertices))
-    row = _rows("geodesics", mesh, exact)
-    out = np.empty((len(sources), len(mesh.vertices)))
-    for i, source in enumerate(sources):
-        out[i] = row(source)
-        if progress is not None:
-            progress(i + 1, len(sources))
-    return out
+    return GeodesicSolver(mesh, exact=exact).rows(sources, progress=progress)
 
 
 def pair_distances(
@@ -79,26 +132,7 @@ def pair_distances(
     Raises:
         ValueError: as `geodesics`, or a and b differ in length.
     """
-    name = "pair_distances"
-    a = vertex_indices(name, "a", a, len(mesh.vertices))
-    b = vertex_indices(name, "b", b, len(mesh.vertices))
-    if len(a) != len(b):
-        raise ValueError(f"{name}: a has {len(a)} vertices, b has {len(b)}")
-    row = _rows(name, mesh, exact)
-
-    out = np.zeros(len(a))
-    apart = np.flatnonzero(a != b)
-    a, b = a[apart], b[apart]
-    if len(np.unique(b)) < len(np.unique(a)):
-        a, b = b, a
-    order = np.argsort(a, kind="stable")
-    sources, first = np.unique(a[order], return_index=True)
-    groups = np.split(order, first[1:]) if len(a) else []
-    for i, pairs in enumerate(groups):
-        out[apart[pairs]] = row(sources[i])[b[pairs]]
-        if progress is not None:
-            progress(i + 1, len(sources))
-    return out
+    return GeodesicSolver(mesh, exact=exact).pairs(a, b, progress=progress)
 
 
 def vertex_indices(name: str, argument: str, values: ArrayLike, n: int) -> np.ndarray:
@@ -119,19 +153,19 @@ def vertex_indices(name: str, argument: str, values: ArrayLike, n: int) -> np.nd
     return values
 
 
-def _rows(name: str, mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
+def _rows(mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
     """source -> (n,) distances. Solvers are built on first use, one a piece."""
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
     faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
     n = len(vertices)
     if not np.isfinite(vertices).all():
         at = np.flatnonzero(~np.isfinite(vertices).all(1))[0]
-        raise ValueError(f"{name}: vertex {at} is {vertices[at]}, not finite")
+        raise ValueError(f"geodesics: vertex {at} is {vertices[at]}, not finite")
     if len(faces) == 0:
-        return _clean_row(_cloud_solver(name, vertices, exact))
+        return _clean_row(_cloud_solver(vertices, exact))
     if faces.min() < 0 or faces.max() >= n:
         raise ValueError(
-            f"{name}: faces span {faces.min()}..{faces.max()}, the mesh has {n} "
+            f"geodesics: faces span {faces.min()}..{faces.max()}, the mesh has {n} "
             "vertices (0-based)"
         )
 
@@ -152,7 +186,7 @@ def _rows(name: str, mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
         local[ids] = np.arange(len(ids))
         own = local[faces[piece[faces[:, 0]] == label]]
         solve = _exact_solver if exact else _heat_solver
-        return ids, local, solve(name, vertices[ids], own) if len(own) else None
+        return ids, local, solve(vertices[ids], own) if len(own) else None
 
     def row(source):
         ids, local, solve = solver(int(piece[source]))
@@ -173,34 +207,34 @@ def _clean_row(row):
     return clean
 
 
-def _heat_solver(name, vertices, faces):
+def _heat_solver(vertices, faces):
     return pp3d.MeshHeatMethodDistanceSolver(vertices, faces).compute_distance
 
 
-def _cloud_solver(name, vertices, exact):
+def _cloud_solver(vertices, exact):
     if exact:
-        raise ValueError(f"{name}: exact=True needs faces, the mesh has 0")
+        raise ValueError("geodesics: exact=True needs faces, the mesh has 0")
     if len(vertices) < CLOUD_POINTS:
         raise ValueError(
-            f"{name}: a point cloud needs at least {CLOUD_POINTS} points, this one has "
-            f"{len(vertices)}"
+            f"geodesics: a point cloud needs at least {CLOUD_POINTS} points, this one "
+            f"has {len(vertices)}"
         )
     return pp3d.PointCloudHeatSolver(vertices).compute_distance
 
 
-def _exact_solver(name, vertices, faces):
+def _exact_solver(vertices, faces):
     try:
         from pygeodesic.geodesic import PyGeodesicAlgorithmExact
     except ImportError:
         raise ValueError(
-            f"{name}: exact=True needs pygeodesic: pip install 'jfsf[exact]'"
+            "geodesics: exact=True needs pygeodesic: pip install 'jfsf[exact]'"
         ) from None
     count = edges(faces).counts
     # pygeodesic does not refuse these: it crashes.
     if count.max() > 2:
         raise ValueError(
-            f"{name}: exact=True needs a manifold; {(count > 2).sum()} edges have more "
-            f"than 2 faces (up to {count.max()}); use exact=False"
+            f"geodesics: exact=True needs a manifold; {(count > 2).sum()} edges have "
+            f"more than 2 faces (up to {count.max()}); use exact=False"
         )
     solver = PyGeodesicAlgorithmExact(vertices, faces.astype(np.int32))
 
@@ -209,8 +243,8 @@ def _exact_solver(name, vertices, faces):
         # Paths do not cross a vertex whose faces only touch at that vertex.
         if not np.isfinite(out).all():
             raise ValueError(
-                f"{name}: exact=True needs a manifold; {(~np.isfinite(out)).sum()} of "
-                f"{len(out)} vertices hang on by a single vertex; use exact=False"
+                f"geodesics: exact=True needs a manifold; {(~np.isfinite(out)).sum()} "
+                f"of {len(out)} vertices hang on by a single vertex; use exact=False"
             )
         return out
 
