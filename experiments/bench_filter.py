@@ -26,7 +26,7 @@ from jfsf import data
 from jfsf.array import matmul
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error
-from jfsf.neighbours import tiles_of_pair
+from jfsf.neighbours import NeighbourSearch, tiles_of_pair
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "man_up")
@@ -109,7 +109,7 @@ def main() -> None:
     converters = {
         OURS: partial(finished, sinkhorn, *ours),
         "jfsf sinkhorn among tiles": partial(
-            finished, partial(sinkhorn, tiles=tiles), *ours
+            finished, partial(sinkhorn, search=NeighbourSearch(tiles)), *ours
         ),
         "jfsf nearest": partial(finished, nearest, *ours),
         RIVAL: partial(numpy_filter.fast_sinkhorn, *wide),

@@ -30,6 +30,7 @@ from upsample import upsample
 from jfsf import data
 from jfsf.convert import sinkhorn
 from jfsf.neighbours import (
+    NeighbourSearch,
     mutual_neighbours,
     neighbours,
     spectral_tiles,
@@ -114,6 +115,7 @@ def rivals(x, y) -> dict:
 def measure(n: int, k: int, repeats: int) -> dict:
     (spec_x, spec_y), x, y = aligned(n, k)
     tiles = spectral_tiles(spec_x), spectral_tiles(spec_y)
+    search = NeighbourSearch(tiles)
     rows = jnp.asarray(np.random.default_rng(0).permutation(n)[:SAMPLE])
     whole = n <= WHOLE
     tiled = partial(tiled_neighbours, x, y, k0=K0)
@@ -130,7 +132,7 @@ def measure(n: int, k: int, repeats: int) -> dict:
         "exhaustive": exhaustive,
         "cold": cold,
         "warm": lambda: tiled(*tiles),
-        "sinkhorn, warm": lambda: sinkhorn(x, y, tiles=tiles),
+        "sinkhorn, warm": lambda: sinkhorn(x, y, search=search),
     }
     if whole:
         runs["one product"] = lambda: mutual_neighbours(x, y, k0=K0)
@@ -158,7 +160,7 @@ def measure(n: int, k: int, repeats: int) -> dict:
         },
         "megabytes": {
             "warm": megabytes(tiled_neighbours, x, y, *tiles, k0=K0),
-            "sinkhorn, warm": megabytes(sinkhorn, x, y, tiles=tiles),
+            "sinkhorn, warm": megabytes(sinkhorn, x, y, search=search),
         },
         "recall_nearest": float(
             np.mean([(a[:, 0] == b[:, 0]).mean() for a, b in pairs])

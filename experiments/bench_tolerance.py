@@ -52,7 +52,7 @@ def solved(x: str, y: str):
     """Errors and numbers of updates of one pair."""
     emb_x, emb_y, mass_x, mass_y = embedded(x, y)
     for k0, lam in KERNELS:
-        found = sinkhorn(emb_x, emb_y, mass_x, mass_y, lam, k0=k0, tol=TOL)
+        found = sinkhorn(emb_x, emb_y, mass_x, mass_y, lam=lam, k0=k0, tol=TOL)
         row = {
             "pair": f"{x} {y}",
             "k0": k0,
@@ -99,7 +99,7 @@ def gradients(repeats: int) -> list[dict]:
 
     def gradient(**options):
         def value(x, y):
-            found = sinkhorn(x, y, mass_x, mass_y, LAM, **options)
+            found = sinkhorn(x, y, mass_x, mass_y, lam=LAM, **options)
             return jnp.sum(jnp.sin(pull_back(found, emb_y[:, 1:2]))), found.num_iters
 
         slope = jax.jit(jax.value_and_grad(value, (0, 1), has_aux=True))

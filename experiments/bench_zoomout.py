@@ -31,7 +31,7 @@ from jfsf.convert import nearest, quick_sinkhorn, sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import search
 from jfsf.mesh import orient
-from jfsf.neighbours import spectral_tiles
+from jfsf.neighbours import NeighbourSearch, spectral_tiles
 from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, spectrum, uniform
 
@@ -43,9 +43,11 @@ WHOLE = 150  # eigenpairs of pyFM's recipe
 def ours(spec_x, spec_y, C_yx, inside, last, tiled):
     """Maps both ways at ks[-1]; tiles are made anew."""
     tiles = (spectral_tiles(spec_x), spectral_tiles(spec_y)) if tiled else None
-    C_yx = zoomout(spec_x, spec_y, C_yx, ks=KS, converter=inside, tiles=tiles)
+    search = NeighbourSearch(tiles)
+    quick = search.unchecked()
+    C_yx = zoomout(spec_x, spec_y, C_yx, ks=KS, converter=inside, search=quick)
     embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    found = last(*embs, uniform(spec_x.mass), uniform(spec_y.mass), tiles=tiles)
+    found = last(*embs, uniform(spec_x.mass), uniform(spec_y.mass), search)
     return found.T_xy, found.T_yx
 
 

@@ -11,16 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.convert import nearest, quick_nearest, sinkhorn
+from jfsf.convert import nearest, pull_back, quick_sinkhorn, scale_kernel, sinkhorn
 from jfsf.neighbours import (
+    NeighbourSearch,
     NeighbourSettings,
+    _among_tiles,
     mutual_neighbours,
     neighbours_both_ways,
     spectral_tiles,
     tiled_neighbours,
     tiles,
 )
-from jfsf.refine import zoomout
+from jfsf.refine import soft_sinkhorn, zoomout
 from jfsf.spectral import restrict, uniform
 
 N, M, WIDTH = 1203, 1101, 12  # more than one level of tiles, neither size round
@@ -105,14 +107,16 @@ def test_all_points_are_checked_if_the_settings_ask_for_it():
 
 def test_both_ways_is_among_tiles_if_there_are_some():
     x, y, *flat = map(jnp.asarray, surfaces(0, 60, 50))
-    held, options = tuple(map(tiles, flat)), {"k0": 3, "min_recall": 0.0}
-    found = neighbours_both_ways(x, y, tiles=held, **options)
-    wanted = tiled_neighbours(x, y, *held, **options)
+    held, few = tuple(map(tiles, flat)), NeighbourSettings(tiles=2)
+    search = NeighbourSearch(held, 0.0, few)
+    found = neighbours_both_ways(x, y, search=search, k0=3)
+    wanted = tiled_neighbours(x, y, *held, k0=3, min_recall=0.0, settings=few)
     jax.tree.map(np.testing.assert_array_equal, found, wanted)
-    found = neighbours_both_ways(x, y, **options)
-    assert found.searched_all and jnp.isnan(found.recall)
     wanted = mutual_neighbours(x, y, k0=3)
-    jax.tree.map(np.testing.assert_array_equal, found[:2], wanted)
+    for search in (None, NeighbourSearch()):
+        found = neighbours_both_ways(x, y, search=search, k0=3)
+        assert found.searched_all and found.recall == 1
+        jax.tree.map(np.testing.assert_array_equal, found[:2], wanted)
 
 
 @given(testing.point_sets(150, 4), testing.point_sets(97, 4), st.sampled_from([1, 10]))
@@ -137,17 +141,17 @@ def test_nearest_among_tiles_is_nearest():
     held = tuple(tiles(jnp.asarray(at)) for at in flat)
     x, y = jnp.asarray(x), jnp.asarray(y)
     plain = nearest(x, y)
-    for converter in (nearest, quick_nearest):
-        found = converter(x, y, tiles=held)
+    for min_recall in (0.95, 0.0):
+        found = nearest(x, y, search=NeighbourSearch(held, min_recall))
         assert (found.T_xy == plain.T_xy).mean() > 0.99
         assert (found.T_yx == plain.T_yx).mean() > 0.99
 
 
 def test_a_direction_that_is_not_used_is_left_out():
     x, y, *flat = surfaces(0)
-    held = tuple(tiles(jnp.asarray(at)) for at in flat)
-    whole = jax.jit(lambda x, y: nearest(x, y, tiles=held))
-    one = jax.jit(lambda x, y: nearest(x, y, tiles=held).T_xy)
+    search = NeighbourSearch(tuple(tiles(jnp.asarray(at)) for at in flat))
+    whole = jax.jit(lambda x, y: nearest(x, y, search=search))
+    one = jax.jit(lambda x, y: nearest(x, y, search=search).T_xy)
     sizes = [
         len(str(f.lower(jnp.asarray(x), jnp.asarray(y)).compile().as_text()))
         for f in (one, whole)
@@ -213,9 +217,21 @@ def test_relabelling_relabels():
     assert (back == np.asarray(plain.near_xy.idx)[order]).mean() > 0.99
 
 
-def lost():
+@pytest.mark.parametrize("min_recall", [0.0, 0.95])
+def test_the_filter_has_the_recall_of_its_search(min_recall):
+    x, y, *flat = map(jnp.asarray, lost())
+    search = NeighbourSearch(tuple(map(tiles, flat)), min_recall)
+    found = neighbours_both_ways(x, y, search=search, k0=10)
+    ours = quick_sinkhorn(x, y, search=search)
+    assert ours.recall == found.recall and (ours.recall == 1) == (min_recall > 0)
+    assert quick_sinkhorn(x, y).recall == 1
+    kernel, marginals = ours.kernel, (jnp.full(N, 1 / N), jnp.full(M, 1 / M))
+    assert jnp.isnan(scale_kernel(kernel, *marginals).recall)
+
+
+def lost(*sizes):
     """Tiles of points that are far apart."""
-    x, y, at_x, at_y = surfaces(0)
+    x, y, at_x, at_y = surfaces(0, *sizes)
     rng = np.random.default_rng(9)
     return x, y, rng.permutation(at_x), rng.permutation(at_y)
 
@@ -223,7 +239,7 @@ def lost():
 def test_a_lost_search_is_exhaustive():
     x, y, *flat = lost()
     found = search(x, y, *flat, 5)
-    assert found.searched_all and found.recall < 0.95
+    assert found.searched_all and found.recall == 1
     for near, q, p in ((found.near_xy, x, y), (found.near_yx, y, x)):
         assert np.array_equal(near.idx, oracles.neighbours(q, p, 5)[0])
 
@@ -278,6 +294,92 @@ def test_vmap_equals_the_loop():
         assert single.recall == batch.recall[i]
 
 
+def batch_of(*shapes):
+    return [jnp.stack(list(map(jnp.asarray, a))) for a in zip(*shapes, strict=True)]
+
+
+@pytest.fixture
+def exhaustive_searches(monkeypatch):
+    """Numbers of points that all others were compared with, one for each search."""
+    calls, plain = [], _among_tiles.neighbours_of_valid
+
+    def counted(queries, *args, **options):
+        jax.debug.callback(lambda: calls.append(len(queries)))
+        return plain(queries, *args, **options)
+
+    monkeypatch.setattr(_among_tiles, "neighbours_of_valid", counted)
+    return calls
+
+
+def test_vmap_compares_all_points_only_where_it_must(exhaustive_searches):
+    # No other test has these settings: the program is traced here, and counts.
+    run = lambda *args: search(*args, 5, settings=NeighbourSettings(checked=61))
+    good = [surfaces(seed) for seed in range(4)]
+    shapes = *good[:2], lost(), good[3]
+    singles = [run(*shape) for shape in shapes]
+    for shape in ((4,), (2, 2)):  # one vmap, and two nested ones
+        nested = jax.vmap(jax.vmap(run)) if len(shape) == 2 else jax.vmap(run)
+        batched = jax.jit(nested)
+        batches = [
+            [a.reshape(*shape, *a.shape[1:]) for a in batch_of(*some)]
+            for some in (good, shapes)
+        ]
+        jax.effects_barrier()
+        exhaustive_searches.clear()
+        found = batched(*batches[0])
+        jax.effects_barrier()
+        assert exhaustive_searches == [] and not found.searched_all.any()
+        # Here one element of the batch needs it, in both directions.
+        found = batched(*batches[1])
+        jax.effects_barrier()
+        assert sorted(exhaustive_searches) == [M, N]
+        for place, single in zip(np.ndindex(shape), singles, strict=True):
+            ours = jax.tree.map(lambda a, place=place: a[place], found)
+            assert single.searched_all == ours.searched_all
+            assert single.recall == ours.recall
+            assert np.array_equal(single.near_xy.idx, ours.near_xy.idx)
+            np.testing.assert_allclose(single.near_yx.dist, ours.near_yx.dist)
+    assert [bool(single.searched_all) for single in singles] == [
+        False,
+        False,
+        True,
+        False,
+    ]
+
+
+def test_a_plan_is_differentiable_whether_or_not_all_points_are_compared():
+    shapes = [
+        tuple(map(jnp.asarray, shape))
+        for shape in (surfaces(0, 300, 250), lost(300, 250))
+    ]
+    soft = partial(soft_sinkhorn, k0=3, length_gradient=True)
+
+    def loss(x, y, at_x, at_y):
+        held = tiles(at_x), tiles(at_y)
+        search = NeighbourSearch(held, 0.5, NeighbourSettings(tiles=6))
+        found = soft(x, y, None, None, search)
+        return jnp.sum(jnp.sin(pull_back(found, y))), found.recall
+
+    slope = jax.grad(loss, has_aux=True)
+    single = jax.jit(jax.value_and_grad(loss, has_aux=True))
+    (_, one), (_, other) = singles = [single(*shape) for shape in shapes]
+    (_, recall), (_, exhaustive) = (value for value, _ in singles)
+    assert 0.5 <= recall < 1 and exhaustive == 1
+    batch = batch_of(*shapes)
+    total = lambda x, *rest: jax.vmap(loss)(x, *rest)[0].sum()
+    for found in (
+        jax.jit(jax.vmap(slope))(*batch)[0],
+        jax.jit(jax.grad(total))(*batch),
+    ):
+        np.testing.assert_allclose(found, jnp.stack([one, other]), rtol=1e-6, atol=1e-9)
+    way = jnp.asarray(np.random.default_rng(0).normal(size=(300, WIDTH)))
+    step = 1e-6
+    for (x, *rest), (_, found) in zip(shapes, singles, strict=True):
+        ends = [single(x + sign * step * way, *rest)[0][0] for sign in (1, -1)]
+        change = (ends[0] - ends[1]) / (2 * step)
+        np.testing.assert_allclose(jnp.sum(found * way), change, rtol=1e-5)
+
+
 def test_distances_are_differentiable():
     x, y, at_x, at_y = (jnp.asarray(a) for a in surfaces(0, 60, 50))
     total = lambda x: search(x, y, at_x, at_y, 3, min_recall=0.0).near_xy.dist.sum()
@@ -310,7 +412,7 @@ def test_converters_agree_with_and_without_tiles(converter):
     # Two rows of X are padding, but the tiles hold them.
     marginals = [uniform(jnp.ones(N).at[:2].set(0)), uniform(jnp.ones(M))]
     plain = converter(x, y, *marginals)
-    found = converter(x, y, *marginals, tiles=held)
+    found = converter(x, y, *marginals, NeighbourSearch(held))
     assert (found.T_xy == plain.T_xy)[2:].mean() > 0.98
     assert (found.T_yx == plain.T_yx).mean() > 0.98
     assert found.T_yx.min() >= 2 and found.T_xy.dtype == jnp.int32
@@ -321,7 +423,7 @@ def test_zoomout_with_tiles_ends_in_the_same_map():
     y = restrict(x, jnp.asarray(np.random.default_rng(0).permutation(642)[:500]))
     held = spectral_tiles(x), spectral_tiles(y)
     run = partial(zoomout, x, y, jnp.eye(10), ks=(10, 20, 30, 40), converter=nearest)
-    plain, found = run(), run(tiles=held)
+    plain, found = run(), run(search=NeighbourSearch(held))
     assert jnp.linalg.norm(found - plain) < 0.02 * jnp.linalg.norm(plain)
 
 

@@ -116,7 +116,7 @@ def test_points_without_mass_have_scaling_0():
     x, y = points()
     a = jnp.full(N_X, 1 / (N_X - 2)).at[-2:].set(0)
     b = jnp.full(N_Y, 1 / (N_Y - 1)).at[0].set(0)
-    ours = sinkhorn(x, y, a, b, 2.0, k0=N_X, tol=1e-9)
+    ours = sinkhorn(x, y, a, b, lam=2.0, k0=N_X, tol=1e-9)
     geometry = to_ott(ours.kernel)
     theirs = solve(geometry, a, b, threshold=1e-9, max_iterations=20_000)
     np.testing.assert_allclose(theirs.matrix, dense(ours), atol=1e-8)

@@ -102,7 +102,7 @@ def test_the_dense_oracle_agrees(k0, scale, lam, unilateral_weight, relax, pair,
         *map(jnp.asarray, pair),
         a,
         b,
-        lam,
+        lam=lam,
         k0=k0,
         num_iters=NUM,
         relax=relax,
@@ -124,7 +124,7 @@ def test_pot_agrees():
     ot = pytest.importorskip("ot")
     emb_x, emb_y = draw(n_x=N_X, n_y=N_Y)
     a, b = weights(0, N_X), weights(1, N_Y)
-    ours = sinkhorn(emb_x, emb_y, a, b, 1.0, k0=FULL, num_iters=500)
+    ours = sinkhorn(emb_x, emb_y, a, b, lam=1.0, k0=FULL, num_iters=500)
     cost = np.linalg.norm(np.asarray(emb_x)[:, None] - np.asarray(emb_y)[None], axis=2)
     unit = np.sqrt(np.median(cost.min(0)) * np.median(cost.min(1)))
     theirs = ot.sinkhorn(
@@ -173,7 +173,7 @@ def test_marginals_far_apart_make_no_nan(dtype):
     emb_x, emb_y = draw(dtype=dtype)
     a = np.geomspace(1e-9, 1, N_X)
     a = jnp.asarray(a / a.sum(), dtype)
-    ours = small_sinkhorn(emb_x, emb_y, a, None, 300.0)
+    ours = small_sinkhorn(emb_x, emb_y, a, None, lam=300.0)
     assert all(
         np.isfinite(value).all() for value in (ours.f, ours.g, *plan_entries(ours))
     )
@@ -359,12 +359,12 @@ def test_gradients_match_finite_differences(scale, masked):
 
     # The length scale is held fixed in the derivative: differ along with it.
     def value(x, y, lam):
-        found = small_sinkhorn(x, y, a, b, lam, scale=scale)
+        found = small_sinkhorn(x, y, a, b, lam=lam, scale=scale)
         f = jnp.where(a > 0, found.f, 0)
         return jnp.sum(jnp.sin(pull_back(found, values))) + f.sum() / 10
 
     def length_of(x, y):
-        found = small_sinkhorn(x, y, a, b, 1.0, scale=scale)
+        found = small_sinkhorn(x, y, a, b, lam=1.0, scale=scale)
         # log K of one sure entry over its distance: the sharpness in use.
         at = 0, int(found.kernel.idx_xy[0, 0])
         return -jnp.linalg.norm(x[0] - y[at[1]]) / found.kernel.log_xy[0, 0]

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.array import pad
 from jfsf.neighbours import NeighbourSettings, spectral_tiles, tiles, tiles_of_pair
+from jfsf.runtime import pad
 
 N = 203
 

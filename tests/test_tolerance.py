@@ -59,7 +59,7 @@ def least_error(kernel, a, b):
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_random_marginals_are_met(dtype):
     for seed in range(20):
-        found = sinkhorn(*problem(seed, dtype), 20.0, k0=FULL, tol=1e-4)
+        found = sinkhorn(*problem(seed, dtype), lam=20.0, k0=FULL, tol=1e-4)
         assert found.converged and found.marginal_error <= 1e-4
         assert found.num_iters < 2000 and found.f.dtype == dtype
         weight, (a, b) = dense(found), map(np.asarray, problem(seed, dtype)[2:])
@@ -70,7 +70,7 @@ def test_random_marginals_are_met(dtype):
 @pytest.mark.parametrize("lam", [1.0, 30.0])
 def test_the_plan_is_that_of_many_dense_updates(lam):
     emb_x, emb_y, a, b = problem(0)
-    ours = sinkhorn(emb_x, emb_y, a, b, lam, k0=FULL, tol=1e-9)
+    ours = sinkhorn(emb_x, emb_y, a, b, lam=lam, k0=FULL, tol=1e-9)
     near = [oracles.neighbours(*e, FULL) for e in ((emb_x, emb_y), (emb_y, emb_x))]
     unit = np.sqrt(np.prod([np.median(dist[:, 0]) for _, dist in near]))
     log_k = oracles.log_kernel(*near, lam / unit, lam / unit, unilateral_weight=1.0)
@@ -83,7 +83,7 @@ def test_the_plan_is_that_of_many_dense_updates(lam):
 @pytest.mark.parametrize("package", ["ot", "ott"])
 def test_other_packages_agree(package):
     emb_x, emb_y, a, b = problem(1)
-    ours = sinkhorn(emb_x, emb_y, a, b, 2.0, k0=FULL, tol=1e-8)
+    ours = sinkhorn(emb_x, emb_y, a, b, lam=2.0, k0=FULL, tol=1e-8)
     cost = np.linalg.norm(np.asarray(emb_x)[:, None] - np.asarray(emb_y)[None], axis=2)
     unit = np.sqrt(np.median(cost.min(0)) * np.median(cost.min(1))) / 2
     if package == "ot":
@@ -105,7 +105,7 @@ def test_other_packages_agree(package):
 @given(seed=st.integers(0, 200))
 @settings(max_examples=10)
 def test_what_cannot_be_met_is_flagged_at_the_least_error(dtype, seed):
-    found = sinkhorn(*problem(seed, dtype), 5.0, k0=3, tol=1e-3)
+    found = sinkhorn(*problem(seed, dtype), lam=5.0, k0=3, tol=1e-3)
     _, _, a, b = problem(seed)
     least = least_error(found.kernel, a, b)
     assert found.converged == (found.marginal_error <= 1e-3)
@@ -130,7 +130,7 @@ def test_vertices_that_no_mass_reaches_end_the_updates():
 
 
 def test_the_cap_holds():
-    found = sinkhorn(*problem(2), 100.0, k0=FULL, tol=1e-12, max_iters=40)
+    found = sinkhorn(*problem(2), lam=100.0, k0=FULL, tol=1e-12, max_iters=40)
     assert not found.converged and found.num_iters <= 42
 
 
@@ -143,7 +143,7 @@ def test_what_is_not_finite_ends_the_updates():
 def test_vmap_equals_the_loop():
     batch = [jnp.stack(a) for a in zip(*(problem(s) for s in range(3)), strict=True)]
     lam, tol = jnp.asarray([2.0, 20.0, 80.0]), jnp.asarray([1e-2, 1e-6, 1e-3])
-    run = lambda *args: sinkhorn(*args[:-1], k0=FULL, tol=args[-1])
+    run = lambda *args: sinkhorn(*args[:-2], lam=args[-2], k0=FULL, tol=args[-1])
     found = jax.vmap(run)(*batch, lam, tol)
     for i in range(3):
         single = run(*(a[i] for a in batch), lam[i], tol[i])
@@ -153,14 +153,14 @@ def test_vmap_equals_the_loop():
 
 def test_padding_is_invisible():
     emb_x, emb_y, a, b = problem(3)
-    plain = sinkhorn(emb_x, emb_y, a, b, 20.0, k0=9, tol=1e-8)
+    plain = sinkhorn(emb_x, emb_y, a, b, lam=20.0, k0=9, tol=1e-8)
     pad = lambda e, m: jnp.pad(e, ((0, m), (0, 0)), constant_values=0.3)
     padded = sinkhorn(
         pad(emb_x, 3),
         pad(emb_y, 5),
         jnp.pad(a, (0, 3)),
         jnp.pad(b, (0, 5)),
-        20.0,
+        lam=20.0,
         k0=9,
         tol=1e-8,
     )
@@ -176,9 +176,8 @@ def functions(seed):
 
 def soft_value(emb_x, emb_y, C, lam, log_a, log_b, *, values, **options):
     """A number made from the plan: pulled-back functions, soft map, transport cost."""
-    found = sinkhorn(
-        emb_x @ C, emb_y, jax.nn.softmax(log_a), jax.nn.softmax(log_b), lam, **options
-    )
+    marginals = jax.nn.softmax(log_a), jax.nn.softmax(log_b)
+    found = sinkhorn(emb_x @ C, emb_y, *marginals, lam=lam, **options)
     rows, columns, weight = plan_entries(found)
     away = (emb_x @ C)[rows] - emb_y[columns]
     cost = jnp.sum(weight * jnp.sum(away**2, 1))
@@ -199,7 +198,7 @@ def arguments(seed):
 def feasible(seed):
     emb_x, emb_y, C, lam, log_a, log_b = arguments(seed)
     marginals = jax.nn.softmax(log_a), jax.nn.softmax(log_b)
-    return sinkhorn(emb_x @ C, emb_y, *marginals, lam, k0=6, tol=1e-12).converged
+    return sinkhorn(emb_x @ C, emb_y, *marginals, lam=lam, k0=6, tol=1e-12).converged
 
 
 SEEDS = [seed for seed in range(0, 40) if feasible(seed)][:6]
@@ -289,9 +288,8 @@ def check_extremes(tol, dtype, seed, log_lam, log_unit, log_least):
         weight = 10.0 ** rng.uniform(log_least, 0, n)
         marginals.append(jnp.asarray(weight / weight.sum(), dtype))
     lam = jnp.asarray(10.0**log_lam, dtype)
-    found = sinkhorn(
-        emb_x * unit, emb_y * unit, *marginals, lam, k0=5, tol=tol, max_iters=400
-    )
+    options = {"lam": lam, "k0": 5, "tol": tol, "max_iters": 400}
+    found = sinkhorn(emb_x * unit, emb_y * unit, *marginals, **options)
     for value in (found.f, found.g, *plan_entries(found), found.marginal_error):
         assert np.isfinite(value).all()
     assert 0 <= found.marginal_error <= 2 + 1e-5

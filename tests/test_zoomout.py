@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
 from jfsf.refine import ZoomOutSettings, zoomout
 from jfsf.refine._zoomout import MIN_SCAN_STEPS, _scans
+from jfsf.runtime import pad
 from jfsf.spectral import (
     bracket_fields,
     embeddings,

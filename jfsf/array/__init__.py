@@ -5,32 +5,27 @@ Read in this order:
 - `_precision`: products in full float32 precision, and division that leaves out 0
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once
-- `_sequential_vmap`: functions that vmap runs as a loop on a CPU
+- `_sequential_vmap`: functions that vmap runs as a loop
 - `_static`: static arguments by their content, as keys and as text
-- `_padding`: common sizes, so that one compiled program serves many meshes
 """
 
-from jfsf.array._padding import common_size, pad, padded_size
 from jfsf.array._precision import HIGHEST, einsum, matmul, safe_divide
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
-from jfsf.array._static import describe, static_key
+from jfsf.array._static import static_key, static_text
 from jfsf.array._top_k import TOP_K_LIMIT, argmax, max_with_index, top_k
 
 __all__ = [
     "HIGHEST",
     "TOP_K_LIMIT",
     "argmax",
-    "common_size",
-    "describe",
     "einsum",
     "map_sides",
     "matmul",
     "max_with_index",
-    "pad",
-    "padded_size",
     "safe_divide",
     "sequential_vmap",
     "static_key",
+    "static_text",
     "top_k",
 ]

@@ -27,7 +27,7 @@ def static_key(value: Any) -> Hashable:
     return value
 
 
-def describe(value: Any, *, name_of: Callable[[Any], str] | None = None) -> str:
+def static_text(value: Any, *, name_of: Callable[[Any], str] | None = None) -> str:
     """The text of a static value: what one would write to make it.
 
     Args:
@@ -35,7 +35,7 @@ def describe(value: Any, *, name_of: Callable[[Any], str] | None = None) -> str:
         name_of: the text of a function; its `__name__` when absent.
     """
     name_of = name_of or (lambda function: function.__name__)
-    inner = partial(describe, name_of=name_of)
+    inner = partial(static_text, name_of=name_of)
     if isinstance(value, partial):
         named = [f"{name}={inner(v)}" for name, v in sorted(value.keywords.items())]
         parts = [inner(value.func), *map(inner, value.args), *named]

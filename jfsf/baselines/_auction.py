@@ -33,6 +33,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
+from jfsf.neighbours import NeighbourSearch
 from jfsf.types import ArrayLike, Maps
 
 KEEP = 256  # items that are kept for a bidder
@@ -49,6 +50,7 @@ def auction(
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
+    search: NeighbourSearch | None = None,
     *,
     eps: float = 1e-5,
 ) -> Maps:
@@ -60,6 +62,7 @@ def auction(
         emb_x, emb_y: aligned embeddings.
         marginal_x, marginal_y: 0 marks padding, which is never assigned and is mapped
             to 0; other values do not matter. Rows that are not finite count as padding.
+        search: ignored; all rows are compared.
         eps: the total is within n eps of the least, for n rows on the smaller side, in
             units of the mean squared distance of all rows from their centre.
 

@@ -35,6 +35,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
+from jfsf.neighbours import NeighbourSearch
 from jfsf.types import Maps
 
 ROWS = 256  # samples at a time
@@ -64,6 +65,7 @@ def cpd(
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
+    search: NeighbourSearch | None = None,
     *,
     beta: Float[Array, ""] | float = 2.0,
     lam: Float[Array, ""] | float = 3.0,
@@ -78,6 +80,7 @@ def cpd(
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: 0 marks padding, which is never matched and is mapped to
             0; other values do not matter.
+        search: ignored; all points are compared.
         beta: width of the kernel that makes the motion smooth, in units of the root
             mean square distance of a point to the mean.
         lam: weight of the motion's penalty.

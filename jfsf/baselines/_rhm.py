@@ -40,7 +40,7 @@ from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
 from jfsf.convert import precise, to_vertex
-from jfsf.evaluate import geodesics, vertex_indices
+from jfsf.geometry import geodesics, vertex_indices
 from jfsf.mesh import farthest_vertices, vertex_components
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap

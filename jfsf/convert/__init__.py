@@ -12,8 +12,8 @@ Read in this order:
 - `_precise`: to points on triangles, in place of vertices
 """
 
-from jfsf.convert._converter import Converter, HasMaps, maps_of, with_options
-from jfsf.convert._nearest import nearest, quick_nearest
+from jfsf.convert._converter import Converter, HasMaps, maps_of
+from jfsf.convert._nearest import nearest
 from jfsf.convert._precise import (
     functional_map_precise,
     precise,
@@ -35,10 +35,8 @@ __all__ = [
     "precise",
     "pull_back",
     "pull_back_precise",
-    "quick_nearest",
     "quick_sinkhorn",
     "scale_kernel",
     "sinkhorn",
     "to_vertex",
-    "with_options",
 ]

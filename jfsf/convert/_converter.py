@@ -5,14 +5,12 @@ ICP, ZoomOut, ARAP and `match`. `nearest`, `sinkhorn`, `jfsf.baselines.auction` 
 `jfsf.baselines.cpd` are converters.
 """
 
-import inspect
-from collections.abc import Callable
-from functools import partial
-from typing import Any, Protocol
+from typing import Protocol
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.neighbours import NeighbourSearch
 from jfsf.types import Maps
 
 
@@ -31,17 +29,16 @@ class HasMaps(Protocol):
 
 
 class Converter(Protocol):
-    """(emb_x, emb_y, marginal_x, marginal_y) -> a record with T_xy and T_yx.
+    """(emb_x, emb_y, marginal_x, marginal_y, search) -> a record with T_xy and T_yx.
 
     emb_x (n_x, d) and emb_y (n_y, d) are rows of one Euclidean space. The marginals
     (n_x,) and (n_y,) each sum to 1 and are 0 on padding, which no map may choose. A
     converter is traced, so it is made of JAX operations, or calls back to the host
     (`jax.pure_callback`).
 
-    A converter that also declares the keyword `tiles` is handed the tiles of both
-    shapes where there are any. One that declares `neighbour_settings` is handed those.
-    In the bending and the last conversion of `match`, one that declares `min_recall`
-    is handed the recall that `Settings` ask for.
+    search says how neighbours are searched: their tiles, and the recall to check. None
+    means that all points are compared. A converter that searches no neighbours, or in a
+    way of its own, ignores it.
     """
 
     def __call__(
@@ -50,40 +47,13 @@ class Converter(Protocol):
         emb_y: Float[Array, "n_y d"],
         marginal_x: Float[Array, " n_x"],
         marginal_y: Float[Array, " n_y"],
+        search: NeighbourSearch | None,
         /,
     ) -> HasMaps:
         """The maps between two aligned embeddings."""
         ...
 
 
-def with_options(converter: Converter, **options: Any) -> Converter:
-    """`converter` with those of `options` that it declares by name.
-
-    Options that are None, or that a partial has already set, are left alone.
-    """
-    declared = _keywords(converter)
-    given = {
-        name: value
-        for name, value in options.items()
-        if value is not None and name in declared
-    }
-    return partial(converter, **given) if given else converter
-
-
 def maps_of(record: HasMaps) -> Maps:
     """The maps of a converter's record, as int32."""
     return Maps(record.T_xy.astype(jnp.int32), record.T_yx.astype(jnp.int32))
-
-
-def _keywords(function: Callable) -> set[str]:
-    """Names that can be passed by keyword and that no partial has set."""
-    set_already: set[str] = set()
-    while isinstance(function, partial):
-        set_already |= function.keywords.keys()
-        function = function.func
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except (TypeError, ValueError):  # a builtin without a signature
-        return set()
-    kinds = inspect.Parameter.KEYWORD_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD
-    return {p.name for p in parameters if p.kind in kinds} - set_already

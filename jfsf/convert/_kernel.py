@@ -24,7 +24,10 @@ def build(
     power: float = 1.0,
     unilateral_weight: float = 1.0,
 ) -> Kernel:
-    """The kernel, eq. 12, on the union of both neighbour lists.
+    """K_ij = exp(-lam d_ij^p) on the union of both neighbour lists.
+
+    The sparse kernel of eq. 12 and of step 1 of algorithm 2 of Pai et al. (CVPR 2021),
+    who have p = 2.
 
     Args:
         near_xy, near_yx: k0 neighbours in Y of each vertex of X, and the other way.
@@ -95,8 +98,8 @@ def log_matvec(kernel: Kernel, g: Float[Array, " n_y"]) -> Float[Array, " n_x"]:
     top = jax.lax.stop_gradient(jnp.where(jnp.isfinite(top), top, 0))
     total = jnp.sum(jnp.exp(own - top[:, None]), 1)
     total = total.at[kernel.idx_yx].add(jnp.exp(other - top[kernel.idx_yx]))
-    found = total > 0
-    return jnp.where(found, top + jnp.log(jnp.where(found, total, 1)), -jnp.inf)
+    positive = total > 0
+    return jnp.where(positive, top + jnp.log(jnp.where(positive, total, 1)), -jnp.inf)
 
 
 def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):
@@ -112,8 +115,8 @@ def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):
     column = jnp.arange(n_y, dtype=kernel.idx_xy.dtype)[:, None]
     at_other = jnp.where(other == best[kernel.idx_yx], column, n_y)
     first = jnp.min(at_own, 1).at[kernel.idx_yx].min(at_other)
-    found = best > -jnp.inf
-    return jnp.where(found, first, 0), found
+    known = best > -jnp.inf
+    return jnp.where(known, first, 0), known
 
 
 def _log_kernel(near: Neighbours, lam: Array, power: float) -> Array:

@@ -1,64 +1,56 @@
 """Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5, 6 of Pai et al.)."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.neighbours import (
-    NeighbourSettings,
+    NeighbourSearch,
     neighbours,
     tiled_neighbours,
     tiled_one_way,
 )
-from jfsf.types import Maps, Tiles
+from jfsf.types import Maps
 
 
-@partial(jax.jit, static_argnames=("min_recall", "neighbour_settings"))
+@jax.jit
 def nearest(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
-    *,
-    tiles: tuple[Tiles, Tiles] | None = None,
-    min_recall: float = 0.95,
-    neighbour_settings: NeighbourSettings = NeighbourSettings(),
+    search: NeighbourSearch | None = None,
 ) -> Maps:
     """T_xy[i] is the row of `emb_y` nearest to emb_x[i], and T_yx the other way.
+
+    T_xy[i] = argmin_j |x_i - y_j|, T_yx[j] = argmin_i |x_i - y_j| (eqs. 5 and 6 of Pai
+    et al., CVPR 2021).
 
     Args:
         emb_x, emb_y: aligned embeddings.
         marginal_x, marginal_y: only where they are 0 matters: padding, never chosen.
-        tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), to search among
-            candidates.
-        min_recall: recall among tiles below which all points are compared. 0 leaves the
-            check out, and searches both ways in one loop: half the program. For rounds
-            of a refinement, where later rounds correct what is missed.
-        neighbour_settings: of the search among tiles.
+        search: how neighbours are searched; when absent, all points are compared. With
+            a `min_recall` of 0 one loop searches both ways: half the program.
 
     Raises:
-        ValueError: the embeddings differ in width, or min_recall is not in [0, 1].
+        ValueError: the embeddings differ in width.
     """
     valid_x = None if marginal_x is None else marginal_x > 0
     valid_y = None if marginal_y is None else marginal_y > 0
-    if tiles is None:
-        near_xy = neighbours(emb_x, emb_y, valid_y, k0=1, settings=neighbour_settings)
-        near_yx = neighbours(emb_y, emb_x, valid_x, k0=1, settings=neighbour_settings)
+    search = NeighbourSearch() if search is None else search
+    options = {"k0": 1, "settings": search.settings}
+    if search.tiles is None:
+        near_xy = neighbours(emb_x, emb_y, valid_y, **options)
+        near_yx = neighbours(emb_y, emb_x, valid_x, **options)
     else:
-        there = emb_x, emb_y, *tiles, valid_x, valid_y
-        back = emb_y, emb_x, *tiles[::-1], valid_y, valid_x
-        options = {"k0": 1, "settings": neighbour_settings}
-        if min_recall == 0:
-            found = tiled_neighbours(*there, min_recall=0.0, **options)
-            near_xy, near_yx = found.near_xy, found.near_yx
+        there = emb_x, emb_y, *search.tiles, valid_x, valid_y
+        back = emb_y, emb_x, *search.tiles[::-1], valid_y, valid_x
+        if search.min_recall == 0:
+            near = tiled_neighbours(*there, min_recall=0.0, **options)
+            near_xy, near_yx = near.near_xy, near.near_yx
         else:
+            options["min_recall"] = search.min_recall
             # Two searches, so that XLA leaves out the direction that is not used.
-            near_xy, _ = tiled_one_way(*there, min_recall=min_recall, **options)
-            near_yx, _ = tiled_one_way(*back, min_recall=min_recall, **options)
+            near_xy, near_yx = (tiled_one_way(*a, **options)[0] for a in (there, back))
     T_xy, T_yx = near_xy.idx[:, 0], near_yx.idx[:, 0]
     return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))
-
-
-quick_nearest: partial[Maps] = partial(nearest, min_recall=0.0)

@@ -101,9 +101,9 @@ def precise(
     def measure(state):
         start, face, bary = state
         at = jax.lax.dynamic_slice(rows, (start,), (ROWS,))
-        found = second(emb_x[at])
-        face = face.at[at].set(found[0], mode="drop")
-        return start + ROWS, face, bary.at[at].set(found[1], mode="drop")
+        nearest = second(emb_x[at])
+        face = face.at[at].set(nearest[0], mode="drop")
+        return start + ROWS, face, bary.at[at].set(nearest[1], mode="drop")
 
     _, face, bary = jax.lax.while_loop(
         more, measure, (jnp.zeros_like(open_.sum()), face, bary)
@@ -193,8 +193,8 @@ def _bounds(
     lift = jnp.sqrt(around.max() - around)
     points = jnp.concatenate([emb_y, lift[:, None]], 1)
     queries = jnp.pad(emb_x, ((0, 0), (0, 1)))
-    found = neighbours(queries, points, count > 0, k0=k0)
-    return found.idx, found.dist**2 - around.max()
+    near = neighbours(queries, points, count > 0, k0=k0)
+    return near.idx, near.dist**2 - around.max()
 
 
 def _nearest(row: Array, faces: Array, known: Array, surface: _Surface):

@@ -37,12 +37,18 @@ def scale_kernel(
 ) -> Filtered:
     """Scale `kernel` to the marginals and read both maps off the plan.
 
+    P = diag(u) K diag(v) with P 1 = marginal_x and P^T 1 = marginal_y, which solves
+    eq. 11 of Pai et al. (CVPR 2021): steps 2 and 3 of their algorithm 2, in logarithms.
+
     Args:
         kernel: entries only between vertices of positive marginal.
         marginal_x, marginal_y: each sums to 1; 0 on padding.
         num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
             Not used with `tol`.
         relax, tol, max_iters: as in `sinkhorn`.
+
+    Returns:
+        As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
     """
     problem = problem_of(kernel, marginal_x, marginal_y)
     if tol is None:
@@ -71,6 +77,7 @@ def scale_kernel(
         jnp.sum(~found_y & (marginal_y > 0)),
         error <= wanted,
         made,
+        jnp.full((), jnp.nan, error.dtype),
     )
 
 

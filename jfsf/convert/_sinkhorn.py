@@ -14,8 +14,8 @@ from jaxtyping import Array, Float
 from jfsf.array import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._scaling import scale_kernel
-from jfsf.neighbours import NeighbourSettings, neighbours_both_ways
-from jfsf.types import Filtered, Neighbours, Tiles
+from jfsf.neighbours import NeighbourSearch, neighbours_both_ways
+from jfsf.types import Filtered, Neighbours
 
 Scale = Literal["nearest", "max"]
 
@@ -30,8 +30,6 @@ Scale = Literal["nearest", "max"]
         "length_gradient",
         "power",
         "unilateral_weight",
-        "min_recall",
-        "neighbour_settings",
     ),
 )
 def sinkhorn(
@@ -39,8 +37,9 @@ def sinkhorn(
     emb_y: Float[Array, "n_y k"],
     marginal_x: Float[Array, " n_x"] | None = None,
     marginal_y: Float[Array, " n_y"] | None = None,
-    lam: Float[Array, ""] | float = 120.0,
+    search: NeighbourSearch | None = None,
     *,
+    lam: Float[Array, ""] | float = 120.0,
     k0: int = 20,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
@@ -50,16 +49,19 @@ def sinkhorn(
     length_gradient: bool = False,
     power: float = 1.0,
     unilateral_weight: float = 1.0,
-    tiles: tuple[Tiles, Tiles] | None = None,
-    min_recall: float = 0.95,
-    neighbour_settings: NeighbourSettings = NeighbourSettings(),
 ) -> Filtered:
     """Both point-to-point maps between two aligned embeddings.
+
+    The Fast Sinkhorn Filter, algorithm 2 of Pai et al. (CVPR 2021): the kernel
+    K_ij = exp(-lam (d_ij / length)^p) of eq. 12 between neighbours, d_ij = |x_i - y_j|
+    (eq. 10), scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
+    T_xy[i] = argmax_j P_ij and T_yx[j] = argmax_i P_ij.
 
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
             of Y; each sums to 1, 0 marks padding. Uniform when absent.
+        search: how neighbours are searched; when absent, all points are compared.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
         k0: neighbours a vertex, both ways. With 10 accuracy is some percent lower. More
             than 20 change little, and above 32 the search takes twice as long.
@@ -84,11 +86,6 @@ def sinkhorn(
         power: p of d^p.
         unilateral_weight: factor of an entry whose vertices are neighbours in one
             direction only.
-        tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`): neighbours are searched
-            among candidates, at a cost that grows like n.
-        min_recall: recall of that search below which all points are compared; 0 leaves
-            the check out of the program.
-        neighbour_settings: of the search for neighbours.
 
     `authors_sinkhorn` has the settings of the authors' code.
 
@@ -105,17 +102,8 @@ def sinkhorn(
         marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
     valid_x, valid_y = marginal_x > 0, marginal_y > 0
     k0 = min(k0, len(emb_x), len(emb_y))
-    found = neighbours_both_ways(
-        emb_x,
-        emb_y,
-        valid_x,
-        valid_y,
-        k0=k0,
-        tiles=tiles,
-        min_recall=min_recall,
-        settings=neighbour_settings,
-    )
-    near_xy, near_yx = found.near_xy, found.near_yx
+    near_both = neighbours_both_ways(emb_x, emb_y, valid_x, valid_y, search, k0=k0)
+    near_xy, near_yx = near_both.near_xy, near_both.near_yx
     length_xy, length_yx = map_sides(
         lambda near: length(near, scale, length_gradient), (near_xy,), (near_yx,)
     )
@@ -130,7 +118,7 @@ def sinkhorn(
         power=power,
         unilateral_weight=unilateral_weight,
     )
-    return scale_kernel(
+    filtered = scale_kernel(
         kernel,
         marginal_x,
         marginal_y,
@@ -139,12 +127,13 @@ def sinkhorn(
         tol=tol,
         max_iters=max_iters,
     )
+    return filtered._replace(recall=near_both.recall)
 
 
 # For rounds of a refinement. These few updates are plain, as over-relaxed ones would
-# leave ties to rounding. Later rounds correct what a search among candidates misses.
+# leave ties to rounding.
 quick_sinkhorn: partial[Filtered] = partial(
-    sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0, min_recall=0.0
+    sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0
 )
 # The settings of the authors' MATLAB code, for comparison. Its loop of 10 updates
 # makes 11.
@@ -202,8 +191,8 @@ def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
 
     top = 8 * dist.dtype.itemsize - 2  # below the sign
     low = jnp.zeros(dist.shape[1], integer)
-    found = jax.lax.fori_loop(0, top + 1, settle, low)
-    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(found, dist.dtype))
+    median = jax.lax.fori_loop(0, top + 1, settle, low)
+    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
 
 
 def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):

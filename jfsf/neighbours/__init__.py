@@ -3,25 +3,28 @@
 Read in this order:
 
 - `_settings`: the tuned numbers of the searches
+- `_search`: how neighbours are searched, as one value: what converters are handed
 - `_exhaustive`: all points compared, one direction
 - `_mutual`: all points compared, both directions from one product
 - `_tiles`: compact groups of points, made once for each shape
 - `_among_tiles`: candidates from nearby tiles, at a cost that grows like n
 - `_both_ways`: among tiles when they are given, exhaustively otherwise
 
-In `match`, `jfsf.pipeline.pair_tiles` decides whether there are tiles. Where their
-recall is low, `tiled_one_way` compares all points; rounds of a refinement do not check
-it.
+In `match`, `jfsf.stages.pair_search` decides whether there are tiles. Where their
+recall is below `NeighbourSearch.min_recall`, `tiled_one_way` compares all points. That
+is 0 in rounds of a refinement, which therefore never do.
 """
 
 from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way
 from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.neighbours._exhaustive import neighbours
 from jfsf.neighbours._mutual import mutual_neighbours
+from jfsf.neighbours._search import NeighbourSearch
 from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.neighbours._tiles import spectral_tiles, tiles, tiles_of_pair
 
 __all__ = [
+    "NeighbourSearch",
     "NeighbourSettings",
     "mutual_neighbours",
     "neighbours",

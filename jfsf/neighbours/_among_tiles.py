@@ -20,7 +20,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import argmax, map_sides, top_k
+from jfsf.array import argmax, map_sides, sequential_vmap, top_k
 from jfsf.neighbours._exhaustive import (
     check_point_sets,
     float32_frame,
@@ -58,8 +58,8 @@ def tiled_neighbours(
         valid_x, valid_y: rows that take part; all in the tiles when absent.
         k0: neighbours of a point, at most the number of points in the smaller set.
         min_recall: estimated recall below which a direction is searched exhaustively.
-            With 0 the exhaustive search is left out of the program. Use 0 under `vmap`,
-            which would run both searches.
+            With 0 the exhaustive search is left out of the program. Under `vmap` each
+            element of the batch has a choice of its own.
         settings: of the search; the tiles are made already.
 
     Returns:
@@ -73,13 +73,13 @@ def tiled_neighbours(
             [0, 1].
     """
     check_point_sets("tiled_neighbours", x, y, k0)
-    (near_xy, recall_xy), (near_yx, recall_yx) = map_sides(
+    (near_xy, recall_xy, all_xy), (near_yx, recall_yx, all_yx) = map_sides(
         partial(tiled_one_way, k0=k0, min_recall=min_recall, settings=settings),
         (x, y, tiles_x, tiles_y, valid_x, valid_y),
         (y, x, tiles_y, tiles_x, valid_y, valid_x),
     )
     recall = jnp.fmin(recall_xy, recall_yx)
-    return NeighboursBothWays(near_xy, near_yx, recall, recall < min_recall)
+    return NeighboursBothWays(near_xy, near_yx, recall, all_xy | all_yx)
 
 
 @partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
@@ -94,8 +94,11 @@ def tiled_one_way(
     k0: int,
     min_recall: float = 0.95,
     settings: NeighbourSettings = NeighbourSettings(),
-) -> tuple[Neighbours, Float[Array, ""]]:
-    """One direction of `tiled_neighbours`: neighbours of each query, and their recall.
+) -> tuple[Neighbours, Float[Array, ""], Bool[Array, ""]]:
+    """One direction of `tiled_neighbours`.
+
+    Returns:
+        Neighbours of each query, their recall, and whether all points were compared.
 
     Raises:
         ValueError: min_recall is not in [0, 1].
@@ -105,17 +108,32 @@ def tiled_one_way(
     queries, valid_q = valid_rows(queries, valid_q)
     points, valid_p = valid_rows(points, valid_p)
     scaled, idx = _search(queries, points, tiles_q, tiles_p, valid_p, k0, settings)
-    near = measure_distances(queries, idx, points, valid_q, valid_p)
     tiled_q, tiled_p = _tiled(tiles_q, valid_q), _tiled(tiles_p, valid_p)
-    recall = _recall(scaled, queries, points, near, tiles_q, tiled_p, settings)
+    recall = _recall(scaled, queries, points, idx, tiles_q, tiled_q, tiled_p, settings)
+    searched_all = recall < min_recall
     if min_recall > 0:
-        exhaustive = partial(neighbours_of_valid, k0=k0, settings=settings)
-        near = jax.lax.cond(
-            recall < min_recall,
-            lambda: exhaustive(queries, points, tiled_q, tiled_p),
-            lambda: near,
+        # The choice of indices alone, because jax cannot differentiate through the loop
+        # that vmap makes of it. Distances are measured below.
+        choose = partial(_all_compared_if, k0=k0, settings=settings)
+        args = searched_all, idx, queries, points, tiled_q, tiled_p
+        idx = sequential_vmap(choose, everywhere=True)(*jax.lax.stop_gradient(args))
+    near = measure_distances(queries, idx, points, valid_q, valid_p)
+    return near, jnp.where(searched_all, 1, recall), searched_all
+
+
+def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0, settings):
+    """Indices of an exhaustive search if it is needed, else `idx`.
+
+    Where there is no neighbour the index is the number of points.
+    """
+
+    def exhaustive():
+        near = neighbours_of_valid(
+            queries, points, valid_q, valid_p, k0=k0, settings=settings
         )
-    return near, recall
+        return jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
+
+    return jax.lax.cond(needed, exhaustive, lambda: idx)
 
 
 def _tiled(tiles: Tiles, valid):
@@ -171,11 +189,11 @@ def _search(
         score -= square_norms(block_queries)[None] / 2
         return member[best].ravel()[top_k(score, k0, folds)].T
 
-    found = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
+    near = jax.lax.map(block, rows, batch_size=min(BLOCKS, len(rows)))
     at = jnp.where(tiles_q.valid, tiles_q.member, len(queries)).ravel()
     # A query without a slot has no neighbours.
     idx = jnp.full((len(queries), k0), no_point, jnp.int32)
-    return scaled, idx.at[at].set(found.reshape(-1, k0), mode="drop")
+    return scaled, idx.at[at].set(near.reshape(-1, k0), mode="drop")
 
 
 def _tree(points, valid, settings: NeighbourSettings):
@@ -235,25 +253,31 @@ def _recall(
     scaled,
     queries,
     points,
-    near: Neighbours,
+    idx,
     tiles_q: Tiles,
+    valid_q,
     valid_p,
     settings: NeighbourSettings,
 ):
-    """Share of a sample of the queries that have their nearest; nan without any.
+    """Share of a sample of the queries that have their nearest in `idx`.
 
-    The sample is spread evenly over the tiles, so over the shape.
+    The sample is spread evenly over the tiles, so over the shape. nan if none of it has
+    a neighbour.
     """
-    points, valid_p = valid_rows(points, valid_p)
     slots = tiles_q.member.size
     checked = min(settings.checked, slots)
     at = tiles_q.member.ravel()[jnp.arange(checked) * (slots // checked)]
-    fast_q, fast_p = jax.lax.stop_gradient((scaled(queries[at]), scaled(points)))
+    queries, points, valid_q, idx = jax.lax.stop_gradient(
+        (queries[at], points, valid_q[at], idx[at, :1])
+    )
+    given = measure_distances(queries, idx, points, valid_q, valid_p)
+    points, valid_p = valid_rows(points, valid_p)
+    fast_q, fast_p = scaled(queries), scaled(points)
     offset = jnp.where(valid_p, square_norms(fast_p) / 2, UNREACHABLE)
-    idx = argmax(inner_products(fast_p, fast_q) - offset[:, None], 0)[:, None]
+    best = argmax(inner_products(fast_p, fast_q) - offset[:, None], 0)[:, None]
     every = jnp.ones(len(at), bool)
-    exact = measure_distances(queries[at], idx, points, every, valid_p)
-    dist, exact = near.dist[at, 0], exact.dist[:, 0]
+    exact = measure_distances(queries, best, points, every, valid_p)
+    dist, exact = given.dist[:, 0], exact.dist[:, 0]
     known = jnp.isfinite(dist) & jnp.isfinite(exact)
     right = known & (dist <= exact * (1 + settings.tolerance))
     right, count = jnp.sum(right).astype(dist.dtype), jnp.sum(known)

@@ -8,7 +8,7 @@ Read in this order:
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
 """
 
-from jfsf.refine._arap import ArapSettings, Surface, arap, deform, rotations, surface
+from jfsf.refine._arap import ArapSettings, arap, deform, rotations
 from jfsf.refine._icp import icp
 from jfsf.refine._soft import (
     soft_functional_map,
@@ -21,7 +21,6 @@ from jfsf.refine._zoomout import ZoomOutSettings, zoomout
 
 __all__ = [
     "ArapSettings",
-    "Surface",
     "ZoomOutSettings",
     "arap",
     "deform",
@@ -32,6 +31,5 @@ __all__ = [
     "soft_map",
     "soft_sinkhorn",
     "soft_zoomout_step",
-    "surface",
     "zoomout",
 ]

@@ -9,7 +9,6 @@ directions count alike.
 
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +16,20 @@ from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import map_sides
-from jfsf.convert import Converter, maps_of, with_options
-from jfsf.neighbours import NeighbourSettings
-from jfsf.spectral import normals, uniform
-from jfsf.types import Maps, Spectrum, Tiles
+from jfsf.convert import Converter, maps_of
+from jfsf.geometry import (
+    STIFFNESS_RANGE,
+    Surface,
+    divergence,
+    next_corners,
+    normals,
+    opposite_edges,
+    sum_at_vertices,
+    surface,
+)
+from jfsf.neighbours import NeighbourSearch
+from jfsf.spectral import uniform
+from jfsf.types import Maps, Spectrum
 
 SQUARINGS = 8  # of a 4 x 4 matrix: its 256th power is the leading eigenvector's
 
@@ -43,26 +52,12 @@ class ArapSettings:
     rotation_updates: int = 2
     max_steps: int = 60
     tolerance: float = 1e-3
-    stiffness_range: tuple[float, float] = (0.01, 100.0)
-
-
-class Surface(NamedTuple):
-    """A mesh at rest.
-
-    faces, mass: as in `Spectrum`.
-    rest: the edge opposite to each corner.
-    stiff: half the cotangent of that corner.
-    """
-
-    faces: Int[Array, "m 3"]
-    mass: Float[Array, " n"]
-    rest: Float[Array, "m 3 3"]
-    stiff: Float[Array, "m 3 1"]
+    stiffness_range: tuple[float, float] = STIFFNESS_RANGE
 
 
 @partial(
     jax.jit,
-    static_argnames=("rounds", "converter", "settings", "neighbour_settings"),
+    static_argnames=("rounds", "converter", "settings"),
 )
 def arap(
     spec_x: Spectrum,
@@ -72,10 +67,9 @@ def arap(
     *,
     rounds: int = 8,
     converter: Converter,
-    tiles: tuple[Tiles, Tiles] | None = None,
+    search: NeighbourSearch | None = None,
     active_rounds: Int[Array, ""] | int | None = None,
     settings: ArapSettings = ArapSettings(),
-    neighbour_settings: NeighbourSettings | None = None,
 ) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
     """Refine maps that are nearly right; convert what it returns for the final ones.
 
@@ -86,13 +80,10 @@ def arap(
         orientation_sign: -1 for maps that mirror, else 1.
         rounds: deformations of both shapes, with a conversion between two.
         converter: any `jfsf.convert.Converter`.
-        tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), handed to the converter
-            if it declares them.
-        active_rounds: how many of the rounds deform; the others change
-            nothing. Traced, so one
-            program serves all numbers. None: all of them.
+        search: how neighbours are searched, handed to the converter.
+        active_rounds: of the rounds, so many are made. Traced, so one program serves
+            all numbers, but it has no reverse derivative. None: all, with derivatives.
         settings: of the deformation.
-        neighbour_settings: handed to the converter if it declares them.
 
     Returns:
         Aligned embeddings (emb_x, emb_y) in units of sqrt(area). A row of emb_x holds
@@ -109,15 +100,18 @@ def arap(
             f"arap: X has {len(spec_x.faces)} faces and Y {len(spec_y.faces)}; a point "
             "cloud cannot be deformed"
         )
-    converter = with_options(
-        converter, tiles=tiles, neighbour_settings=neighbour_settings
-    )
     marginal_x, marginal_y = uniform(spec_x.mass), uniform(spec_y.mass)
 
     weight = settings.normal_weight
 
     def at_rest(spec):
-        rest = surface(spec, orientation_sign, settings=settings)
+        rest = surface(
+            spec.vertices,
+            spec.faces,
+            spec.mass,
+            orientation_sign,
+            stiffness_range=settings.stiffness_range,
+        )
         return rest, weight * normals(spec.vertices, spec.faces)
 
     (surface_x, normal_x), (surface_y, normal_y) = map_sides(
@@ -135,7 +129,7 @@ def arap(
 
     def convert(embs):
         emb_x, emb_y = embs
-        return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
+        return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y, search))
 
     given = maps_of(maps)
 
@@ -149,36 +143,11 @@ def arap(
         )
         return embed(*moved[0], *moved[1])
 
-    def step(embs, turn):
-        if active_rounds is None:
-            return deform_both(turn, embs), None
-        same = lambda _, embs: embs
-        return jax.lax.cond(turn < active_rounds, deform_both, same, turn, embs), None
-
     # Before the first deformation vertices lie at their images, and have no normals.
     start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
     start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
-    return jax.lax.scan(step, start, jnp.arange(rounds))[0]
-
-
-@partial(jax.jit, static_argnames="settings")
-def surface(
-    spec: Spectrum,
-    orientation_sign: Float[Array, ""] | float = 1.0,
-    *,
-    settings: ArapSettings = ArapSettings(),
-) -> Surface:
-    """The mesh of `spec`, mirrored where `orientation_sign` is -1."""
-    mirror = jnp.ones((1, 3), spec.vertices.dtype).at[0, 0].set(orientation_sign)
-    rest = _edges(spec.vertices * mirror, spec.faces)
-    to, fro = _ahead(rest, 2), -_ahead(rest, 1)
-    across = jnp.sum(jnp.cross(to, fro) ** 2, 2, keepdims=True)
-    flat = across == 0
-    across = jnp.sqrt(jnp.where(flat, 1, across))
-    cotangent = jnp.sum(to * fro, 2, keepdims=True) / across
-    # Degenerate faces, padding included, have no stiffness.
-    stiff = jnp.where(flat, 0, jnp.clip(cotangent, *settings.stiffness_range) / 2)
-    return Surface(spec.faces, spec.mass, rest, stiff)
+    count = rounds if active_rounds is None else jnp.minimum(active_rounds, rounds)
+    return jax.lax.fori_loop(0, count, deform_both, start)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -190,6 +159,16 @@ def deform(
     settings: ArapSettings = ArapSettings(),
 ) -> Float[Array, "n 3"]:
     """Positions of vertices that are drawn to their targets, as rigid as possible.
+
+    A few steps down the energy of Sorkine and Alexa (SGP 2007), with a term that draws
+    to the targets t, over positions p and a rotation R_i of each vertex:
+
+        E(p, R) = 1/2 sum_i sum_j w_ij |p_i - p_j - R_i (q_i - q_j)|^2
+                  + sum_i a_i |p_i - t_i|^2 / reach^2,
+
+    j the neighbours of i, q the positions at rest, a the mass, w_ij half the sum of the
+    cotangents opposite to the edge, each clipped to `stiffness_range`. Each update
+    takes the best rotations for p, then solves for the best p for these.
 
     Args:
         surface: the shape at rest.
@@ -206,25 +185,24 @@ def deform(
     target, start = jnp.where(real, target, 0), jnp.where(real, start, 0)
     pull = jnp.where(real, mass[:, None] / settings.reach**2, 1)
 
-    def at_vertices(values):
-        return jnp.zeros((n, values.shape[2]), values.dtype).at[faces].add(values)
+    # Each edge, at the corner opposite to it, counts at both of its ends.
+    def at_both_ends(values):
+        both = next_corners(values, 1) + next_corners(values, 2)
+        return sum_at_vertices(both, faces, n)
 
-    def divergence(flux):
-        return at_vertices(_ahead(flux, 1) - _ahead(flux, 2))
-
-    diagonal = at_vertices(_ahead(stiff, 1) + _ahead(stiff, 2)) + pull
+    diagonal = at_both_ends(stiff) + pull
 
     def resist(x):
-        return divergence(stiff * _edges(x, faces)) + pull * x
+        return divergence(stiff * opposite_edges(x, faces), faces, n) + pull * x
 
     def update(x, _):
-        outer = rest[..., :, None] * (stiff * _edges(x, faces))[..., None, :]
-        outer = outer.reshape(len(faces), 3, 9)
-        covariance = at_vertices(_ahead(outer, 1) + _ahead(outer, 2))
+        force = stiff * opposite_edges(x, faces)
+        outer = rest[..., :, None] * force[..., None, :]
+        covariance = at_both_ends(outer.reshape(len(faces), 3, 9))
         rotation = rotations(covariance.reshape(n, 3, 3))[faces]
-        mean = (_ahead(rotation, 1) + _ahead(rotation, 2)) / 2
+        mean = (next_corners(rotation, 1) + next_corners(rotation, 2)) / 2
         rotated = jnp.sum(mean * rest[:, :, None], 3)
-        right = divergence(stiff * rotated) + pull * target
+        right = divergence(stiff * rotated, faces, n) + pull * target
         precondition = lambda residual: residual / diagonal
         options = {
             "tol": settings.tolerance,
@@ -277,13 +255,3 @@ def rotations(covariance: Float[Array, "n 3 3"]) -> Float[Array, "n 3 3"]:
 
 def _matrix(*rows):
     return jnp.stack([jnp.stack(row) for row in rows])
-
-
-def _edges(points, faces):
-    corners = points[faces]
-    return _ahead(corners, 2) - _ahead(corners, 1)
-
-
-def _ahead(corners, by: int):
-    """For each corner of a face, the value of the corner `by` places after it."""
-    return jnp.roll(corners, -by, 1)

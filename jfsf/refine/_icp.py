@@ -9,9 +9,10 @@ from functools import partial
 import jax
 from jaxtyping import Array, Float
 
-from jfsf.convert import Converter, maps_of, with_options
+from jfsf.convert import Converter, maps_of
+from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import Space, embeddings, functional_map, polar, truncate, uniform
-from jfsf.types import Spectrum, Tiles
+from jfsf.types import Spectrum
 
 
 @partial(jax.jit, static_argnames=("num_iters", "converter", "space"))
@@ -23,16 +24,19 @@ def icp(
     num_iters: int = 10,
     converter: Converter,
     space: Space = "adjoint",
-    tiles: tuple[Tiles, Tiles] | None = None,
+    search: NeighbourSearch | None = None,
 ) -> Float[Array, "k_x k_y"]:
     """Refine C_yx at its own size.
+
+    Algorithm 1 of Pai et al. (CVPR 2021), with C = U V^T, of the SVD of the functional
+    map (eq. 4), in place of that map in each round.
 
     Args:
         spec_x, spec_y: as many eigenpairs as C_yx has rows and columns, or more.
         C_yx: the start.
         converter: any `jfsf.convert.Converter`.
         space: which embeddings the converter compares; see `jfsf.spectral.embeddings`.
-        tiles: of X and of Y, handed to the converter if it declares them.
+        search: how neighbours are searched, handed to the converter.
 
     Returns:
         The last functional map, with orthonormal columns (rows if there are fewer).
@@ -45,11 +49,10 @@ def icp(
     k_x, k_y = C_yx.shape
     spec_x, spec_y = truncate(spec_x, k_x), truncate(spec_y, k_y)
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-    converter = with_options(converter, tiles=tiles)
 
     def step(C_yx, _):
         emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space=space)
-        maps = maps_of(converter(emb_x, emb_y, *marginals))
+        maps = maps_of(converter(emb_x, emb_y, *marginals, search))
         return polar(functional_map(maps.T_xy, spec_x, spec_y)), None
 
     return jax.lax.scan(step, C_yx, None, length=num_iters)[0]

@@ -17,6 +17,7 @@ import jax
 from jaxtyping import Array, Float
 
 from jfsf.convert import pull_back, sinkhorn
+from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import Space, coefficients, embeddings, polar, truncate, uniform
 from jfsf.types import Filtered, Spectrum
 
@@ -34,20 +35,25 @@ def soft_map(
     *,
     space: Space = "direct",
     converter: Callable[..., Filtered] = soft_sinkhorn,
+    search: NeighbourSearch | None = None,
 ) -> Filtered:
     """The plan between the embeddings that C_yx aligns, with uniform marginals.
+
+    Steps 1 and 2 of algorithm 2 of Pai et al. (CVPR 2021).
 
     Args:
         spec_x, spec_y: as many eigenpairs as C_yx has rows and columns, or more.
         C_yx: functions on Y pulled back to X.
         space: see `jfsf.spectral.embeddings`.
         converter: `jfsf.convert.sinkhorn` with any arguments, also with tol=.
+        search: how neighbours are searched, handed to the converter.
 
     Raises:
         ValueError: C_yx is larger than a basis.
     """
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space=space)
-    return converter(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
+    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
+    return converter(emb_x, emb_y, *marginals, search)
 
 
 @jax.jit
@@ -67,13 +73,15 @@ def soft_zoomout_step(
     k: int,
     space: Space = "direct",
     converter: Callable[..., Filtered] = soft_sinkhorn,
+    search: NeighbourSearch | None = None,
 ) -> Float[Array, "k k"]:
     """The functional map with k eigenfunctions of the soft map of C_yx.
 
     Arguments and errors as for `soft_map`; ValueError if there are fewer than k
     eigenpairs.
     """
-    found = soft_map(spec_x, spec_y, C_yx, space=space, converter=converter)
+    options = {"space": space, "converter": converter, "search": search}
+    found = soft_map(spec_x, spec_y, C_yx, **options)
     return soft_functional_map(found, truncate(spec_x, k), truncate(spec_y, k))
 
 
@@ -85,12 +93,14 @@ def soft_icp_step(
     *,
     space: Space = "adjoint",
     converter: Callable[..., Filtered] = soft_sinkhorn,
+    search: NeighbourSearch | None = None,
 ) -> Float[Array, "k_x k_y"]:
     """The functional map of the soft map of C_yx at its own size, made orthonormal.
 
     Arguments and errors as for `soft_map`.
     """
     k_x, k_y = C_yx.shape
-    found = soft_map(spec_x, spec_y, C_yx, space=space, converter=converter)
+    options = {"space": space, "converter": converter, "search": search}
+    found = soft_map(spec_x, spec_y, C_yx, **options)
     C_yx = soft_functional_map(found, truncate(spec_x, k_x), truncate(spec_y, k_y))
     return polar(C_yx)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import matmul
-from jfsf.convert import Converter, maps_of, with_options
-from jfsf.neighbours import NeighbourSettings
+from jfsf.convert import Converter, maps_of
+from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import (
     COLUMN_WEIGHT,
     PULLED_BACK,
@@ -27,7 +27,7 @@ from jfsf.spectral import (
     embeddings,
     uniform,
 )
-from jfsf.types import Spectrum, Tiles
+from jfsf.types import Spectrum
 
 # Steps that are worth a scan of their own: with fewer, the narrower products do not
 # make up for the time that another scan takes to compile.
@@ -68,7 +68,6 @@ class _Columns(NamedTuple):
         "weighted",
         "bidirectional",
         "settings",
-        "neighbour_settings",
     ),
 )
 def zoomout(
@@ -86,12 +85,12 @@ def zoomout(
     weighted: bool = False,
     bidirectional: bool = False,
     extra_weight: Float[Array, ""] | float = 1.0,
-    tiles: tuple[Tiles, Tiles] | None = None,
+    search: NeighbourSearch | None = None,
     settings: ZoomOutSettings = ZoomOutSettings(),
-    neighbour_settings: NeighbourSettings | None = None,
 ) -> Float[Array, "k k"]:
     """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
 
+    Algorithm 1 of Pai et al. (CVPR 2021), in a basis that grows from round to round.
     Each step converts the map at one k and reads the functional map at the next, which
     makes len(ks) - 1 conversions. Convert the result once more for the final map. For
     speed, refine spectra restricted to samples (`jfsf.spectral.restrict`) and make the
@@ -116,11 +115,10 @@ def zoomout(
             T_yx.
         extra_weight: factor of all appended columns; with 0 they do not count. Traced,
             so candidates may differ in it under one vmap.
-        tiles: of X and of Y (`jfsf.neighbours.spectral_tiles`), handed to the converter
-            if it declares them: every round then searches among candidates, at a cost
-            that grows like n.
+        search: how neighbours are searched, handed to the converter. With tiles, every
+            round searches among candidates, at a cost that grows like n; later rounds
+            correct what it misses, so `min_recall` may be 0.
         settings: how columns are weighted.
-        neighbour_settings: handed to the converter if it declares them.
 
     Returns:
         C_yx at ks[-1].
@@ -148,9 +146,6 @@ def zoomout(
         extra_weight,
     )
     C_yx = C_yx[: ks[0], : ks[0]].astype(spec_x.evecs.dtype)
-    converter = with_options(
-        converter, tiles=tiles, neighbour_settings=neighbour_settings
-    )
     T_xy = jnp.full(len(spec_x.mass), -1, jnp.int32)  # no map yet
     inverse_x = _inverse_factor(spec_x, ks[-1])
     inverse_y = _inverse_factor(spec_y, ks[-1]) if bidirectional else None
@@ -164,6 +159,7 @@ def zoomout(
             (inverse_x, inverse_y),
             width,
             converter=converter,
+            search=search,
             space=space,
             weighted=weighted,
             settings=settings,
@@ -198,6 +194,7 @@ def _step(
     width: int,
     *,
     converter: Converter,
+    search: NeighbourSearch | None,
     space: Space,
     weighted: bool,
     settings: ZoomOutSettings,
@@ -235,7 +232,7 @@ def _step(
             known = 1 / jnp.sqrt(differ + settings.slack)
             weight *= jnp.where(T_xy[0] < 0, 1, known)
         emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
-        maps = maps_of(converter(emb_x, emb_y, uniform_x, uniform_y))
+        maps = maps_of(converter(emb_x, emb_y, uniform_x, uniform_y, search))
         keep = column < ks[1]
         there = _least_squares(inverse_x, matmul(back_x, evecs_y[maps.T_xy]), keep)
         if inverse_y is not None:
