@@ -1,21 +1,34 @@
 """Parts of shapes: the laws of `match(..., partial=True)`, and its stages."""
 
+from dataclasses import fields, replace
+from pathlib import Path
+
 import numpy as np
+import potpourri3d as pp3d
 import pytest
 
 import jfsf
 from jfsf import testing
-from jfsf.evaluate import pair_distances
+from jfsf.geometry import GeodesicSolver, geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
 from jfsf.matching import _match
 from jfsf.mesh import MeshError, boundary_edges, surface_area, vertex_areas
-from jfsf.parts import cut, likely_part, longest_loop
+from jfsf.parts import (
+    EvidenceWeights,
+    PartSettings,
+    cut,
+    likely_part,
+    longest_loop,
+    match_parts,
+)
+from jfsf.parts import _match as parts_match
 from jfsf.parts._ball_descriptors import ball_descriptors
 from jfsf.parts._beam import assign
 from jfsf.parts._evidence import curvatures
 from jfsf.parts._region import bend_onto, covered_by, nearest, target
 from jfsf.parts._shape import part_samples
+from jfsf.refine import ArapSettings
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.
@@ -143,9 +156,7 @@ def test_samples_of_a_part_see_what_they_see_in_the_whole():
     inner = part.to_boundary[part.at] > 0.35
     seen = ball_descriptors(part, np.flatnonzero(inner))
     at = PART.index[part.at[inner]]
-    same = part_samples(WHOLE, 60)._replace(
-        at=at, distance=jfsf.evaluate.geodesics(WHOLE, at)
-    )
+    same = part_samples(WHOLE, 60)._replace(at=at, distance=geodesics(WHOLE, at))
     # Heat geodesics near a cut differ a little.
     away = np.abs(seen - ball_descriptors(same, np.arange(len(at))))
     assert away.mean() < 0.02
@@ -171,7 +182,7 @@ def test_the_beam_finds_the_scale():
     small = Mesh(PART.mesh.vertices / unit / 1.25, PART.mesh.faces)
     x = part_samples(small, 60)
     y = part_samples(Mesh(WHOLE.vertices / unit, WHOLE.faces), 150)
-    best = assign(x, y, anchors=10, width=400)
+    best = assign(x, y, settings=PartSettings(anchors=10, beam=400))
     assert abs(np.log(best.scale[0] / 1.25)) < 0.11
     assert (np.diff(best.cost) >= 0).all()
 
@@ -190,7 +201,120 @@ def test_a_part_in_place_covers_its_region():
     assert overlap(matched, wanted) > 0.97
 
 
+def test_bends_share_one_solver(monkeypatch):
+    made, build = [], pp3d.MeshHeatMethodDistanceSolver
+
+    def counted(vertices, faces):
+        made.append(len(vertices))
+        return build(vertices, faces)
+
+    monkeypatch.setattr(pp3d, "MeshHeatMethodDistanceSolver", counted)
+    sides = parts_match._sides(PART.mesh, WHOLE, 1, settings=PartSettings())
+    both = [len(PART.mesh.vertices), len(WHOLE.vertices)]
+    assert made == both
+    first = parts_match._bent(sides, PART.index, 1.0, rounds=1)
+    again = parts_match._bent(sides, PART.index, 1.0, rounds=1)
+    assert made == both and first.score == again.score
+    fresh = sides._replace(y=sides.y._replace(solver=GeodesicSolver(sides.y.mesh)))
+    assert parts_match._bent(fresh, PART.index, 1.0, rounds=1).score == first.score
+    assert made == [*both, both[1]]
+
+
 def test_curvature_has_no_unit():
     there = curvatures(WHOLE, 1.0)
     small = Mesh(WHOLE.vertices / 2, WHOLE.faces)
     np.testing.assert_allclose(curvatures(small, 2.0), there, atol=1e-9)
+
+
+# Quick: neither the region nor the maps need be right.
+QUICK = PartSettings(
+    anchors=6,
+    beam=60,
+    samples_of_part=40,
+    samples_of_whole=80,
+    first_bend_rounds=1,
+    bend_rounds=1,
+    refinements=1,
+)
+
+
+@pytest.fixture(scope="module")
+def matched_with(found):
+    """Maps of the part and the whole with some settings; regions are not refined."""
+
+    def refine(part_x, part_y, T_xy):
+        T_yx = np.zeros(len(part_y.vertices), np.int32)
+        return found._replace(T_xy=T_xy, T_yx=T_yx)
+
+    def matched(settings, meshes=(turned(PART.mesh), WHOLE)):
+        return match_parts(*meshes, refine, settings=settings)
+
+    return matched
+
+
+def same_maps(parts, others) -> bool:
+    pairs = zip(parts[:4], others[:4], strict=True)
+    return all(np.array_equal(a, b) for a, b in pairs) and parts.scale == others.scale
+
+
+def test_equal_settings_find_equal_regions(matched_with):
+    first, second = matched_with(QUICK), matched_with(replace(QUICK))
+    assert same_maps(first, second)
+    other = matched_with(QUICK, (WHOLE, turned(PART.mesh)))
+    swapped = (other.T_yx, other.T_xy, other.matched_y, other.matched_x)
+    assert all(np.array_equal(a, b) for a, b in zip(first[:4], swapped, strict=True))
+    assert other.scale == 1 / first.scale
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"samples_of_whole": 60},
+        {"scales": (1.2,)},
+        {"bend": ArapSettings(reach=0.3)},
+    ],
+)
+def test_settings_change_what_is_found(changed, matched_with):
+    first, other = matched_with(QUICK), matched_with(replace(QUICK, **changed))
+    assert not same_maps(first, other)
+
+
+def test_weights_change_the_choice(matched_with):
+    alone = EvidenceWeights(0, 0, 0, 0, 1)  # the covered share counts, and no fit
+    both = [matched_with(s) for s in (QUICK, replace(QUICK, weights=alone))]
+    first, other = (float(parts.certificate.gap) for parts in both)
+    assert first != other
+
+
+def test_a_region_of_too_few_vertices_is_an_error(matched_with):
+    with pytest.raises(ValueError, match="no region of 10000 vertices"):
+        matched_with(replace(QUICK, min_vertices=10_000))
+
+
+def test_every_number_is_read():
+    room = Path(parts_match.__file__).parent
+    text = "".join(
+        path.read_text() for path in room.glob("_*.py") if path.stem != "_settings"
+    )
+    for f in fields(PartSettings):
+        assert f"settings.{f.name}" in text, f.name
+
+
+@pytest.mark.parametrize(
+    "wrong, message",
+    [
+        ({"partners": 0}, "partners is 0; give 1 or more"),
+        ({"rival_margin": 0.0}, "rival_margin is 0.0; give more than 0"),
+        ({"scales": ()}, r"scales is \(\); give one or more above 0"),
+        ({"ball_radii": (0.2, 0.1)}, r"ball_radii is \(0.2, 0.1\); let them increase"),
+        ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
+        ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
+        ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
+        ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
+        ({"scale_correction": (1.1, 1.2)}, r"scale_correction is \(1.1, 1.2\)"),
+        ({"bent_twice": -1}, "bent_twice is -1; give 0 or more"),
+    ],
+)
+def test_numbers_that_cannot_work_are_errors(wrong, message):
+    with pytest.raises(ValueError, match="PartSettings: " + message):
+        PartSettings(**wrong)

@@ -2,6 +2,7 @@
 
 Read in this order:
 
+- `_settings`: the tuned numbers
 - `_shape`: what survives a cut, read at samples
 - `_hint`: whether a pair looks partial
 - `_ball_descriptors`: what a point sees within some distances
@@ -14,8 +15,11 @@ Read in this order:
 from jfsf.parts._hint import likely_part, longest_loop
 from jfsf.parts._match import Parts, match_parts
 from jfsf.parts._region import cut
+from jfsf.parts._settings import EvidenceWeights, PartSettings
 
 __all__ = [
+    "EvidenceWeights",
+    "PartSettings",
     "Parts",
     "cut",
     "likely_part",

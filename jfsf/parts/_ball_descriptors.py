@@ -2,38 +2,45 @@
 
 import numpy as np
 
+from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples
 
-# In the common unit, in which the larger shape has area 1.
-RADII = (0.05, 0.08, 0.12, 0.17, 0.23, 0.3)
 # Columns of a radius.
 COLUMNS = 5
 
 
-def ball_descriptors(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
+def ball_descriptors(
+    samples: PartSamples,
+    which,
+    scale: float = 1.0,
+    *,
+    settings: PartSettings = PartSettings(),
+) -> np.ndarray:
     """Area, curvature and extent of the geodesic balls around samples.
 
     Args:
         samples: the shape.
         which: (a,) samples.
         scale: factor that brings the shape to the size of the other.
+        settings: radii and border of the balls.
 
     Returns:
         (a, radii, columns); nan where the ball meets the boundary.
     """
     points, mass = samples.mesh.vertices * scale, samples.mass * scale**2
-    out = np.full((len(which), len(RADII), COLUMNS), np.nan)
+    radii, steepness = settings.ball_radii, settings.ball_steepness
+    out = np.full((len(which), len(radii), COLUMNS), np.nan)
     distance = samples.distance[which] * scale
     free = samples.to_boundary[samples.at[which]] * scale
     for row, (i, far) in enumerate(zip(which, distance, strict=True)):
-        near = np.flatnonzero(far < RADII[-1] * 1.2)
+        near = np.flatnonzero(far < radii[-1] * settings.ball_reach)
         centre = samples.at[i]
         apart = points[near] - points[centre]
-        for col, radius in enumerate(RADII):
+        for col, radius in enumerate(radii):
             if free[row] < radius:
                 continue
             # A soft border: few vertices lie in a small ball.
-            weight = mass[near] / (1 + np.exp(12 * (far[near] / radius - 1)))
+            weight = mass[near] / (1 + np.exp(steepness * (far[near] / radius - 1)))
             total = weight.sum()
             middle = weight @ apart / total
             spread = (apart - middle).T @ ((apart - middle) * weight[:, None]) / total
@@ -43,8 +50,13 @@ def ball_descriptors(samples: PartSamples, which, scale: float = 1.0) -> np.ndar
     return out
 
 
-def unlikeness(balls_x: np.ndarray, balls_y: np.ndarray) -> np.ndarray:
-    """(a, b) mean difference of what two points see, in standard deviations; below 1.
+def unlikeness(
+    balls_x: np.ndarray,
+    balls_y: np.ndarray,
+    *,
+    settings: PartSettings = PartSettings(),
+) -> np.ndarray:
+    """(a, b) mean difference of what two points see, in `ball_difference_unit`.
 
     Where nothing can be compared it is the mean of all that can.
     """
@@ -52,8 +64,12 @@ def unlikeness(balls_x: np.ndarray, balls_y: np.ndarray) -> np.ndarray:
     width = np.nanstd(flat, axis=0) + 1e-6
     apart = np.abs(balls_x[:, None] - balls_y[None]) / width
     known = ~np.isnan(apart)
-    total = np.where(known, np.minimum(apart, 3), 0).sum((2, 3))
+    total = np.where(known, np.minimum(apart, settings.max_ball_difference), 0).sum(
+        (2, 3)
+    )
     count = known.sum((2, 3))
     mean = total / np.maximum(count, 1)
-    usual = mean[count > 0].mean() if (count > 0).any() else 0.5
-    return np.where(count > 0, mean, usual) / 1.5
+    usual = (
+        mean[count > 0].mean() if (count > 0).any() else settings.unread_ball_difference
+    )
+    return np.where(count > 0, mean, usual) / settings.ball_difference_unit

@@ -10,26 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.parts._ball_descriptors import ball_descriptors, unlikeness
-from jfsf.parts._shape import PartSamples
-
-# Factors of X's lengths that are tried.
-SCALES = tuple(float(s) for s in np.exp(np.linspace(-0.45, 0.45, 10)))
-# Distances may differ by this length and this share before they count half.
-SLACK, SHARE = 0.03, 0.12
-# Factor of that where the path in X runs along a cut: in the whole it may be shorter.
-SHORTER = 0.4
-# Of the directions, and of the balls, beside the distances.
-TURN_WEIGHT, BALL_WEIGHT = 1.0, 1.2
-# Cost of a scale e times as large or small, per sample.
-SCALE_WEIGHT = 0.15
-# Partners of the next sample that an assignment is followed with.
-CHILDREN = 6
-# So many samples of Y are cells. Assignments whose first samples go to the same cells
-# are a group, and no group has more than a share of all: else one would crowd out the
-# others before it is known to be wrong.
-CELLS, GROUPED, GROUPS = 24, 3, 12
-# A sample without a partner costs as much, beside a closed shape and an open one.
-ALONE, ALONE_OPEN = 1.1, 0.75
+from jfsf.parts._settings import PartSettings
+from jfsf.parts._shape import PartSamples, along_cut
 
 
 class Assigned(NamedTuple):
@@ -51,32 +33,25 @@ def assign(
     x: PartSamples,
     y: PartSamples,
     *,
-    anchors: int = 16,
-    width: int = 1500,
-    scales: tuple[float, ...] = SCALES,
     orientation: int = 1,
-    keep: int = 8,
-    apart: float = 0.15,
+    settings: PartSettings = PartSettings(),
 ) -> Assigned:
     """The best assignments that differ.
 
     Args:
         x, y: the part and the whole, or two that overlap.
-        anchors: samples of X to assign.
-        width: assignments that are followed.
-        scales: factors of X's lengths to try.
         orientation: 1 keeps left and right, -1 swaps them, 0 either.
-        keep: assignments to return.
-        apart: mean distance of partners in which two of these differ.
+        settings: how many are followed, and what counts in them.
     """
-    which = anchors_of(x, anchors)
+    which = anchors_of(x, settings)
     signs = (1, -1) if orientation == 0 else (orientation,)
-    pair = _Pair(x, y, which)
-    scale: np.ndarray = np.array(scales, float)
+    pair = _Pair(x, y, which, settings)
+    scale: np.ndarray = np.array(settings.scales, float)
     unlike = np.stack([pair.unlike(s) for s in scale])  # (scales, a, s_y)
     num = len(y.at)
     # A state: partners, the number of its scale, its sign, its cost.
-    first = BALL_WEIGHT * unlike[:, 0] + SCALE_WEIGHT * np.abs(np.log(scale))[:, None]
+    ball_weight, scale_weight = settings.ball_weight, settings.scale_weight
+    first = ball_weight * unlike[:, 0] + scale_weight * np.abs(np.log(scale))[:, None]
     partner: np.ndarray = np.tile(np.arange(num), len(scale))[:, None]
     of_scale: np.ndarray = np.repeat(np.arange(len(scale)), num)
     cost: np.ndarray = first.ravel()
@@ -85,40 +60,50 @@ def assign(
         np.concatenate([v] * len(signs)) for v in (partner, of_scale, cost)
     )
     # Near partners of the first samples make one group; the last cell is no partner.
-    cell = np.append(np.argmin(pair.between_y[: min(CELLS, num)], 0), -1)
-    lonely = ALONE if np.isinf(y.to_boundary).all() else ALONE_OPEN
+    cell = np.append(np.argmin(pair.between_y[: settings.cells], 0), -1)
+    closed = np.isinf(y.to_boundary).all()
+    lonely = settings.unassigned_cost if closed else settings.unassigned_cost_open
+    partners, beam = settings.partners, settings.beam
     for m in range(1, len(which)):
-        new = cost[:, None] + BALL_WEIGHT * unlike[of_scale, m]
-        new += SCALE_WEIGHT * np.abs(np.log(scale))[of_scale, None]
+        new = cost[:, None] + ball_weight * unlike[of_scale, m]
+        new += scale_weight * np.abs(np.log(scale))[of_scale, None]
         new += pair.cost(m, partner, scale[of_scale], sign)
         alone = cost + lonely
         new = np.concatenate([new, alone[:, None]], 1)
-        if CHILDREN < num:
-            worse = np.argpartition(new, CHILDREN, axis=1)[:, CHILDREN:]
+        if partners < num:
+            worse = np.argpartition(new, partners, axis=1)[:, partners:]
             np.put_along_axis(new, worse, np.inf, 1)
-        best = np.argsort(new.ravel())[: 8 * width]
+        best = np.argsort(new.ravel())[: settings.beam_candidates * beam]
         best = best[np.isfinite(new.ravel()[best])]
         row, column = np.divmod(best, num + 1)
         added = np.where(column == num, -1, column)
-        group = cell[np.concatenate([partner[row], added[:, None]], 1)[:, :GROUPED]]
-        kept = _first_of_groups(group, width // GROUPS)[:width]
+        both = np.concatenate([partner[row], added[:, None]], 1)
+        group = cell[both[:, : settings.grouped_anchors]]
+        kept = _first_of_groups(group, beam // settings.min_groups)[:beam]
         best, row, column, added = best[kept], row[kept], column[kept], added[kept]
         partner = np.concatenate([partner[row], added[:, None]], 1)
         of_scale, sign, cost = of_scale[row], sign[row], new.ravel()[best]
     order = np.argsort(cost)
-    chosen = _different(partner[order], pair.between_y, keep, apart)
+    chosen = _different(
+        partner[order],
+        pair.between_y,
+        settings.assignments,
+        settings.min_partner_distance,
+    )
     at = order[chosen]
     return Assigned(partner[at], which, scale[of_scale[at]], cost[at] / len(which))
 
 
-def anchors_of(x: PartSamples, num: int) -> np.ndarray:
+def anchors_of(x: PartSamples, settings: PartSettings) -> np.ndarray:
     """Samples far apart, those away from the boundary rather than those on it."""
     between = x.between
-    inner = np.clip(x.to_boundary[x.at] / 0.15, 0, 1) * 0.7 + 0.3
+    worth = settings.boundary_worth
+    inner = np.clip(x.to_boundary[x.at] / settings.boundary_margin, 0, 1)
+    inner = inner * (1 - worth) + worth
     mean = x.distance @ x.mass / x.mass.sum()
     chosen = [int(np.argmax(mean * inner))]
     far = between[chosen[0]].copy()
-    for _ in range(min(num, len(x.at)) - 1):
+    for _ in range(min(settings.anchors, len(x.at)) - 1):
         new = int(np.argmax(far * inner))
         chosen.append(new)
         far = np.minimum(far, between[new])
@@ -128,38 +113,41 @@ def anchors_of(x: PartSamples, num: int) -> np.ndarray:
 class _Pair:
     """Costs of two samples and their partners."""
 
-    def __init__(self, x: PartSamples, y: PartSamples, which):
-        self.x, self.y, self.which = x, y, which
+    def __init__(self, x: PartSamples, y: PartSamples, which, settings: PartSettings):
+        self.x, self.y, self.which, self.settings = x, y, which, settings
         self.between_x = x.between[np.ix_(which, which)]
         self.between_y = y.between
         around = x.around[np.ix_(which, which)]
-        # Shortest paths along the cut: in the whole they may be shorter.
-        self.touches = around < 1.02 * self.between_x + 0.01
+        self.touches = along_cut(around, self.between_x, settings)
         self.turn_x = x.direction[np.ix_(which, which)]
         self.turn_y = y.direction
-        self.balls_y = ball_descriptors(y, np.arange(len(y.at)))
+        self.balls_y = ball_descriptors(y, np.arange(len(y.at)), settings=settings)
 
     def unlike(self, scale) -> np.ndarray:
-        return unlikeness(ball_descriptors(self.x, self.which, scale), self.balls_y)
+        settings = self.settings
+        balls_x = ball_descriptors(self.x, self.which, scale, settings=settings)
+        return unlikeness(balls_x, self.balls_y, settings=settings)
 
     def cost(self, m, partner, scale, sign):
         """(states, s_y) mean cost of sample m with each partner, to those before it."""
         total = np.zeros((len(partner), len(self.y.at)), np.float32)
         count = np.zeros(len(partner), np.float32)
-        before = None
+        before, settings = None, self.settings
+        slack, share = settings.distance_slack, settings.distance_share
         for j in range(m):
             b = partner[:, j]
             there = b >= 0
             far_x = (scale * self.between_x[m, j])[:, None]
             far_y = self.between_y[b]
-            off = (far_x - far_y) / (SLACK + SHARE * far_x)
+            off = (far_x - far_y) / (slack + share * far_x)
             if self.touches[m, j]:
-                off = np.where(off > 0, off * SHORTER, off)
+                off = np.where(off > 0, off * settings.shorter_weight, off)
             part = off**2 / (1 + off**2) * 2
             if before is not None:
                 i = before
                 both = (partner[:, i] >= 0)[:, None]
-                part = part + TURN_WEIGHT * both * self.turned(m, i, j, partner, sign)
+                turned = both * self.turned(m, i, j, partner, sign)
+                part = part + settings.direction_weight * turned
             total += np.where(there[:, None], part, 0)
             count += there
             before = j
@@ -169,17 +157,17 @@ class _Pair:
         """How differently m sees i and j, and j sees i and m, as their partners do."""
         a, b = partner[:, i], partner[:, j]
         at_x, at_y = self.turn_x, self.turn_y
-        found = 0
+        turned = 0
         if not (self.touches[m, i] or self.touches[m, j]):
             seen = np.conj(at_x[m, i]) * at_x[m, j]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
-            found = np.abs((np.conj(at_y[:, a]) * at_y[:, b]).T - seen) ** 2 / 2
+            turned = np.abs((np.conj(at_y[:, a]) * at_y[:, b]).T - seen) ** 2 / 2
         if not (self.touches[j, i] or self.touches[j, m]):
             seen = np.conj(at_x[j, i]) * at_x[j, m]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
             there = np.conj(at_y[b, a])[:, None] * at_y[b]
-            found = found + np.abs(there - seen) ** 2 / 2
-        return found / 2
+            turned = turned + np.abs(there - seen) ** 2 / 2
+        return turned / 2
 
 
 def _first_of_groups(group: np.ndarray, most: int) -> np.ndarray:

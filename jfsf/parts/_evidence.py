@@ -6,16 +6,12 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from jfsf.evaluate import geodesics
 from jfsf.mesh import vertex_normals
-from jfsf.parts._shape import PartSamples
+from jfsf.parts._region import Bent
+from jfsf.parts._settings import PartSettings
+from jfsf.parts._shape import PartSamples, along_cut
 from jfsf.spectral import operators
 from jfsf.types import Mesh
-
-# Lengths, in the common unit, over which curvature is read.
-LENGTHS = (0.015, 0.03, 0.06)
-# Samples between which distances are compared.
-DISTANCE_SAMPLES = 30
 
 
 class Evidence(NamedTuple):
@@ -38,57 +34,58 @@ def evidence(
     y: PartSamples,
     curved_x: np.ndarray,
     curved_y: np.ndarray,
-    moved: np.ndarray,
-    T_xy: np.ndarray,
-    matched: np.ndarray,
+    bent: Bent,
     scale: float,
-    sign: int = 1,
+    *,
+    settings: PartSettings = PartSettings(),
 ) -> tuple[Evidence, float]:
     """Evidence for a map, and the factor by which its distances would change the scale.
 
     Args:
         x, y: both shapes in the common unit.
         curved_x, curved_y: `curvatures` of both.
-        moved: vertices of X, bent onto Y.
-        T_xy: the vertex of Y below each.
-        matched: vertices of X that count.
+        bent: X bent onto Y. Its vertices that Y covers count.
         scale: factor of X's lengths.
-        sign: -1 for a map that mirrors.
+        settings: what is read, and the bounds of it.
     """
+    moved, T_xy, matched = bent
     mass = x.mass * matched
     mass = mass / max(mass.sum(), 1e-12)
     total = weights = 0.0
-    for i, length in enumerate(LENGTHS):
-        weight = mass * (x.to_boundary * scale > 2 * length)
+    for i, length in enumerate(settings.curvature_lengths):
+        weight = mass * (x.to_boundary * scale > settings.boundary_lengths * length)
         spread = np.sqrt(y.mass @ curved_y[i] ** 2 / y.mass.sum())
         away = np.abs(curved_x[i] - curved_y[i][T_xy]) / spread
-        total += weight @ np.minimum(away, 3)
+        total += weight @ np.minimum(away, settings.max_curvature_difference)
         weights += weight.sum()
-    curvature = total / weights if weights > 0 else 1.0
+    curvature = total / weights if weights > 0 else settings.unread_curvature
     apart = np.abs(np.sum((moved - y.mesh.vertices[T_xy]) * y.normal[T_xy], 1))
-    distance, ratio = _distances(x, y, T_xy, matched, scale)
-    stretch = _stretch(x.mesh, moved, matched, scale)
+    distance, ratio = _distances(x, y, T_xy, matched, scale, settings)
+    stretch = _stretch(x.mesh, moved, matched, scale, settings)
     return Evidence(stretch, float(curvature), distance, float(mass @ apart)), ratio
 
 
-def curvatures(mesh: Mesh, scale: float = 1.0) -> np.ndarray:
+def curvatures(
+    mesh: Mesh, scale: float = 1.0, *, settings: PartSettings = PartSettings()
+) -> np.ndarray:
     """(lengths, n) signed motion of a vertex as its surroundings are smoothed.
 
     Args:
         mesh: wound outward.
         scale: factor that brings it to the common unit.
+        settings: the lengths over which it is smoothed.
     """
     stiff, mass = operators(mesh)
     normal = vertex_normals(*mesh)
     out = []
-    for length in (wide / scale for wide in LENGTHS):
+    for length in (wide / scale for wide in settings.curvature_lengths):
         solve = splu((sp.diags(mass) + length**2 * stiff).tocsc()).solve
         smooth = solve(mass[:, None] * mesh.vertices)
         out.append(np.sum((smooth - mesh.vertices) * normal, 1) / length)
     return np.stack(out)
 
 
-def _stretch(mesh: Mesh, moved, matched, scale) -> float:
+def _stretch(mesh: Mesh, moved, matched, scale, settings: PartSettings) -> float:
     def frame(points):
         a, b, c = (points[mesh.faces[:, i]] for i in range(3))
         u, v = b - a, c - a
@@ -110,21 +107,26 @@ def _stretch(mesh: Mesh, moved, matched, scale) -> float:
     big = np.sqrt(np.maximum(half / 2 + root, 1e-6))
     small = np.maximum(det / big, 1e-3)
     size = np.sqrt(np.log(big) ** 2 + np.log(small) ** 2)
-    return float(area @ np.minimum(size, 2) / max(area.sum(), 1e-12))
+    size = np.minimum(size, settings.max_stretch)
+    return float(area @ size / max(area.sum(), 1e-12))
 
 
-def _distances(x: PartSamples, y: PartSamples, T_xy, matched, scale):
-    at = x.at[:DISTANCE_SAMPLES]
+def _distances(
+    x: PartSamples, y: PartSamples, T_xy, matched, scale, settings: PartSettings
+):
+    at = x.at[: settings.distance_samples]
     num = len(at)
     there = matched[at]
-    far_y = geodesics(y.mesh, T_xy[at])[:, T_xy[at]]
+    far_y = y.solver.rows(T_xy[at])[:, T_xy[at]]
     far_y = (far_y + far_y.T) / 2
     far_x = x.between[:num, :num] * scale
     around = x.around[:num, :num] * scale
-    free = (around > 1.02 * far_x + 0.01) & (far_x > 0.1)
+    free = ~along_cut(around, far_x, settings) & (far_x > settings.min_distance)
     free &= there[:, None] & there[None] & (far_y > 0)
     if not free.any():
-        return 0.1, 1.0
+        return settings.unread_distance, 1.0
     ratio = far_y[free] / far_x[free]
     middle = float(np.median(ratio))
-    return float(np.mean(np.minimum(np.abs(np.log(ratio + 0.05)), 1))), middle
+    away = np.abs(np.log(ratio + settings.distance_ratio_offset))
+    away = np.minimum(away, settings.max_distance_difference)
+    return float(np.mean(away)), middle

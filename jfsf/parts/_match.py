@@ -8,6 +8,8 @@ whole shapes. So the work is to find that region.
 2. Bend X onto Y by each (`_region`), and rank them by evidence (`_evidence`).
 3. Cut both shapes to the region, refine the map between the cuts, bend again: twice for
    the best, once for its rivals.
+
+`PartSettings` holds the numbers of all of it.
 """
 
 from collections.abc import Callable
@@ -18,7 +20,7 @@ from scipy.spatial import KDTree
 
 from jfsf.mesh import boundary_edges, orient, surface_area
 from jfsf.parts._beam import assign
-from jfsf.parts._evidence import Evidence, curvatures, evidence
+from jfsf.parts._evidence import curvatures, evidence
 from jfsf.parts._region import (
     Bent,
     Target,
@@ -28,25 +30,9 @@ from jfsf.parts._region import (
     dense_map,
     target,
 )
+from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, part_samples
 from jfsf.types import Certificate, Mesh
-
-# Samples of the part, and of the other shape, in which partners are looked for.
-SAMPLES_X, SAMPLES_Y = 80, 300
-# Assignments that are bent again, and those of them that are refined.
-BENT_TWICE, REFINED = 3, 3
-# A rival this much worse is not refined.
-HOPELESS = 0.8
-# Steps of the logarithm of a scale in which curvature is read anew.
-SCALE_STEP = 0.05
-# Rounds of refinement for the best.
-ROUNDS = 2
-# A region with fewer vertices cannot be matched, see `jfsf.Settings.min_vertices`.
-LEAST_REGION = 160
-# Weights of the logarithms of the evidence.
-WEIGHTS = Evidence(1.0, 1.5, 1.0, 0.5)
-# The rival's score over that of the best at which the best is even with chance.
-UNSURE = 0.05
 
 # (part of X, part of Y, T_xy) -> a match of these.
 Refine = Callable[[Mesh, Mesh, np.ndarray], Any]
@@ -81,6 +67,7 @@ class _Sides(NamedTuple):
     curved_x: dict[int, np.ndarray]
     curved_y: np.ndarray
     sign: int
+    settings: PartSettings
 
 
 class _State(NamedTuple):
@@ -94,15 +81,23 @@ class _State(NamedTuple):
     T_yx: Any = None
 
 
-def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Parts:
+def match_parts(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    refine: Refine,
+    sign: int = 1,
+    *,
+    settings: PartSettings = PartSettings(),
+) -> Parts:
     """Find the region that two shapes share, and the maps.
 
     Args:
         mesh_x, mesh_y: one connected piece each, with faces, in one unit: bodies may
-            differ in size by a factor of 1.57 either way.
+            differ in size by a factor of 1.57 either way, see `PartSettings.scales`.
         refine: makes a match of two meshes from a map between their vertices.
         sign: 1 for a map that keeps left and right, -1 for its mirror image, 0 for the
             better one.
+        settings: the numbers of the search.
 
     Raises:
         ValueError: no region of enough vertices was found.
@@ -110,29 +105,29 @@ def match_parts(mesh_x: Mesh, mesh_y: Mesh, refine: Refine, sign: int = 1) -> Pa
     # An open shape is bent onto a closed one, and of two open ones the smaller, so a
     # swap changes nothing.
     if _openness(mesh_x) < _openness(mesh_y):
-        return _swapped(match_parts(mesh_y, mesh_x, refine, sign))
+        return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
     states = []
     for way in (1, -1) if sign == 0 else (sign,):
-        sides = _sides(mesh_x, mesh_y, way)
+        sides = _sides(mesh_x, mesh_y, way, settings=settings)
         states += [(state, sides) for state in _candidates(sides)]
     states.sort(key=lambda pair: pair[0].score)
     best = states[0][0].score
     refined = []
-    for state, sides in states[:REFINED]:
-        if state.score < best + HOPELESS:
-            found = _refined(state, sides, refine)
-            refined += [] if found is None else [(found, sides)]
+    for state, sides in states[: settings.refined]:
+        if state.score < best + settings.max_score_difference:
+            better = _refined(state, sides, refine)
+            refined += [] if better is None else [(better, sides)]
     if not refined:
         raise ValueError(
-            "match: partial=True found no region of "
-            f"{LEAST_REGION} vertices that both shapes share; finer meshes, or one "
-            "unit for both, may help"
+            f"match: partial=True found no region of {settings.min_vertices} vertices "
+            "that both shapes share; finer meshes, or one unit for both, may help"
         )
     refined.sort(key=lambda pair: pair[0].score)
     state, sides = refined[0]
-    others = [s.score for s, _ in refined[1:]] + [s.score for s, _ in states[REFINED:]]
+    rivals = refined[1:] + states[settings.refined :]
+    others = [rival.score for rival, _ in rivals]
     margin = min(others, default=np.inf) - state.score
-    for _ in range(ROUNDS - 1):
+    for _ in range(settings.refinements - 1):
         state = _refined(state, sides, refine) or state
     return _result(state, sides, margin)
 
@@ -141,8 +136,8 @@ def _openness(mesh: Mesh) -> tuple[float, float]:
     return len(boundary_edges(mesh.faces)) > 0, -surface_area(mesh)
 
 
-def _swapped(found: Parts) -> Parts:
-    certificate = found.certificate
+def _swapped(parts: Parts) -> Parts:
+    certificate = parts.certificate
     other = {"x": "y", "y": "x", "xy": "yx", "yx": "xy"}
     both = {
         f"{name}_{end}": getattr(certificate, f"{name}_{other[end]}")
@@ -150,62 +145,64 @@ def _swapped(found: Parts) -> Parts:
         for end in ends
     }
     return Parts(
-        found.T_yx,
-        found.T_xy,
-        found.matched_y,
-        found.matched_x,
+        parts.T_yx,
+        parts.T_xy,
+        parts.matched_y,
+        parts.matched_x,
         certificate._replace(**both),
-        1 / found.scale,
+        1 / parts.scale,
     )
 
 
-def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int) -> _Sides:
+def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int, *, settings: PartSettings) -> _Sides:
     unit = np.sqrt(surface_area(mesh_y))
 
     def scaled(mesh):
         wound = orient(mesh)
         return Mesh(np.asarray(wound.vertices, float) / unit, np.asarray(wound.faces))
 
-    x, y = (
-        part_samples(scaled(mesh_x), SAMPLES_X),
-        part_samples(scaled(mesh_y), SAMPLES_Y),
-    )
-    return _Sides(x, y, target(y.mesh), {}, curvatures(y.mesh), sign)
+    x = part_samples(scaled(mesh_x), settings.samples_of_part, settings=settings)
+    y = part_samples(scaled(mesh_y), settings.samples_of_whole, settings=settings)
+    onto, curved_y = target(y.mesh, settings), curvatures(y.mesh, settings=settings)
+    return _Sides(x, y, onto, {}, curved_y, sign, settings)
 
 
 def _curved_x(sides: _Sides, scale: float) -> np.ndarray:
-    step = round(float(np.log(scale)) / SCALE_STEP)
+    settings = sides.settings
+    step = round(float(np.log(scale)) / settings.curvature_scale_step)
     if step not in sides.curved_x:
-        sides.curved_x[step] = curvatures(
-            sides.x.mesh, float(np.exp(step * SCALE_STEP))
-        )
+        near = float(np.exp(step * settings.curvature_scale_step))
+        sides.curved_x[step] = curvatures(sides.x.mesh, near, settings=settings)
     return sides.curved_x[step]
 
 
 def _candidates(sides: _Sides) -> list[_State]:
-    found = assign(sides.x, sides.y, orientation=sides.sign)
-    states = []
-    for partner, scale in zip(found.partner, found.scale, strict=True):
-        T_xy = dense_map(sides.x, sides.y, found.which, partner, scale)
-        states.append(_bent(sides, T_xy, float(scale), rounds=4))
+    x, y, settings = sides.x, sides.y, sides.settings
+    assigned = assign(x, y, orientation=sides.sign, settings=settings)
+    states, rounds = [], settings.first_bend_rounds
+    for partner, scale in zip(assigned.partner, assigned.scale, strict=True):
+        T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
+        states.append(_bent(sides, T_xy, float(scale), rounds))
     states.sort(key=lambda state: state.score)
-    again = [_bent(sides, s.bent.T_xy, s.scale) for s in states[:BENT_TWICE]]
-    return again + states[BENT_TWICE:]
+    again = [_bent(sides, s.bent.T_xy, s.scale) for s in states[: settings.bent_twice]]
+    return again + states[settings.bent_twice :]
 
 
-def _bent(sides: _Sides, T_xy, scale: float, rounds: int = 6) -> _State:
+def _bent(sides: _Sides, T_xy, scale: float, rounds: int | None = None) -> _State:
     """Bend X, score it, and correct the scale."""
     mesh = _scaled(sides.x.mesh, scale)
     bent = bend_onto(mesh, sides.onto, T_xy, sides.sign, rounds=rounds)
+    settings, curved_x = sides.settings, _curved_x(sides, scale)
     figures, ratio = evidence(
-        *(sides.x, sides.y, _curved_x(sides, scale), sides.curved_y),
-        *(bent.moved, bent.T_xy, bent.matched_x, scale, sides.sign),
+        *(sides.x, sides.y, curved_x, sides.curved_y, bent, scale), settings=settings
     )
-    score = sum(w * np.log(f + 1e-4) for w, f in zip(WEIGHTS, figures, strict=True))
-    # What nothing covers costs: else a map of a corner would do.
+    *weights, covered_weight = settings.weights
+    score = sum(w * np.log(f + 1e-4) for w, f in zip(weights, figures, strict=True))
     mass = sides.x.mass
-    score -= 2 * np.log(max(mass[bent.matched_x].sum() / mass.sum(), 1e-3))
-    return _State(bent, scale * float(np.clip(ratio, 0.9, 1.1)), float(score))
+    covered = max(mass[bent.matched_x].sum() / mass.sum(), 1e-3)
+    score -= covered_weight * np.log(covered)
+    corrected = scale * float(np.clip(ratio, *settings.scale_correction))
+    return _State(bent, corrected, float(score))
 
 
 def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
@@ -213,28 +210,28 @@ def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
     x, y = _scaled(sides.x.mesh, state.scale), sides.y.mesh
     near, inside = covered_by(state.bent, x, sides.onto, sides.sign)
     part_x, part_y = cut(x, state.bent.matched_x), cut(y, inside)
-    if min(len(part_x.index), len(part_y.index)) < LEAST_REGION:
+    if min(len(part_x.index), len(part_y.index)) < sides.settings.min_vertices:
         return None
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
     start = tree.query(y.vertices[state.bent.T_xy[part_x.index]])[1]
-    found = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
+    match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
     T_xy = state.bent.T_xy.copy()
-    T_xy[part_x.index] = part_y.index[np.asarray(found.T_xy)]
+    T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
     after = _bent(sides, T_xy, state.scale)
     T_yx, _ = covered_by(after.bent, x, sides.onto, sides.sign)
-    T_yx[part_y.index] = part_x.index[np.asarray(found.T_yx)]
+    T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]
     outside = np.ones(len(T_xy), bool)
     outside[part_x.index] = False
     T_xy[outside] = after.bent.T_xy[outside]
-    return after._replace(match=found, T_xy=T_xy, T_yx=T_yx)
+    return after._replace(match=match, T_xy=T_xy, T_yx=T_yx)
 
 
 def _result(state: _State, sides: _Sides, margin: float) -> Parts:
     x = _scaled(sides.x.mesh, state.scale)
     _, inside = covered_by(state.bent, x, sides.onto, sides.sign)
     certificate = state.match.certificate
-    sure = certificate.confidence / (1 + np.exp(-margin / UNSURE))
+    sure = certificate.confidence / (1 + np.exp(-margin / sides.settings.rival_margin))
     gap = np.asarray(np.expm1(max(margin, 0)), certificate.gap.dtype)
     certificate = certificate._replace(
         confidence=np.asarray(sure, certificate.confidence.dtype), gap=gap

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from jfsf.evaluate import geodesics
+from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import (
     boundary_edges,
     face_normals,
@@ -17,10 +17,8 @@ from jfsf.mesh import (
     vertex_areas,
     vertex_normals,
 )
+from jfsf.parts._settings import PartSettings
 from jfsf.types import ArrayLike, Mesh
-
-# Sources on the boundary, at most, for the distance to it.
-BOUNDARY_SOURCES = 80
 
 
 class PartSamples(NamedTuple):
@@ -35,6 +33,7 @@ class PartSamples(NamedTuple):
     mass: (n,) vertex areas.
     to_boundary: (n,) geodesic distance to the boundary; inf if there is none.
     around: (s, s) length of the shortest path between two samples by the boundary.
+    solver: of geodesics on the mesh; each bend of another shape onto it asks again.
     """
 
     mesh: Mesh
@@ -45,6 +44,7 @@ class PartSamples(NamedTuple):
     mass: ArrayLike
     to_boundary: ArrayLike
     around: ArrayLike
+    solver: GeodesicSolver
 
     @property
     def between(self) -> np.ndarray:
@@ -53,30 +53,46 @@ class PartSamples(NamedTuple):
         return (between + between.T) / 2
 
 
-def part_samples(mesh: Mesh, num: int) -> PartSamples:
+def part_samples(
+    mesh: Mesh, num: int, *, settings: PartSettings = PartSettings()
+) -> PartSamples:
     """`num` samples of a connected mesh, wound outward; fewer vertices, fewer samples.
 
     Args:
         mesh: in the common unit.
         num: samples.
+        settings: how the distance to the boundary is measured.
     """
-    n = len(mesh.vertices)
+    n, solver = len(mesh.vertices), GeodesicSolver(mesh)
     edge = np.unique(boundary_edges(mesh.faces))
     to_boundary, from_edge = np.full(n, np.inf), np.zeros((0, n))
     if len(edge):
-        step = -(-len(edge) // BOUNDARY_SOURCES)
-        from_edge = geodesics(mesh, edge[::step])
+        step = -(-len(edge) // settings.boundary_samples)
+        from_edge = solver.rows(edge[::step])
         to_boundary = from_edge.min(0)
         to_boundary[edge] = 0
     extremity = int(farthest_vertices(mesh, 2)[1])
     at = farthest_vertices(mesh, min(num, n), start=extremity)
-    distance = geodesics(mesh, at)
+    distance = solver.rows(at)
     normal, mass = vertex_normals(*mesh), vertex_areas(*mesh)
     direction = _directions(mesh, at, distance, normal)
     around = np.full((len(at), len(at)), np.inf)
     for row in from_edge[:, at]:
         around = np.minimum(around, row[:, None] + row[None])
-    return PartSamples(mesh, at, distance, direction, normal, mass, to_boundary, around)
+    return PartSamples(
+        *(mesh, at, distance, direction, normal, mass, to_boundary, around, solver)
+    )
+
+
+def along_cut(around, between, settings: PartSettings) -> np.ndarray:
+    """Whether shortest paths run along a cut: in the whole they may be shorter.
+
+    Args:
+        around, between: of `PartSamples`, or rows and columns of these.
+        settings: how much longer the path by the boundary may be.
+    """
+    longer = settings.along_cut_factor * between + settings.along_cut_slack
+    return around < longer
 
 
 def _directions(mesh: Mesh, at, distance, normal) -> np.ndarray:
@@ -108,8 +124,8 @@ def _directions(mesh: Mesh, at, distance, normal) -> np.ndarray:
     first = np.cross(third, other)
     first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-30)
     second = np.cross(third, first)
-    found = np.einsum("iaj,ia->ij", slope, first) + 1j * np.einsum(
+    towards = np.einsum("iaj,ia->ij", slope, first) + 1j * np.einsum(
         "iaj,ia->ij", slope, second
     )
-    size = np.abs(found)
-    return found / np.where(size > 0, size, 1)
+    size = np.abs(towards)
+    return towards / np.where(size > 0, size, 1)

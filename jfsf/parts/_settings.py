@@ -1,0 +1,240 @@
+"""The tuned numbers of the search for the region that two shapes share."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.refine import ArapSettings
+
+SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
+
+
+class EvidenceWeights(NamedTuple):
+    """Of the logarithms of what is read of a bent part, see `PartSettings`.
+
+    The first four are those of stretch, curvature, distance and residual. `covered` is
+    of the share of the part that the whole covers, which counts for a map: else a map
+    of a corner would do.
+    """
+
+    stretch: float = 1.0
+    curvature: float = 1.5
+    distance: float = 1.0
+    residual: float = 0.5
+    covered: float = 2.0
+
+
+@dataclass(frozen=True)
+class PartSettings:
+    """How `match(partial=True)` finds the region. Hashable.
+
+    Of the two shapes the one that is bent is called the part, the other the whole.
+    Lengths are in the square root of the area of the whole. Factors have no unit.
+
+    Samples:
+
+    samples_of_part: farthest points of the part, among which anchors are chosen.
+    samples_of_whole: farthest points of the whole, in which their partners are looked
+        for.
+    boundary_samples: vertices on a boundary, at most, from which the distance to it is
+        measured.
+    along_cut_factor: a shortest path between two samples may run along the cut, and so
+        be shorter in the whole, if a path by the boundary is at most so many times as
+        long,
+    along_cut_slack: and this length.
+
+    Descriptors, each of the ball of points within a distance of a sample:
+
+    ball_radii: these distances, the greatest last. Balls that reach the boundary are
+        not compared.
+    ball_steepness: of the border of a ball, which is soft because few vertices lie in a
+        small one. A vertex at radius r (1 + 1 / ball_steepness) has weight 0.27.
+    ball_reach: in greatest radii, the distance beyond which a vertex has no weight.
+    max_ball_difference: in standard deviations; a greater difference counts as this.
+    ball_difference_unit: standard deviations that count as 1.
+    unread_ball_difference: of all samples, if no two can be compared.
+
+    Assignment of anchors, which are samples of the part, to samples of the whole:
+
+    anchors: samples that are assigned.
+    boundary_margin: distance from the boundary from which on a sample counts in full
+        when anchors are chosen far apart.
+    boundary_worth: how much one on the boundary counts.
+    scales: factors of the part's lengths that are tried. Their range bounds how much
+        bodies may differ in size.
+    distance_slack: length by which two distances differ that counts half,
+    distance_share: beside this share of the distance in the part.
+    shorter_weight: factor of that difference where the path in the part runs along the
+        cut and the distance in the whole is shorter.
+    direction_weight: of the directions in which anchors see each other, beside the
+        distances.
+    ball_weight: of the difference of the balls, beside the distances.
+    scale_weight: cost of a scale e times as large or small, per anchor.
+    partners: samples of the whole that an assignment is followed with for the next
+        anchor.
+    beam: assignments that are followed.
+    beam_candidates: of these per place in the beam, the best that are sorted into
+        groups.
+    cells: samples of the whole around which its other samples form a cell.
+    grouped_anchors: assignments whose first anchors, so many, go to the same cells are
+        a group.
+    min_groups: groups in the beam, at least, if there are so many: else one would crowd
+        out the others before it is known to be wrong.
+    unassigned_cost: of an anchor without a partner, beside a closed whole.
+    unassigned_cost_open: the same beside an open whole, which may lack the partner.
+    assignments: the best ones, by which the part is bent.
+    min_partner_distance: mean distance of their partners, in which two of these differ.
+
+    Bending:
+
+    anchor_radius: distance from an anchor below which its weight for the first dense
+        map levels off.
+    bend: how the part is deformed, and the weight of normals in the search for the
+        nearest vertices.
+    first_bend_rounds: deformations by each assignment.
+    bend_rounds: deformations of each later bending.
+    cover_distance: a surface further away covers nothing.
+    uncovered_weight: how much vertices that nothing covers follow their partners,
+        beside 1 for the others.
+
+    Evidence of a bent part, all of it small for a right map: the mean logarithm of the
+    principal stretches, the mean difference of curvature in standard deviations, that
+    of geodesics relative to these, and the mean distance from the whole:
+
+    weights: of the logarithms of these.
+    max_stretch: a greater logarithm counts as this: degenerate triangles stretch
+        without bound.
+    curvature_lengths: over which curvature is read.
+    boundary_lengths: a vertex is compared if it is so many of these lengths away from
+        the boundary.
+    max_curvature_difference: in standard deviations; a greater difference counts as
+        this.
+    unread_curvature: difference of curvature, if no vertex can be compared.
+    distance_samples: samples of the part between which geodesics are compared.
+    min_distance: shorter geodesics are not compared.
+    distance_ratio_offset: added to the ratio of two geodesics before its logarithm.
+    max_distance_difference: a greater logarithm counts as this.
+    unread_distance: difference of geodesics, if no two can be compared.
+    curvature_scale_step: steps of the logarithm of a scale in which curvature is read
+        anew.
+    scale_correction: least and greatest factor by which one bending changes the scale.
+
+    Choice, by the score, which is the weighted sum of logarithms:
+
+    bent_twice: assignments that are bent again, those of the best score.
+    refined: of all, so many are refined, if their score is good enough.
+    max_score_difference: a rival whose score is worse by so much is not refined.
+    refinements: of the best map; its rivals get one.
+    min_vertices: a region with fewer is no result: it must be matched, see
+        `jfsf.Settings.min_vertices`.
+    rival_margin: unit of the score by which the best map leads. The confidence is
+        halved for a lead of 0, and has 0.73 of its value for a lead of this.
+    """
+
+    samples_of_part: int = 80
+    samples_of_whole: int = 300
+    boundary_samples: int = 80
+    along_cut_factor: float = 1.02
+    along_cut_slack: float = 0.01
+    ball_radii: tuple[float, ...] = (0.05, 0.08, 0.12, 0.17, 0.23, 0.3)
+    ball_steepness: float = 12.0
+    ball_reach: float = 1.2
+    max_ball_difference: float = 3.0
+    ball_difference_unit: float = 1.5
+    unread_ball_difference: float = 0.5
+    anchors: int = 16
+    boundary_margin: float = 0.15
+    boundary_worth: float = 0.3
+    scales: tuple[float, ...] = SCALES
+    distance_slack: float = 0.03
+    distance_share: float = 0.12
+    shorter_weight: float = 0.4
+    direction_weight: float = 1.0
+    ball_weight: float = 1.2
+    scale_weight: float = 0.15
+    partners: int = 6
+    beam: int = 1500
+    beam_candidates: int = 8
+    cells: int = 24
+    grouped_anchors: int = 3
+    min_groups: int = 12
+    unassigned_cost: float = 1.1
+    unassigned_cost_open: float = 0.75
+    assignments: int = 8
+    min_partner_distance: float = 0.15
+    anchor_radius: float = 0.05
+    bend: ArapSettings = field(default_factory=ArapSettings)
+    first_bend_rounds: int = 4
+    bend_rounds: int = 6
+    cover_distance: float = 0.1
+    uncovered_weight: float = 1e-3
+    weights: EvidenceWeights = EvidenceWeights()
+    max_stretch: float = 2.0
+    curvature_lengths: tuple[float, ...] = (0.015, 0.03, 0.06)
+    boundary_lengths: float = 2.0
+    max_curvature_difference: float = 3.0
+    unread_curvature: float = 1.0
+    distance_samples: int = 30
+    min_distance: float = 0.1
+    distance_ratio_offset: float = 0.05
+    max_distance_difference: float = 1.0
+    unread_distance: float = 0.1
+    curvature_scale_step: float = 0.05
+    scale_correction: tuple[float, float] = (0.9, 1.1)
+    bent_twice: int = 3
+    refined: int = 3
+    max_score_difference: float = 0.8
+    refinements: int = 2
+    min_vertices: int = 160
+    rival_margin: float = 0.05
+
+    def __post_init__(self) -> None:
+        """ValueError for numbers that no region can be found with."""
+        for name in (
+            *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
+            *("cells", "grouped_anchors", "min_groups", "assignments"),
+            *("first_bend_rounds", "bend_rounds", "distance_samples", "refined"),
+            *("refinements", "min_vertices"),
+        ):
+            if getattr(self, name) < 1:
+                raise ValueError(
+                    f"PartSettings: {name} is {getattr(self, name)}; give 1 or more"
+                )
+        for name in (
+            *("ball_steepness", "ball_reach", "ball_difference_unit"),
+            *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
+            *("uncovered_weight", "curvature_scale_step", "rival_margin"),
+        ):
+            if getattr(self, name) <= 0:
+                raise ValueError(
+                    f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
+                )
+        for name in ("ball_radii", "scales", "curvature_lengths"):
+            values = getattr(self, name)
+            if not values or min(values) <= 0:
+                raise ValueError(
+                    f"PartSettings: {name} is {values}; give one or more above 0"
+                )
+        least, greatest = self.scale_correction
+        facts = {
+            f"ball_radii is {self.ball_radii}; let them increase": (
+                list(self.ball_radii) == sorted(self.ball_radii)
+            ),
+            f"anchors is {self.anchors}, samples_of_part {self.samples_of_part}; "
+            "assign 3 or more, and no more than there are": (
+                3 <= self.anchors <= self.samples_of_part
+            ),
+            f"boundary_worth is {self.boundary_worth}; give 0 to 1": (
+                0 <= self.boundary_worth <= 1
+            ),
+            f"beam is {self.beam}, min_groups {self.min_groups}; follow no fewer": (
+                self.beam >= self.min_groups
+            ),
+            f"scale_correction is {self.scale_correction}; give one factor from 0 to "
+            "1, and one from 1 up": 0 < least <= 1 <= greatest,
+            f"bent_twice is {self.bent_twice}; give 0 or more": self.bent_twice >= 0,
+        }
+        for message, holds in facts.items():
+            if not holds:
+                raise ValueError(f"PartSettings: {message}")
