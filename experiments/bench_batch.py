@@ -19,10 +19,10 @@ from bench_filter import interleave
 
 import jfsf
 from jfsf import batch, data
-from jfsf.array import pad, padded_size
 from jfsf.convert import sinkhorn
 from jfsf.initial import SearchSettings
-from jfsf.spectral import embeddings, truncate_pair
+from jfsf.runtime import common_size, padded_pair
+from jfsf.spectral import embeddings
 from jfsf.types import Maps, Mesh
 
 LOOP = "loop"
@@ -38,12 +38,10 @@ def simplified(name: str, vertices: int) -> Mesh:
 
 
 def match_loop(xs, ys, settings):
-    """`jfsf.match` from the spectra on, pair by pair."""
+    """One attempt a pair, pair by pair: what pairs without doubt need."""
     found = []
     for pair in zip(xs, ys, strict=True):
-        x, y = (_padded_spectrum(spec) for spec in truncate_pair(*pair))
-        x, y = jax.device_put((x, y))
-        one = jax.device_get(jfsf.match_spectra(x, y, settings=settings))
+        one = jax.device_get(jfsf.match_spectra(*padded_pair(*pair), settings=settings))
         n_x, n_y = (len(spec.mass) for spec in pair)
         found.append(one._replace(T_xy=one.T_xy[:n_x], T_yx=one.T_yx[:n_y]))
     return found
@@ -60,14 +58,9 @@ def convert_loop(embs_x, embs_y):
     return found
 
 
-def _padded_spectrum(spec):
-    size = padded_size(max(len(spec.mass), -(-len(spec.faces) // 2)))
-    return pad(spec, size, 2 * size)
-
-
 def _padded(emb):
     n = len(emb)
-    size = padded_size(n)
+    size = common_size(n)
     return np.pad(emb, ((0, size - n), (0, 0))), np.float32((np.arange(size) < n) / n)
 
 

@@ -1,6 +1,6 @@
 """A map between two meshes of a million vertices, step by step: seconds and memory.
 
-The steps of `jfsf.match` for large meshes, by its own stages (`jfsf.pipeline`): spectra
+The steps of `jfsf.match` for large meshes, by its own stages (`jfsf.attempt`): spectra
 one after the other, features, search and ZoomOut on samples, a conversion in full, and,
 as the last refinement, the bending of both shapes and another conversion. Embedded
 shapes, upsampled (`upsample.py`). Every step runs once, so it compiles too. Memory is
@@ -23,10 +23,12 @@ import results_file
 from upsample import upsample
 
 import jfsf
-from jfsf import data, pipeline
-from jfsf.initial import search_samples
-from jfsf.neighbours import tiled_neighbours
-from jfsf.spectral import embeddings, features, truncate_pair
+from jfsf import data
+from jfsf.attempt import refine_start, shape_samples
+from jfsf.convert import sinkhorn
+from jfsf.initial import best_start
+from jfsf.spectral import embeddings, truncate_pair, uniform
+from jfsf.stages import deform_by_arap, pair_search
 
 
 class Steps:
@@ -74,44 +76,39 @@ def main() -> None:
         return float(np.linalg.norm(apart, axis=1).mean())
 
     pair = spec_x, spec_y
-    sides = [step("features", lambda: tuple(map(features, pair)))]
-    start = step(
-        "search on samples",
-        lambda: pipeline.best_candidate(*map(search_samples, sides[0])),
-    )
-    few = step("samples", lambda: tuple(map(pipeline.refinement_samples, sides[0])))
-    sides.clear()  # gigabytes, of which only the samples are read below
+    settings = jfsf.Settings()
+    x, y = step("features and samples", lambda: tuple(map(shape_samples, pair)))
+    start = step("search on samples", lambda: best_start(x.search, y.search))
+    features = x.refinement, y.refinement
+    C_yx = step("ZoomOut on samples", lambda: refine_start(features, start))
+    search = step("tiles", lambda: pair_search(*pair, settings=settings))
+    marginals = uniform(spec_x.mass), uniform(spec_y.mass)
 
-    def refined():
-        return pipeline.refine(*few, start.C_yx, start.sign)
+    def converted(emb_x, emb_y, *_):
+        return sinkhorn(emb_x, emb_y, *marginals, search)
 
-    C_yx = step("ZoomOut on samples", refined)
-    tiles = step("tiles", lambda: pipeline.pair_tiles(*pair))
     embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
-    maps = step(
-        "Sinkhorn in full, both ways", lambda: pipeline.convert(*embs, *pair, tiles)
-    )
-    errors = {"converted": error(maps)}
+    maps = step("Sinkhorn in full, both ways", lambda: converted(*embs))
+    # `match` compares all points if the recall among tiles is low, but not so many.
+    errors, recall = {"converted": error(maps)}, float(maps.recall)
 
-    def searched():
-        return tiled_neighbours(*embs, *tiles, k0=1, min_recall=0.0).recall
+    def deformed():
+        return deform_by_arap(*pair, C_yx, start.sign, search, settings=settings)
 
-    # The recall among tiles: `match` compares all points if it is low, but not so many.
-    recall = float(step("recall of a sample", searched))
-    embs = step("bending", lambda: pipeline.bend(*pair, C_yx, start.sign, tiles))
-    maps = step("Sinkhorn again", lambda: pipeline.convert(*embs, *pair, tiles))
+    aligned = step("bending", deformed)
+    maps = step("Sinkhorn again", lambda: converted(*aligned))
     errors["bent"] = error(maps)
     print({name: round(value, 4) for name, value in errors.items()}, "recall", recall)
-    settings = {
+    record = {
         "x": args.x,
         "y": args.y,
         "vertices": args.vertices,
         "eigenpairs": len(spec_x.evals),
-        "match_settings": jfsf.Settings().as_record(),
+        "match_settings": settings.as_record(),
         "seed": None,
     }
     results_file.write(
-        args.out, settings=settings, steps=step.rows, errors=errors, recall=recall
+        args.out, settings=record, steps=step.rows, errors=errors, recall=recall
     )
 
 

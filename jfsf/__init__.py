@@ -7,21 +7,25 @@ folders are its parts, in the order in which data goes through them. A module im
 only from those above its own:
 
 - `types`: the records that travel between functions
-- `array`: precise products, top-k, both sides in one program, padding
+- `array`: precise products, top-k, both sides in one program
 - `solvers`: fixed points and least squares to a tolerance
-- `storage`: files written whole, the disk cache, compiled programs
+- `storage`: files written whole, the disk cache
+- `runtime`: few padded sizes, compiled programs, and how they are run
 - `mesh`: files to meshes; check, repair, measure
+- `geometry`: geodesics, normals and cotangents of a surface
 - `neighbours`: nearest neighbours, exhaustive or among tiles
 - `spectral`: spectra, descriptors, functional maps, orientation, samples
 - `convert`: aligned embeddings to point-to-point maps
+- `evaluate`: metrics of a map, against ground truth or by its own properties
 - `refine`: ICP, ZoomOut, and deformation as rigid as possible
 - `initial`: fits to descriptors, and the search for the initial map
-- `evaluate`: geodesics, metrics, the certificate
 - `parts`: the region that two shapes share, where one is a part of the other
-- `settings`: every tuned number, and every stage that can be replaced
-- `pipeline`: spectra to maps, stage by stage
-- `arguments`: checks of what `match` is given
-- `sizes`: few sizes to pad to, so few programs
+- `stages`: the stages of an attempt that can be replaced, and their defaults
+- `settings`: the tuned numbers of all stages, and those that can be replaced
+- `evidence`: how likely a map is right, without ground truth: the certificate
+- `attempt`: two shapes and a start to a match, pure: `match_spectra`
+- `arguments`: what `match` is given, checked and padded
+- `policy`: which starts are attempted, for one pair or many, and when it ends
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
@@ -40,25 +44,28 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jfsf.attempt import match_spectra
     from jfsf.initial import SearchSettings
     from jfsf.matching import basis, check_matchable, match, symmetry
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
-    from jfsf.pipeline import match_spectra
+    from jfsf.parts import PartSettings
     from jfsf.refine import ArapSettings, ZoomOutSettings
-    from jfsf.settings import Settings
+    from jfsf.settings import EvidenceSettings, Settings
     from jfsf.spectral import FeatureSettings, spectrum
     from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 
 __all__ = [
     "ArapSettings",
     "Certificate",
+    "EvidenceSettings",
     "FeatureSettings",
     "Maps",
     "Match",
     "Mesh",
     "MeshError",
     "NeighbourSettings",
+    "PartSettings",
     "SearchSettings",
     "Settings",
     "Spectrum",
@@ -77,20 +84,22 @@ __version__ = "0.2.0"
 # All is imported on first use. So `import jfsf` takes no time, and the command line can
 # see to interrupts before it imports numpy and jax (`jfsf.__main__`).
 _HOMES = {
+    "attempt": ("match_spectra",),
     "initial": ("SearchSettings",),
     "matching": ("basis", "check_matchable", "match", "symmetry"),
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
-    "pipeline": ("match_spectra",),
     "refine": ("ArapSettings", "ZoomOutSettings"),
-    "settings": ("Settings",),
+    "parts": ("PartSettings",),
+    "settings": ("EvidenceSettings", "Settings"),
     "spectral": ("FeatureSettings", "spectrum"),
     "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),
 }
 _ROOMS = (
-    *("array", "solvers", "storage", "convert", "evaluate", "parts", "arguments"),
-    *("sizes", "mapfiles", "interop", "batch", "baselines", "data", "plot", "export"),
-    *("report", "testing", "cli", "guide"),
+    *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
+    *("evidence", "stages", "arguments", "policy", "mapfiles", "interop"),
+    *("batch", "baselines", "data", "plot", "export", "report", "testing", "cli"),
+    "guide",
     *_HOMES,
 )
 

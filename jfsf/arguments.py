@@ -1,16 +1,49 @@
 """The arrays that `jfsf.match` is given, checked on the host before any work.
 
-Each function returns None for None, and raises a ValueError that names the argument,
-what was found and what to do.
+Each check returns None for None, and raises a ValueError that names the argument, what
+was found and what to do.
 """
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from jfsf.runtime import PaddedShape, with_rows
 from jfsf.types import ArrayLike
+
+
+class MatchInputs(NamedTuple):
+    """What a match is made from beside the shapes; None is left out.
+
+    landmarks: vertices of X, and those of Y in their order.
+    descriptors: of X and of Y.
+    initial: C_yx or T_xy.
+    sign: of the wanted orientation, see `jfsf.initial.orientation_sign`.
+    self_map: X and Y are one shape.
+    """
+
+    landmarks: Any = None
+    descriptors: Any = None
+    initial: Any = None
+    sign: Any = 1
+    self_map: Any = False
+
+
+def padded_inputs(inputs: MatchInputs, shapes: Sequence[PaddedShape]) -> MatchInputs:
+    """The inputs in the padded sizes of X and Y, which may be one shape."""
+    descriptors, initial = inputs.descriptors, inputs.initial
+    n_x, n_y, k = shapes[0].vertices, shapes[-1].vertices, shapes[0].eigenpairs
+    if descriptors is not None:
+        sides = zip(descriptors, (n_x, n_y), strict=True)
+        descriptors = tuple(jnp.asarray(with_rows(*side)) for side in sides)
+    if initial is not None:
+        # Shapes that are small have fewer eigenpairs than C_yx may have rows.
+        is_map = initial.ndim == 1
+        initial = jnp.asarray(with_rows(initial, n_x) if is_map else initial[:k, :k])
+    return inputs._replace(descriptors=descriptors, initial=initial)
 
 
 def checked_landmarks(

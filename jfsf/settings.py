@@ -3,12 +3,35 @@
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jfsf.array import describe, static_key
-from jfsf.convert import Converter, quick_nearest, quick_sinkhorn, sinkhorn
+from jfsf.array import static_key, static_text
+from jfsf.convert import Converter, nearest, quick_sinkhorn, sinkhorn
 from jfsf.initial import SearchSettings
 from jfsf.neighbours import NeighbourSettings
+from jfsf.parts import PartSettings
 from jfsf.refine import ArapSettings, ZoomOutSettings
-from jfsf.spectral import DISTANCE_PAIRS, FeatureSettings
+from jfsf.spectral import DISTANCE_PAIRS, FeatureSettings, features
+from jfsf.stages import Deform, Describe, Refine, deform_by_arap, refine_by_zoomout
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """What the evidence of a match is read from. Hashable, for static arguments.
+
+    functions: leading functions of a map whose energy and stretch are read at samples.
+    missed: a map misses a landmark whose image is farther than this from its partner,
+        the mean distance of two random vertices being 1. Exchanged hands are at 1 or
+        more, noise of a map at 0.1.
+    missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
+        little against a map that is nearly certain, since a landmark may be wrong too.
+    rounding: share of the spacing of vertices that rounding to vertices leaves between
+        deformed shapes. Decimated to 300 to 5000 vertices, right maps of people leave
+        0.09 to 0.14 of it.
+    """
+
+    functions: int = 40
+    missed: float = 0.5
+    missed_weight: float = 3.0
+    rounding: float = 0.08
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -21,6 +44,7 @@ class Settings:
     k: eigenpairs a shape, fewer for fewer than 4 k vertices: the higher ones then say
         more of the triangles than of the shape. More than 128 make a better map before
         the bending, hardly after it.
+    describe: makes the features of a shape: a `jfsf.stages.Describe`.
     features: descriptors, curvature and oriented products.
     search: the search for the initial map.
     retry_below: a map of less confidence (`Certificate.confidence`) is refined again
@@ -40,8 +64,11 @@ class Settings:
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
         away from it further; coarser ones are as good if the bending follows.
-    refine_converter: the converter of these rounds.
+    refine: refines a functional map: a `jfsf.stages.Refine`. It reads `ks`, and the two
+        that follow.
+    refine_converter: the converter of its rounds.
     zoomout: how they weigh columns.
+    deform: deforms both shapes: a `jfsf.stages.Deform`. It reads the three that follow.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
         leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
         not bent. Beside a mesh, the points of such a cloud move freely.
@@ -49,8 +76,7 @@ class Settings:
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
         figures; they are nan without one.
-    neighbours: how neighbours are searched, for converters that declare
-        `neighbour_settings`.
+    neighbours: how neighbours are searched, for all converters.
     tiles_above: vertices of the larger shape, padding included, above which neighbours
         are searched among tiles, at a cost that grows like n
         (`experiments/bench_large.py`).
@@ -58,15 +84,19 @@ class Settings:
         is refined on samples.
     samples: of these; a power of two.
     exhaustive_up_to: vertices of the larger shape, padding included, above which all
-        points are never compared with all. Above it the farthest points of a shape are
-        chosen among its `samples`, too.
+        points are never compared with all.
     min_recall: recall among tiles below which the last conversion compares all points,
-        up to `exhaustive_up_to` vertices. For a converter that declares `min_recall`,
-        and a bending converter that leaves it open.
+        up to `exhaustive_up_to` vertices. Rounds of the refinement and the bending do
+        not check it: later ones correct what is missed.
+    farthest_up_to: vertices of a shape, padding included, above which its farthest
+        points are chosen among its `samples`, if it has any.
     distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
+    evidence: what the certificate is read from.
+    parts: how the region is found that two shapes share, with `match(partial=True)`.
     """
 
     k: int = 128
+    describe: Describe = features
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     retry_below: float = 0.9
@@ -74,10 +104,12 @@ class Settings:
     nonisometric_attempts: int = 2
     coarse_vertices: int = 5000
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
+    refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
+    deform: Deform = deform_by_arap
     bend_rounds: int = 8
-    bend_converter: Converter = quick_nearest
+    bend_converter: Converter = nearest
     bend: ArapSettings = field(default_factory=ArapSettings)
     converter: Converter = sinkhorn
     neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
@@ -86,7 +118,10 @@ class Settings:
     samples: int = 4096
     exhaustive_up_to: int = 20_480
     min_recall: float = 0.95
+    farthest_up_to: int = 20_480
     distance_pairs: int = DISTANCE_PAIRS
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    parts: PartSettings = field(default_factory=PartSettings)
 
     def __post_init__(self) -> None:
         """ValueError for values that no match can be made with."""
@@ -123,11 +158,15 @@ class Settings:
             raise ValueError(
                 f"Settings: retry_below is {self.retry_below}; give a probability"
             )
-        for name in ("converter", "refine_converter", "bend_converter"):
+        stages = dict.fromkeys(
+            ("converter", "refine_converter", "bend_converter"),
+            "jfsf.convert.Converter",
+        ) | {name: "jfsf.stages" for name in ("describe", "refine", "deform")}
+        for name, kind in stages.items():
             if not callable(getattr(self, name)):
                 raise ValueError(
                     f"Settings: {name} is {getattr(self, name)!r}; give a function, "
-                    "see jfsf.convert.Converter"
+                    f"see {kind}"
                 )
 
     @property
@@ -143,7 +182,7 @@ class Settings:
         """Plain values for a file of results: nested settings and functions as text."""
         plain = (bool, int, float, str)
         return {
-            name: value if isinstance(value, plain) else describe(value)
+            name: value if isinstance(value, plain) else static_text(value)
             for name, value in self._items()
         }
 
@@ -163,4 +202,4 @@ class Settings:
 
     def __repr__(self) -> str:
         """What one would write to make it, every field included."""
-        return describe(self)
+        return static_text(self)

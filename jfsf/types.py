@@ -1,5 +1,7 @@
 """The records that travel between the functions: NamedTuples of arrays.
 
+This file is long because every field is explained.
+
 `_xy` reads "from X to Y" everywhere. The paper's T_XY is `T_xy`, its C_YX is `C_yx`.
 """
 
@@ -80,12 +82,12 @@ class NeighboursBothWays(NamedTuple):
     """Neighbours in both directions, and how reliable the search for them was.
 
     near_xy, near_yx: neighbours in Y of each point of X, and in X of each point of Y.
-    recall: share of points whose nearest neighbour was found among candidates, or one
-        at most 0.1 % farther (`NeighbourSettings.tolerance`). It is estimated on a
-        sample, by exhaustive search; the smaller of both directions. nan if no point
-        was compared.
+    recall: share of points whose nearest neighbour was found, or one at most 0.1 %
+        farther (`NeighbourSettings.tolerance`); the smaller of both directions. 1 for a
+        direction in which all points were compared, else estimated on a sample, by
+        exhaustive search. nan if no point of the samples takes part.
     searched_all: whether all points were compared in at least one direction, because
-        its recall was too small or there were no tiles.
+        its recall among tiles was too small or there were no tiles.
     """
 
     near_xy: Neighbours
@@ -136,6 +138,8 @@ class Filtered(NamedTuple):
     converged: whether the marginal error is at most the tolerance asked for; True where
         a fixed number of updates was asked for.
     num_iters: updates of each side that were made.
+    recall: of the search for neighbours (`NeighboursBothWays.recall`); nan where the
+        kernel came from elsewhere (`jfsf.convert.scale_kernel`).
     """
 
     T_xy: Int[Array, " n_x"]
@@ -148,6 +152,21 @@ class Filtered(NamedTuple):
     empty_y: Int[Array, ""]
     converged: Bool[Array, ""]
     num_iters: Int[Array, ""]
+    recall: Float[Array, ""]
+
+
+class Aligned(NamedTuple):
+    """Embeddings of both shapes in one Euclidean space, which a converter compares.
+
+    emb_x, emb_y: a row a vertex.
+    moved_x, moved_y: where the vertices of X lie when it is deformed onto Y, and those
+        of Y, in sqrt(area); None if the shapes were not deformed.
+    """
+
+    emb_x: Float[Array, "n_x d"]
+    emb_y: Float[Array, "n_y d"]
+    moved_x: Float[Array, "n_x 3"] | None = None
+    moved_y: Float[Array, "n_y 3"] | None = None
 
 
 class PreciseMap(NamedTuple):
@@ -176,24 +195,26 @@ class Certificate(NamedTuple):
         orientation, -0.9 for a mirrored one; nan for point clouds without a surface
         (`jfsf.mesh.reconstruct`).
     gap: the energy of the search's second candidate over that of its first, minus 1
-        (`Candidates.energy`, by `pipeline.best_candidate`). Where an orientation is
+        (`Candidates.energy`, by `jfsf.initial.best_start`). Where an orientation is
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
         shapes equally well. inf if no second one differs, nan without a search.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
         nan without a plan.
+    recall: share of the nearest neighbours that the last search among tiles found,
+        estimated; 1 where all points were compared, nan without a plan.
     finite: whether every number the maps came from is finite.
     energy: departure from an isometry, of the final functional map at samples
         (`jfsf.initial.energies`); nan without samples.
     log_stretch_std: standard deviation of the logarithm of its stretch: how unevenly it
         stretches (`jfsf.initial.log_stretch_std`); likewise.
     residual: distance left between shapes that were bent onto each other, in sqrt(area)
-        (`jfsf.evaluate.bending_residual`); nan if they were not.
+        (`jfsf.evidence.bending_residual`); nan if they were not.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
-        `jfsf.evaluate.confidence`; less if the map misses landmarks; nan without
+        `jfsf.evidence.confidence`; less if the map misses landmarks; nan without
         samples.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
-        `jfsf.evaluate.MISSED` the map misses it. Empty without landmarks.
+        `jfsf.evidence.MISSED` the map misses it. Empty without landmarks.
     """
 
     marginal_error: Float[Array, ""]
@@ -206,6 +227,7 @@ class Certificate(NamedTuple):
     orientation: Float[Array, ""]
     gap: Float[Array, ""]
     nn_agreement: Float[Array, ""]
+    recall: Float[Array, ""]
     finite: Bool[Array, ""]
     energy: Float[Array, ""]
     log_stretch_std: Float[Array, ""]
@@ -221,6 +243,47 @@ class Certificate(NamedTuple):
 FIGURES = tuple(name for name in Certificate._fields if name != "landmarks")
 
 
+# Where starts come from, and the stages that are timed, in their order.
+SOURCES = "given", "search", "landmarks", "coarse copies", "nonisometric"
+STAGES = (
+    "spectra",
+    "features",
+    "search",
+    "kept landmarks",
+    "refinement",
+    "bending and conversion",
+    "coarse copies",
+    "further starts",
+    "screening",
+)
+
+
+class MatchInfo(NamedTuple):
+    """How a match was found, on the host.
+
+    source: for each attempt, in their order, the number in `SOURCES` of its start's.
+    confidence: of each attempt; in [0, 1], or nan.
+    won: the number of the attempt that is the match.
+    seconds: of each of `STAGES`, compiling included; nan for one that was not run. Its
+        share where a stage was run for several pairs at a time.
+    """
+
+    source: Int[ArrayLike, " a"]
+    confidence: Float[ArrayLike, " a"]
+    won: Int[ArrayLike, ""]
+    seconds: Float[ArrayLike, " s"]
+
+    @property
+    def sources(self) -> list[str]:
+        """The name of each attempt's source."""
+        return [SOURCES[i] for i in self.source]
+
+    @property
+    def start(self) -> str:
+        """The source of the start that won."""
+        return self.sources[int(self.won)]
+
+
 class Match(NamedTuple):
     """Two shapes matched: maps both ways, the functional map, and the evidence.
 
@@ -230,6 +293,9 @@ class Match(NamedTuple):
     certificate: evidence of how good the maps are.
     matched_x, matched_y: the vertices of each shape that the other has too; None if the
         shapes were matched as wholes.
+    info: which starts were attempted, and how long it took; None for a single attempt
+        (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
+        stack matches, leave it out (`_replace(info=None)`).
     """
 
     T_xy: Int[Array, " n_x"]
@@ -238,3 +304,4 @@ class Match(NamedTuple):
     certificate: Certificate
     matched_x: Bool[Array, " n_x"] | None = None
     matched_y: Bool[Array, " n_y"] | None = None
+    info: MatchInfo | None = None

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.array import common_size, pad
+from jfsf.attempt import match_spectra
 from jfsf.convert import nearest, sinkhorn
-from jfsf.pipeline import match_spectra
 from jfsf.refine import zoomout
+from jfsf.runtime import common_size, pad
 from jfsf.spectral import truncate_pair
 from jfsf.types import Maps, Spectrum
 

@@ -4,21 +4,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
-from jfsf.array import pad
-from jfsf.evaluate import bending_residual
+from jfsf.evidence import bending_residual
+from jfsf.runtime import pad
 from jfsf.types import Maps
 
 SPEC, OTHER = testing.blob_spectrum(0, 12), testing.blob_spectrum(1, 12)
 N = len(SPEC.mass)
 RNG = np.random.default_rng(0)
 MAPS = Maps(*(jnp.asarray(RNG.integers(N, size=N)) for _ in range(2)))
-
-
-def residual(maps, bent_x, bent_y, x, y):
-    rest = jnp.zeros((len(x.mass), 9)), jnp.zeros((len(y.mass), 6))
-    emb_x = jnp.concatenate([bent_x, rest[0]], 1)
-    emb_y = jnp.concatenate([rest[1][:, :3], bent_y, rest[1]], 1)
-    return bending_residual(maps, emb_x, emb_y, x, y)
 
 
 def test_against_numpy():
@@ -35,25 +28,29 @@ def test_against_numpy():
         gap = np.abs(((bent - target[T]) * normal[T]).sum(1))
         rounding = 0.08 * N**-0.5
         expected.append(np.asarray(spec.mass) @ gap - rounding)
-    found = residual(MAPS, *map(jnp.asarray, moved), SPEC, OTHER)
+    found = bending_residual(MAPS, *map(jnp.asarray, moved), SPEC, OTHER)
     np.testing.assert_allclose(found, np.mean(expected), rtol=1e-6)
 
 
 def test_shapes_that_coincide_leave_nothing():
     same = Maps(jnp.arange(N), jnp.arange(N))
-    assert residual(same, SPEC.vertices, SPEC.vertices, SPEC, SPEC) == 0
+    assert bending_residual(same, SPEC.vertices, SPEC.vertices, SPEC, SPEC) == 0
 
 
 def test_padding_is_invisible():
-    plain = residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, OTHER)
+    plain = bending_residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, OTHER)
     x, y = pad(SPEC, N + 5, 330), pad(OTHER, N + 9, 340)
     longer = Maps(jnp.pad(MAPS.T_xy, (0, 5)), jnp.pad(MAPS.T_yx, (0, 9)))
-    padded = residual(longer, x.vertices, y.vertices, x, y)
+    padded = bending_residual(longer, x.vertices, y.vertices, x, y)
     np.testing.assert_allclose(padded, plain, rtol=1e-12)
 
 
 def test_a_point_cloud_has_no_surface():
     cloud = OTHER._replace(faces=OTHER.faces[:0])
     for other in (cloud, OTHER._replace(faces=jnp.zeros_like(OTHER.faces))):
-        assert np.isnan(residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, other))
-        assert np.isnan(residual(MAPS, OTHER.vertices, SPEC.vertices, other, SPEC))
+        assert np.isnan(
+            bending_residual(MAPS, SPEC.vertices, OTHER.vertices, SPEC, other)
+        )
+        assert np.isnan(
+            bending_residual(MAPS, OTHER.vertices, SPEC.vertices, other, SPEC)
+        )

@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
-from jfsf.array import pad
 from jfsf.convert import nearest, sinkhorn
-from jfsf.evaluate import certify, confidence
+from jfsf.evidence import certify, confidence
+from jfsf.runtime import pad
 from jfsf.spectral import embeddings, functional_map, uniform
-from jfsf.types import Maps
+from jfsf.types import Aligned, Maps
 
 N, K = 162, 30
 SPEC = testing.blob_spectrum(0, K)
@@ -23,13 +23,14 @@ def evidence(spec_x, spec_y, C_yx):
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     found = filtered(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     C = functional_map(found.T_xy, spec_x, spec_y)
-    return certify(found, emb_x, emb_y, C, spec_x, spec_y)
+    return certify(found, Aligned(emb_x, emb_y), C, (spec_x, spec_y))
 
 
 def test_the_identity_is_perfect():
     found = evidence(SPEC, SPEC, jnp.eye(K))
     assert found.finite and found.empty == 0
     ones = found.coverage_xy, found.coverage_yx, found.orientation, found.nn_agreement
+    assert found.recall == 1  # all points were compared
     zeros = found.bijectivity_x, found.bijectivity_y, found.orthogonality
     assert np.allclose(ones, 1, atol=1e-8) and np.allclose(zeros, 0, atol=1e-8)
     assert np.isnan(found.gap)  # no search began it
@@ -60,17 +61,14 @@ def test_coverage_is_judged_by_what_few_vertices_can_hit():
     k, small = 20, testing.blob_spectrum(0, 20, 1)
     large = testing.blob_spectrum(0, 20, 2)  # its first 42 vertices are those of small
     there, back = jnp.arange(42), jnp.arange(162) % 42
-    found = certify(
-        Maps(there, back), small.evecs, large.evecs, jnp.eye(k), small, large
-    )
+    given = Aligned(small.evecs, large.evecs), jnp.eye(k), (small, large)
+    found = certify(Maps(there, back), *given)
     hit = large.mass[:42].sum() / large.mass.sum()
     assert hit < 0.5
     np.testing.assert_allclose(found.coverage_xy, min(hit * 162 / 42, 1), rtol=1e-6)
     np.testing.assert_allclose(found.coverage_yx, 1, rtol=1e-6)
     # A map that has collapsed still covers little.
-    found = certify(
-        Maps(0 * there, back), small.evecs, large.evecs, jnp.eye(k), small, large
-    )
+    found = certify(Maps(0 * there, back), *given)
     assert found.coverage_xy < 0.1
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import jfsf
+from jfsf.arguments import MatchInputs
 from jfsf.data import load
 from jfsf.evaluate import evaluate
 from jfsf.matching import _coarse, _match
+from jfsf.runtime import PaddedShape
 from jfsf.settings import Settings
-from jfsf.sizes import Given, Size
 from jfsf.types import Match
 
 X, Y = load("man_walk").mesh, load("man_up").mesh
@@ -33,7 +34,7 @@ CLOUD = X._replace(faces=X.faces[:0])
     [(Y, 2560, False), (Y, 5120, True), (CLOUD, 5120, False)],
 )
 def test_large_surfaces_have_copies(other, vertices, expected):
-    sizes = [Size(128, vertices, 2 * vertices)]
+    sizes = [PaddedShape(128, vertices, 2 * vertices)]
     assert _coarse.have_copies([X, other], sizes, DOUBTFUL) is expected
     assert not _coarse.have_copies([X, other], sizes, Settings(coarse_vertices=0))
 
@@ -52,7 +53,7 @@ def test_a_copy_lies_on_the_whole():
 def test_arguments_move_to_the_copies():
     landmarks = np.array([3, 70]), np.array([8, 20])
     descriptors = X.vertices, Y.vertices
-    given = Given(landmarks, descriptors, None, 1, False)
+    given = MatchInputs(landmarks, descriptors)
     found = _coarse.at_copies(given, COPY_X, COPY_Y)
     for copy, mesh, at, there in zip(
         (COPY_X, COPY_Y), (X, Y), landmarks, found.landmarks, strict=True
@@ -68,12 +69,12 @@ def test_a_start_is_the_map_of_the_copies():
     same = np.arange(len(COPY_X.mesh.vertices))
     found = Match(same, same, None, ScoreOnly(np.array(0.9)))
     start = _coarse.start_from_copies(
-        found, COPY_X, COPY_X, spec, spec, settings=Settings()
+        found, (COPY_X, COPY_X), spec, spec, settings=Settings()
     )
-    assert start.C_yx.shape == (1, 40, 40)
+    assert start.C_yx.shape == (40, 40)
     # The identity, but for the distance between vertices of the copy.
-    assert np.abs(np.diagonal(start.C_yx[0])[:20]).min() > 0.9
-    assert float(start.sign[0]) == 1
+    assert np.abs(np.diagonal(start.C_yx)[:20]).min() > 0.9
+    assert float(start.sign) == 1
 
 
 @pytest.fixture(scope="module")
@@ -89,9 +90,11 @@ def test_a_doubtful_pair_is_matched_by_way_of_its_copies(by_copies):
     # The first map, those of the copies, and one more.
     attempts = 1 + (1 + DOUBTFUL.nonisometric_attempts) + 1
     assert names.count("refinement") == attempts
-    # Further starts are compared before.
-    bent = attempts + DOUBTFUL.search.nonisometric_candidates
-    assert names.count("bending and conversion") == bent
+    assert names.count("bending and conversion") == attempts
+    # Further starts are compared before, on the copies.
+    assert names.count("screening") == 1
+    assert found.info.sources == ["search", "coarse copies"]
+    assert len(found.info.confidence) == 2 and found.info.won in (0, 1)
     plain = jfsf.match(X, Y, settings=Settings(retry_below=0))
     assert found.certificate.confidence >= plain.certificate.confidence
     truth = load("man_walk").template_to_vertex, load("man_up").template_to_vertex

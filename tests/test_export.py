@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import pytest
 from jax import export
 
-from jfsf import Settings, pipeline
-from jfsf.initial import orientation_sign
+from jfsf import Settings, match_spectra, policy
+from jfsf.arguments import MatchInputs
+from jfsf.policy import PairState
 from jfsf.types import Spectrum
 
 PLATFORMS = ("cuda", "rocm", "tpu")
@@ -23,35 +24,35 @@ def shape(n, k=128):
     )
 
 
+class Exporting:
+    """A runner that exports each stage once, and returns shapes.
+
+    programs: (name, program) in the order in which `match` calls them.
+    """
+
+    def __init__(self):
+        self.programs, self.known = [], {}
+
+    def map(self, name, stage, inputs, at_a_time=1):
+        return [self.one(stage, args) for args in inputs]
+
+    def one(self, stage, args):
+        asked = stage.func.__name__, str(jax.tree.map(jax.typeof, args))
+        if asked not in self.known:
+            program = export.export(jax.jit(stage), platforms=PLATFORMS)(*args)
+            self.programs.append((stage.func.__name__, program.mlir_module()))
+            self.known[asked] = jax.eval_shape(stage, *args)
+        return self.known[asked]
+
+
 def exported_stages(spec, landmarks, settings):
-    """(name, program) of each stage, in the order in which `match` calls them."""
-    programs = []
-
-    def run(stage, *args):
-        program = export.export(jax.jit(stage), platforms=PLATFORMS)(*args)
-        programs.append((stage.func.__name__, program.mlir_module()))
-        return jax.eval_shape(stage, *args)
-
-    def run_sides(stage, x, y):
-        del y  # of the same shape
-        found = run(stage, *x)
-        return found, found
-
-    def all_starts(attempt, first, others, *_):
-        found = attempt(first)
-        others[-1]()  # the others run stages that have run already
-        return found
-
-    pipeline.run_stages(
-        *(spec, spec, landmarks, None, None),
-        *(orientation_sign("preserve"), False),
-        settings=settings,
-        run=run,
-        run_sides=run_sides,
-        most_confident=all_starts,
-        most_promising=lambda promise, starts, num: starts,
-    )
-    return programs
+    """Programs of a pair in doubt."""
+    runner = Exporting()
+    pair = PairState((spec, spec), MatchInputs(landmarks=landmarks))
+    policy.compile_first_attempt(pair, runner, settings=settings)
+    stage = partial(policy.nonisometric_starts, settings=settings.search)
+    runner.one(stage, policy._search_inputs([pair], [pair.samples])[0])
+    return runner.programs
 
 
 @pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.slow)])
@@ -61,8 +62,8 @@ def test_every_stage_lowers_for_accelerators(large):
     at = jax.ShapeDtypeStruct((3,), jnp.int32)
     programs = exported_stages(shape(2304), (at, at), settings)
     names = {name for name, _ in programs}
-    stages = {"shape_samples", "best_candidate", "other_starts", "kept_landmarks"}
-    assert names == stages | {"_refined", "_finished"}
+    stages = {"shape_samples", "best_start", "nonisometric_starts", "kept_landmarks"}
+    assert names == stages | {"refine_start", "finish"}
     for name, text in programs:
         # No way back to the host, where Python or LAPACK would run.
         assert "callback" not in text, name
@@ -74,6 +75,6 @@ def test_every_stage_lowers_for_accelerators(large):
 
 @pytest.mark.slow
 def test_all_stages_in_one_lower_for_accelerators():
-    match = partial(pipeline.match_spectra, orientation="any")
+    match = partial(match_spectra, orientation="any")
     program = export.export(jax.jit(match), platforms=PLATFORMS)(shape(400), shape(300))
     assert program.platforms == PLATFORMS

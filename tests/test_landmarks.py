@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
-from jfsf.evaluate import landmark_distances
-from jfsf.pipeline import InitialMap, kept_landmarks
+from jfsf.evidence import kept_landmarks, landmark_distances
+from jfsf.initial import Start
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic, features
 
@@ -32,8 +32,9 @@ def test_columns_of_a_missed_landmark_are_dropped():
     at_y = at_x.at[1].set(jnp.argmax(square))
     x, y = features(SPEC, landmarks=at_x), features(SPEC, landmarks=at_y)
     one = jnp.ones(())
-    start = InitialMap(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4)
-    kept = kept_landmarks(x, y, SPEC, SPEC, start, at_x, at_y, settings=SETTINGS)
+    start = Start(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4)
+    given = (SPEC, SPEC), (x, y), start, (at_x, at_y)
+    kept = kept_landmarks(*given, settings=SETTINGS)
     times = SETTINGS.features.landmark_times
     end = x.descriptors.shape[1]
     missed = slice(end - 2 * times, end - times)

@@ -1,26 +1,39 @@
 """Two meshes to a map, and what must not change it. One size: one compilation."""
 
-import time
+import ast
 from functools import cache, partial
+from threading import Barrier
 
 import fast_simplification
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from documents import ROOT, blocks
 from scipy.spatial import KDTree
 
 import jfsf
-from jfsf import pipeline, testing
-from jfsf.convert import maps_of, sinkhorn
-from jfsf.evaluate import MISSED, certify, geodesic_error
-from jfsf.initial import SearchSettings, candidates, search_samples
-from jfsf.matching import _match, _running
+from jfsf import policy, stages, testing
+from jfsf.arguments import MatchInputs
+from jfsf.attempt import attempt, given_start, refine_start, shape_samples
+from jfsf.convert import sinkhorn
+from jfsf.evaluate import geodesic_error
+from jfsf.evidence import MISSED
+from jfsf.initial import SearchSettings, best_start
+from jfsf.matching import _match
+from jfsf.policy import PairState
 from jfsf.report import warnings_of
+from jfsf.runtime import (
+    OneByOne,
+    PaddedShape,
+    _programs,
+    _runners,
+    padded_pair,
+    padded_shapes,
+    spectrum_like,
+)
 from jfsf.settings import Settings
-from jfsf.sizes import Given, Size, padded, padded_sizes, spectrum_like
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
-from jfsf.storage import _programs
 from jfsf.types import Maps, Mesh
 
 
@@ -65,13 +78,21 @@ def same(found, share=1.0):
 
 
 def nearly_same(found):
-    """Up to rounding: it decides ties, which a dozen rounds carry on."""
-    same(found, 0.8)
-    (mesh, _) = shapes()[1]
-    one, two, _ = mesh.vertices[mesh.faces.T]
-    edge = np.linalg.norm(one - two, axis=1).mean()
-    apart = mesh.vertices[found.T_xy] - mesh.vertices[plain().T_xy]
-    assert np.linalg.norm(apart, axis=1).mean() < edge / 5
+    """Where the images differ they are neighbours, and few do.
+
+    For inputs that differ by rounding, as where sums have another order: by 1e-13 in
+    eigenvalues and 1e-10 in eigenvectors. The search's map then differs by 1e-12. But
+    some rows of a plan have two entries equal to 1e-8. The first of these that rounding
+    decides otherwise moves one image to a neighbour, and the rounds of refinement and
+    bending carry that on. Of ten such inputs each changed 2 to 10 % of the images, by
+    0.6 of the longest edge at most.
+    """
+    for name, (mesh, _) in zip(("T_yx", "T_xy"), shapes(), strict=True):
+        ours, theirs = (np.asarray(getattr(m, name)) for m in (found, plain()))
+        assert (ours != theirs).mean() < 0.15
+        edges = np.diff(mesh.vertices[mesh.faces[:, [0, 1, 2, 0]]], axis=1)
+        apart = mesh.vertices[ours] - mesh.vertices[theirs]
+        assert np.linalg.norm(apart, axis=1).max() < np.linalg.norm(edges, axis=2).max()
 
 
 def test_the_truth_is_found():
@@ -128,38 +149,67 @@ def test_units_motion_and_winding_change_nothing():
     moved = testing.move(mesh_x, turned(), unit=1000.0)
     inside_out = mesh_y._replace(faces=mesh_y.faces[:, ::-1])
     # Coordinates and faces given otherwise sum up otherwise.
-    for other in (mesh_y, inside_out):
-        nearly_same(jfsf.match(moved, other, cache=False))
+    nearly_same(jfsf.match(moved, inside_out, cache=False))
+    # A power of two rounds nothing.
+    doubled = mesh_x._replace(vertices=2.0 * mesh_x.vertices)
+    same(jfsf.match(doubled, mesh_y, cache=False))
 
 
-def as_match_does(*specs, run=partial(_running.run_stage, keep=False)):
+def as_match_does(*specs):
     """Padded as `match` pads: the same programs."""
-    settings = Settings()
-    both = padded_sizes([mesh for mesh, _ in shapes()], settings)
-    pair = tuple(map(padded, specs, both))
-    given = Given(None, None, None, 1, False)
-    choose = _running.most_confident
-    return pipeline.run_stages(
-        *(*pair, *given),
-        settings=settings,
-        run=run,
-        run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
-        most_confident=choose,
-        most_promising=_running.most_promising,
+    pair = PairState(padded_pair(*specs), MatchInputs())
+    return policy.match_pairs([pair], OneByOne(keep=False), settings=Settings())[0]
+
+
+class Noting(OneByOne):
+    """Runs the stages, and notes what they are given and what they return.
+
+    given: (stage, shapes and types of its arguments), in their order.
+    """
+
+    given: list
+    results: dict
+
+    def map(self, name, stage, inputs, at_a_time=1):
+        results = super().map(name, stage, inputs, at_a_time)
+        self.given += [(name, types(args)) for args in inputs]
+        self.results[name] = results
+        return results
+
+
+def types(args):
+    # Weak types too: 1 and jnp.int32(1) are two programs.
+    return str(jax.tree.map(jax.typeof, args))
+
+
+def noting():
+    runner = Noting(keep=False)
+    runner.given, runner.results = [], {}
+    return runner
+
+
+class Abstract(policy.Runner):
+    """As `CompileOnly`, without a compiler."""
+
+    def __init__(self):
+        self.given = []
+
+    def map(self, name, stage, inputs, at_a_time=1):
+        self.given += [(name, types(args)) for args in inputs]
+        return [jax.eval_shape(stage, *args) for args in inputs]
+
+
+def test_the_programs_are_compiled_for_what_they_get():
+    sizes = [(len(mesh.vertices), len(mesh.faces)) for mesh, _ in shapes()]
+    k = len(specs()[0].evals)
+    like_x, like_y = map(spectrum_like, padded_shapes(k, sizes))
+    ahead, runner, settings = Abstract(), noting(), Settings()
+    policy.compile_first_attempt(
+        PairState((like_x, like_y), MatchInputs()), ahead, settings=settings
     )
-
-
-@pytest.mark.parametrize("x64", [False, True])
-def test_the_program_is_compiled_for_what_it_gets(x64):
-    (mesh_x, _), (mesh_y, _) = shapes()
-    cloud = mesh_x._replace(faces=mesh_x.faces[:0])
-    with jax.enable_x64(x64):
-        for meshes in ((mesh_x, mesh_y), (cloud, mesh_y), (mesh_x,)):
-            both = padded_sizes(meshes, Settings())
-            for mesh, size in zip(meshes, both, strict=True):
-                spec = padded(jfsf.basis(mesh, cache=False), size)
-                like = jax.tree.map(jax.typeof, spectrum_like(size))
-                assert jax.tree.map(jax.typeof, spec) == like
+    padded = jax.tree.map(jnp.asarray, padded_pair(*specs()))
+    policy.match_pairs([PairState(padded, MatchInputs())], runner, settings=settings)
+    assert runner.given == ahead.given
 
 
 def test_signs_of_eigenvectors_change_nothing():
@@ -268,8 +318,7 @@ def test_the_orientation_may_be_traced():
 
 def test_the_programs_of_search_and_refinement_serve_all_sizes():
     def samples(n):
-        shape = spectrum_like(Size(128, n, 2 * n))
-        return jax.eval_shape(pipeline.shape_samples, shape)
+        return jax.eval_shape(shape_samples, spectrum_like(PaddedShape(128, n, 2 * n)))
 
     assert samples(5120) == samples(10240)
 
@@ -277,61 +326,64 @@ def test_the_programs_of_search_and_refinement_serve_all_sizes():
 @pytest.mark.parametrize(("large", "at_a_time"), [(1 << 26, 2), (99, 1)])
 def test_large_shapes_have_their_features_one_by_one(monkeypatch, large, at_a_time):
     running, most = [], []
+    both = Barrier(at_a_time)
 
     def program(side):
         running.append(side)
-        time.sleep(0.1)
+        both.wait(20)
         most.append(len(running))
+        both.wait(20)
         running.pop()
         return side
 
-    monkeypatch.setattr(_running, "_program", lambda *_: program)
-    monkeypatch.setattr(_running, "LARGE", large)
-    sides = _running._run_sides(None, (np.zeros(25, "f4"),), (np.ones(25, "f4"),))
+    monkeypatch.setattr(_runners, "_program", lambda *_, **__: program)
+    monkeypatch.setattr(_runners, "LARGE_BYTES", large)
+    inputs = [(np.zeros(25, "f4"),), (np.ones(25, "f4"),)]
+    sides = OneByOne().map("features", partial(program), inputs, at_a_time=2)
     assert max(most) == at_a_time
     assert [side[0] for side in sides] == [0, 1]
 
 
-def test_a_folder_of_many_sizes_needs_twelve_programs():
-    rng = np.random.default_rng(0)
-    programs = {}
+class Counted:
+    """A runner that traces each stage once, and returns shapes."""
 
-    def run(stage, *args):
+    def __init__(self):
+        self.programs = {}
+
+    def map(self, name, stage, inputs, at_a_time=1):
+        return [self.one(stage, args) for args in inputs]
+
+    def one(self, stage, args):
         leaves, tree = jax.tree.flatten(args)
         shapes = [(x.shape, x.dtype) for x in map(jax.typeof, leaves)]
         asked = stage.func, tree, *shapes
-        if asked not in programs:
-            programs[asked] = jax.eval_shape(stage, *args)
-        return programs[asked]
+        if asked not in self.programs:
+            self.programs[asked] = jax.eval_shape(stage, *args)
+        return self.programs[asked]
 
-    def all_starts(attempt, first, others, *_):
-        for make in others:
-            make()
-        return attempt(first)
 
-    def first_two(promise, starts, num):
-        one = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), starts)
-        jax.eval_shape(promise, one)
-        assert num == 2
-        return starts
+def all_stages(pair, runner, settings):
+    """Those of a pair in doubt, too, on shapes in place of arrays."""
+    policy.compile_first_attempt(pair, runner, settings=settings)
+    stage = partial(policy.nonisometric_starts, settings=settings.search)
+    stacked = runner.one(stage, policy._search_inputs([pair], [pair.samples])[0])
+    start = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), stacked)
+    C_yx = jax.ShapeDtypeStruct(pair.refined_size, start.C_yx.dtype)
+    policy._finish("screening", [(pair, start, C_yx)], 2, runner, settings)
+    pair.best = None  # shapes cannot be compared
+    policy._attempt("nonisometric", [(pair, start)], runner, settings)
 
-    settings = Settings()
-    given = Given(None, None, None, 1, False)
+
+def test_a_folder_of_many_sizes_needs_twelve_programs():
+    rng = np.random.default_rng(0)
+    runner, settings = Counted(), Settings()
     for _ in range(100):
         n = rng.integers(2600, 25_600, 2)
         if max(n) > 4 * min(n):
             continue
-        meshes = [Mesh(np.zeros((m, 3)), np.zeros((2 * m - 4, 3), int)) for m in n]
-        pair = map(spectrum_like, padded_sizes(meshes, settings))
-        pipeline.run_stages(
-            *(*pair, *given),
-            settings=settings,
-            run=run,
-            run_sides=lambda stage, *sides: [run(stage, *side) for side in sides],
-            most_confident=all_starts,
-            most_promising=first_two,
-        )
-    assert 9 <= len(programs) <= 12
+        pair = map(spectrum_like, padded_shapes(128, [(m, 2 * m - 4) for m in n]))
+        all_stages(PairState(tuple(pair), MatchInputs()), runner, settings)
+    assert 9 <= len(runner.programs) <= 12
 
 
 def test_a_cloud_without_an_outside_has_no_left_and_right():
@@ -445,7 +497,7 @@ def test_an_unknown_orientation():
         jfsf.match(good, good, orientation="left", cache=False)  # type: ignore
 
 
-def ten_lines(emb_x, emb_y, marginal_x, marginal_y):
+def ten_lines(emb_x, emb_y, marginal_x, marginal_y, search):
     """A converter of a user's: nearest neighbour by a dense table, no tiles."""
     square = jnp.sum((emb_x[:, None] - emb_y[None]) ** 2, 2)
     far_x, far_y = (jnp.where(m > 0, 0, jnp.inf) for m in (marginal_x, marginal_y))
@@ -468,6 +520,34 @@ def test_settings_change_any_stage():
     assert error(found) < 0.06 and 0 < found.certificate.nn_agreement <= 1
 
 
+def functions_of_the_guide():
+    """Those that the page on stages defines, by name; nothing is matched."""
+    page = ROOT / "jfsf" / "guide" / "stages.md"
+    names = {}
+    for code in blocks(page.read_text(), "python"):
+        kept = ast.Import | ast.ImportFrom | ast.FunctionDef
+        body = [node for node in ast.parse(code).body if isinstance(node, kept)]
+        exec(compile(ast.Module(body, []), str(page), "exec"), names)
+    return names
+
+
+def test_the_guides_own_stages_match_a_shape_that_was_turned():
+    (mesh_x, gt_x), _ = shapes()
+    names = functions_of_the_guide()
+    mine = Settings(
+        describe=names["my_features"],
+        refine=names["my_refinement"],
+        deform=names["my_deformation"],
+    )
+    other, gt_y = small("man_walk", 1040)
+    moved = testing.move(other, turned(), unit=7.0)
+    found = jfsf.match(mesh_x, moved, settings=mine, cache=False)
+    at = slice(None, None, 20)
+    assert geodesic_error(found.T_xy, moved, gt_x[at], gt_y[at]).mean() < 0.03
+    # ICP stays at the size of the start.
+    assert found.certificate.residual < 0.01 and found.certificate.confidence > 0.9
+
+
 def test_a_converter_without_a_plan_has_a_certificate():
     (mesh_x, _), (mesh_y, _) = shapes()
     mine = jfsf.Settings(converter=ten_lines, bend_converter=ten_lines, bend_rounds=1)
@@ -479,7 +559,7 @@ def test_a_converter_without_a_plan_has_a_certificate():
 
 
 def test_descriptors_replace_the_wave_kernel_signature():
-    # Given the default's own, the map is the default's.
+    # Given the default's own, from another program and so rounded otherwise.
     (mesh_x, _), (mesh_y, _) = shapes()
     step = Settings().features.wks_step
     given = tuple(np.asarray(wks(spec))[:, ::step] for spec in specs())
@@ -502,25 +582,20 @@ def test_descriptors_may_stand_beside_it():
 
 
 @cache
-def searched():
-    """The stages up to the search's candidates, apart from `match`."""
-    x, y = (features(spec) for spec in specs())
-    found = candidates(search_samples(x), search_samples(y))
-    return x, y, found
+def sampled():
+    """The first stage, apart from `match`."""
+    x, y = map(shape_samples, specs())
+    return x, y
 
 
 def test_the_searchs_own_map_as_initial_gives_the_default():
     (mesh_x, _), (mesh_y, _) = shapes()
-    best = []
-
-    def run(stage, *args):
-        result = _running.run_stage(stage, *args, keep=False)
-        if stage.func is pipeline.best_candidate:
-            best.append(np.asarray(result.C_yx))
-        return result
-
-    as_match_does(*specs(), run=run)
-    found = jfsf.match(mesh_x, mesh_y, initial=best[0], cache=False)
+    runner = noting()
+    pair = PairState(padded_pair(*specs()), MatchInputs())
+    policy.match_pairs([pair], runner, settings=Settings())
+    (start,) = runner.results["search"]
+    initial = np.asarray(start.C_yx)
+    found = jfsf.match(mesh_x, mesh_y, initial=initial, cache=False)
     same(found)
     assert np.isnan(found.certificate.gap)  # no search, no second candidate
 
@@ -540,39 +615,37 @@ def test_a_refinement_that_begins_above_the_search_needs_an_initial_map():
 
 
 def test_a_small_initial_map_grows():
-    x, y, _ = searched()
+    x, y = (side.refinement for side in sampled())
     T_xy = jnp.asarray(plain().T_xy)
     small = functional_map(T_xy, truncate(x.spec, 12), truncate(y.spec, 12))
     settings = Settings(ks=(30, 40))
-    C_yx = pipeline.refine(x, y, small, settings=settings)
+    C_yx = stages.refine_by_zoomout(x, y, small, settings=settings)
     assert C_yx.shape == (40, 40)
     truth = functional_map(T_xy, truncate(x.spec, 40), truncate(y.spec, 40))
     gap = jnp.linalg.norm(C_yx - truth) / jnp.linalg.norm(truth)
     assert gap < 0.5
 
 
-def test_stage_by_stage_is_match():
-    spec_x, spec_y = specs()
-    x, y, found = searched()
-    assert found.energy[0] <= found.energy[1]
-    start = pipeline.given_map(spec_x, spec_y, found.C_yx[0])
-    assert start.sign == 1
-    np.testing.assert_allclose(start.orientation, found.orientation[0], atol=1e-6)
-    few = map(pipeline.refinement_samples, (x, y))
-    C_yx = pipeline.refine(*few, start.C_yx, start.sign)
-    tiles = pipeline.pair_tiles(spec_x, spec_y)
-    embs = pipeline.bend(spec_x, spec_y, C_yx, start.sign, tiles)
-    maps = pipeline.convert(*embs, spec_x, spec_y, tiles)
-    nearly_same(maps_of(maps))
-    C_yx = functional_map(maps.T_xy, spec_x, spec_y)
-    evidence = certify(maps, *embs, C_yx, spec_x, spec_y)
-    assert evidence.orientation > 0.8 and evidence.finite
+def test_an_attempt_is_match():
+    x, y = sampled()
+    found = best_start(x.search, y.search)
+    start = given_start(*specs(), found.C_yx)
+    assert start.sign == found.sign == 1
+    np.testing.assert_allclose(start.orientation, found.orientation, atol=1e-6)
+    C_yx = refine_start((x.refinement, y.refinement), start)
+    k = len(specs()[0].evals)
+    assert C_yx.shape == (k, k)
+    ours = attempt(specs(), (x, y), start)
+    nearly_same(ours)
+    evidence = ours.certificate
+    assert evidence.orientation > 0.8 and evidence.finite and np.isnan(evidence.gap)
 
 
 def test_rows_of_zeros_are_left_out_of_a_map():
     C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(20, 20)))
-    embed = partial(pipeline.bend, *specs(), settings=Settings(bend_rounds=0))
-    for ours, truth in zip(embed(jnp.pad(C_yx, (0, 10))), embed(C_yx), strict=True):
+    embed = partial(stages.deform_by_arap, *specs(), settings=Settings(bend_rounds=0))
+    padded = jnp.pad(C_yx, (0, 10))
+    for ours, truth in zip(embed(padded)[:2], embed(C_yx)[:2], strict=True):
         np.testing.assert_allclose(ours[:, :20], truth)
         assert not ours[:, 20:].any()
 

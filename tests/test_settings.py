@@ -8,8 +8,8 @@ import pytest
 
 import jfsf
 from jfsf import ArapSettings, FeatureSettings, NeighbourSettings, SearchSettings
-from jfsf.array import describe, static_key
-from jfsf.convert import nearest, sinkhorn
+from jfsf.array import static_key, static_text
+from jfsf.convert import authors_sinkhorn, sinkhorn
 from jfsf.settings import Settings
 
 
@@ -30,12 +30,15 @@ def test_each_field_counts(name):
         "zoomout": jfsf.ZoomOutSettings(slack=0.1),
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(beam=32),
+        "bend_converter": sinkhorn,
+        "evidence": jfsf.EvidenceSettings(missed=0.4),
+        "parts": jfsf.PartSettings(anchors=12),
     }
     value = getattr(Settings(), name)
     if name in other:
         changed = other[name]
     elif callable(value):
-        changed = nearest
+        changed = authors_sinkhorn
     else:
         changed = value + 1 if isinstance(value, int) else value / 2
     assert Settings(**{name: changed}) != Settings()
@@ -47,7 +50,9 @@ def test_repr_is_what_one_would_write():
     assert "converter=partial(sinkhorn, k0=40)" in text and "bend_rounds=0" in text
     assert "0x" not in text  # no address: the same text in every process
     names = {"partial": partial, **vars(jfsf.convert)}
-    names |= {"Weights": jfsf.initial.Weights}
+    names |= {"Weights": jfsf.initial.Weights, "features": jfsf.spectral.features}
+    names |= {"EvidenceWeights": jfsf.parts.EvidenceWeights}
+    names |= vars(jfsf.stages)
     names |= {name: getattr(jfsf, name) for name in jfsf.__all__}
     assert eval(text, names) == mine
 
@@ -59,10 +64,15 @@ def test_as_record_is_plain():
 
 
 def test_every_number_is_explained():
-    parts = [type(getattr(Settings(), f.name)) for f in fields(Settings)]
-    for part in {Settings, *filter(is_dataclass, parts)}:
-        for f in fields(part):
-            assert f"    {f.name}: " in part.__doc__, f"{part.__name__}.{f.name}"
+    def walk(settings):
+        kind = type(settings)
+        for f in fields(settings):
+            assert f"\n    {f.name}: " in kind.__doc__, f"{kind.__name__}.{f.name}"
+            value = getattr(settings, f.name)
+            if is_dataclass(value):
+                walk(value)
+
+    walk(Settings())
 
 
 @pytest.mark.parametrize(
@@ -77,6 +87,7 @@ def test_every_number_is_explained():
         ({"samples": 0}, "samples 0"),
         ({"samples": 4000}, "samples is 4000; give a power of two"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),
+        ({"refine": "zoomout"}, "refine is 'zoomout'; give .* jfsf.stages"),
     ],
 )
 def test_bad_values_are_errors(wrong, message):
@@ -85,8 +96,8 @@ def test_bad_values_are_errors(wrong, message):
 
 
 def test_descriptions():
-    assert describe((1,)) == "(1,)" and describe((1, "a")) == "(1, 'a')"
-    assert describe(partial(max, 3)) == "partial(max, 3)"
+    assert static_text((1,)) == "(1,)" and static_text((1, "a")) == "(1, 'a')"
+    assert static_text(partial(max, 3)) == "partial(max, 3)"
     same = [static_key(partial(max, 3, key=abs)) for _ in range(2)]
     assert same[0] == same[1] != static_key(partial(max, 4, key=abs))
     # What cannot be hashed is told apart by identity.

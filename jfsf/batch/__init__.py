@@ -7,7 +7,6 @@ on a dask cluster.
 
 Read in this order:
 
-- `_map_pairs`: one function over many inputs, vmapped and sharded over the devices
 - `_pairs`: conversion, refinement, search and matching of many pairs
 - `_hosts`: several processes or machines, each with its shard
 - `_cluster`: a dask cluster, local or already running
@@ -18,9 +17,9 @@ Read in this order:
 from jfsf.batch._cluster import connect
 from jfsf.batch._hosts import join, local_shard
 from jfsf.batch._jobs import Job, Outcome, is_done, run_jobs
-from jfsf.batch._map_pairs import map_pairs
 from jfsf.batch._pair_list import Pair, read_pairs
-from jfsf.batch._pairs import convert, match_spectra, padded_pair, refine, search
+from jfsf.batch._pairs import convert, match_spectra, refine, search
+from jfsf.runtime import map_pairs, padded_pair
 
 __all__ = [
     "Job",

@@ -1,25 +1,34 @@
-"""Conversion, refinement, search and the whole pipeline over many pairs of shapes.
+"""Conversion, refinement, search and matching of many pairs of shapes.
 
-Pairs of unequal sizes are padded to a few common ones (`jfsf.array.common_size`), so a
-hundred pairs of mixed sizes cost a handful of compilations. Results come back unpadded,
-as numpy arrays in the order of the pairs: those of a loop over the pairs, up to ties.
+Pairs of unequal sizes are padded to a few common ones (`jfsf.runtime.common_size`), so
+a hundred pairs of mixed sizes cost a handful of compilations. Results come back
+unpadded, in the order of the pairs: those of a loop over the pairs, up to ties.
 """
 
 from collections.abc import Sequence
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jfsf.array import common_size, pad
-from jfsf.batch._map_pairs import map_pairs
+from jfsf.arguments import MatchInputs
 from jfsf.convert import Converter, maps_of, sinkhorn
-from jfsf.initial import Candidates
+from jfsf.initial import Candidates, Orientation, orientation_sign
 from jfsf.initial import search as search_one
-from jfsf.pipeline import match_spectra as match_one
+from jfsf.policy import PairState, match_pairs
 from jfsf.refine import zoomout
-from jfsf.spectral import truncate_pair
+from jfsf.runtime import (
+    PAIRS,
+    OneByOne,
+    Vmapped,
+    common_size,
+    map_pairs,
+    padded_pair,
+    with_rows,
+)
+from jfsf.settings import Settings
 from jfsf.types import Maps, Match, Spectrum
 
 
@@ -36,7 +45,7 @@ def convert(
         embs_x, embs_y: one of each a pair (`jfsf.spectral.embeddings`); n_x, n_y and k
             are any.
         converter: any `jfsf.convert.Converter`, hashable; every vertex has the same
-            marginal.
+            marginal, and all points are compared.
         sharding: `devices`, `pairs` and `batch_size` of `map_pairs`.
 
     Raises:
@@ -50,8 +59,8 @@ def convert(
         return *_with_marginal(x, size), *_with_marginal(y, size)
 
     inputs = (padded(x, y) for x, y in zip(embs_x, embs_y, strict=True))
-    found = map_pairs(_convert, inputs, converter=converter, **sharding)
-    return [_cut(maps, *n) for maps, n in zip(found, sizes, strict=True)]
+    maps = map_pairs(_convert, inputs, converter=converter, **sharding)
+    return [_cut(one, *n) for one, n in zip(maps, sizes, strict=True)]
 
 
 def refine(
@@ -66,8 +75,8 @@ def refine(
     """`zoomout` of each pair: C_yx at ks[-1].
 
     Args:
-        specs_x, specs_y, Cs_yx: one of each a pair; pairs with equal numbers of
-            eigenpairs share programs.
+        specs_x, specs_y, Cs_yx: one of each a pair; each pair is cut to equal numbers
+            of eigenpairs, and pairs with equal numbers share programs.
         ks, converter: as `zoomout`.
         options: the static options of `zoomout`, such as `bidirectional`; `devices`,
             `pairs` and `batch_size` of `map_pairs`.
@@ -104,60 +113,75 @@ def search(
 
     def padded(x, y, desc_x, desc_y):
         x, y = padded_pair(x, y)
-        return x, y, _rows(desc_x, len(x.mass)), _rows(desc_y, len(y.mass))
+        sides = (x, desc_x), (y, desc_y)
+        return x, y, *(with_rows(np.asarray(d), len(s.mass)) for s, d in sides)
 
     inputs = map(padded, specs_x, specs_y, descs_x, descs_y)
     return map_pairs(search_one, inputs, fast_compile=True, **options)
 
 
 def match_spectra(
-    specs_x: Sequence[Spectrum], specs_y: Sequence[Spectrum], **options: Any
+    specs_x: Sequence[Spectrum],
+    specs_y: Sequence[Spectrum],
+    *,
+    orientation: Orientation = "preserve",
+    settings: Settings = Settings(),
+    devices: Sequence[Any] | None = None,
+    pairs: int = PAIRS,
+    batch_size: int | None = None,
+    cache: bool = True,
 ) -> list[Match]:
-    """`jfsf.match` of each pair, from the spectra on.
+    """`jfsf.match` of each pair, from the spectra on, doubtful pairs tried again.
+
+    Without coarse copies of large shapes, for which the meshes are needed.
 
     Args:
-        specs_x, specs_y: one of each a pair, from `jfsf.basis`. Each pair is
-            cut to equal numbers of eigenpairs; pairs with equal numbers share programs.
-        options: `orientation` and `settings` of `jfsf.match_spectra`, but no landmarks,
-            descriptors or initial maps; `devices`, `pairs` and `batch_size` of
-            `map_pairs`.
+        specs_x, specs_y: one of each a pair, from `jfsf.basis`. Each pair is cut to
+            equal numbers of eigenpairs; pairs with equal numbers share programs.
+        orientation, settings: as `jfsf.match`.
+        devices, pairs, batch_size: as `map_pairs`. One pair at a time on one CPU shares
+            its programs with `jfsf.match`. Of more pairs, the first attempts of `pairs`
+            are made together, then those in doubt.
+        cache: as `jfsf.match`: keep programs on disk. Those for more pairs never are.
 
     Raises:
-        ValueError: as `convert`.
+        ValueError: the lists differ in length, a spectrum has too few eigenpairs (with
+            the number of its pair), or settings that do not fit.
     """
     sizes = _sizes("match_spectra", specs_x=specs_x, specs_y=specs_y)
-    pairs = zip(specs_x, specs_y, strict=True)
-    inputs = (padded_pair(*truncate_pair(*pair)) for pair in pairs)
-    found = map_pairs(match_one, inputs, fast_compile=True, **options)
-    return [_cut(one, *n) for one, n in zip(found, sizes, strict=True)]
-
-
-def padded_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
-    """Both spectra as numpy arrays, padded to one common size, for `map_pairs`.
-
-    Pairs of many sizes are padded to few: n vertices (`jfsf.array.common_size`), and
-    2 n faces. Mass 0 and face (0, 0, 0) mark the padding. `jfsf.match` leaves very
-    different sizes apart.
-    """
-    x, y = (jax.tree.map(np.asarray, spec) for spec in (spec_x, spec_y))
-    # A closed surface has twice as many faces as vertices, so one size decides both.
-    half = -(-max(len(x.faces), len(y.faces)) // 2)
-    size = common_size(max(len(x.mass), len(y.mass), half))
-    return pad(x, size, 2 * size), pad(y, size, 2 * size)
+    needed = settings.search.eigenpairs
+    for i, pair in enumerate(zip(specs_x, specs_y, strict=True)):
+        if (least := min(len(spec.evals) for spec in pair)) < needed:
+            raise ValueError(
+                f"pair {i}: match_spectra: a spectrum has {least} eigenpairs, the "
+                f"search needs {needed}"
+            )
+    inputs = MatchInputs(sign=orientation_sign(orientation))
+    devices = devices or jax.local_devices()
+    alone = len(devices) == 1 and devices[0].platform == "cpu"
+    runner, together, place = Vmapped(devices, pairs, batch_size), pairs, np.asarray
+    if alone and batch_size in (None, 1):
+        runner, together, place = OneByOne(cache), 1, jnp.asarray
+    matches = []
+    for first in range(0, len(sizes), together):
+        some = range(first, min(first + together, len(sizes)))
+        with jax.default_device(devices[0]):
+            given = (padded_pair(specs_x[i], specs_y[i]) for i in some)
+            states = [PairState(jax.tree.map(place, p), inputs) for p in given]
+            found = match_pairs(states, runner, settings=settings)
+        host = (jax.tree.map(np.asarray, match) for match in found)
+        matches += [_cut(match, *sizes[i]) for i, match in zip(some, host, strict=True)]
+    return matches
 
 
 def _convert(emb_x, marginal_x, emb_y, marginal_y, *, converter):
-    return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y))
+    return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y, None))
 
 
 def _with_marginal(emb, size):
-    padded = _rows(emb, size)
-    return padded, (np.arange(size) < len(emb)) / padded.dtype.type(len(emb))
-
-
-def _rows(array, size):
-    array = np.asarray(array)
-    return np.pad(array, ((0, size - len(array)), (0, 0)))
+    emb = np.asarray(emb)
+    real = (np.arange(size) < len(emb)) / emb.dtype.type(len(emb))
+    return with_rows(emb, size), real
 
 
 def _cut(maps, n_x, n_y):

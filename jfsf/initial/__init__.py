@@ -11,10 +11,11 @@ Read in this order:
 - `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, and their energy
-- `_starts`: sign patterns, fits to descriptors, and flips
+- `_seeds`: sign patterns, fits to descriptors, and flips
 - `_search`: the search among these, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
+- `_start`: candidates to the starts of attempts
 """
 
 from jfsf.initial._fit import fit
@@ -32,6 +33,7 @@ from jfsf.initial._search import (
     search,
 )
 from jfsf.initial._settings import SearchSettings
+from jfsf.initial._start import Start, best_start, nonisometric_starts
 from jfsf.initial._terms import ShapeTerms, Terms, Weights, combine, shape_terms, terms
 
 __all__ = [
@@ -42,13 +44,16 @@ __all__ = [
     "SearchSamples",
     "SearchSettings",
     "ShapeTerms",
+    "Start",
     "Terms",
     "Weights",
     "best_different",
+    "best_start",
     "candidates",
     "combine",
     "energies",
     "nonisometric_candidates",
+    "nonisometric_starts",
     "fit",
     "orientation_sign",
     "refine_hypotheses",

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
-from jfsf.refine import surface
+from jfsf.geometry import corner_sides, divergence, sum_at_vertices, surface
 from jfsf.types import Spectrum
 
 # An end reaches from the tip to this share of the way to the middle of the shape.
@@ -37,18 +37,16 @@ def total_curvatures(
         The integral of |K|, by angle defects, and of H^2 (Willmore energy), by the
         cotangent Laplacian. Vertices on a boundary count 0.
     """
-    n, faces = len(spec.mass), spec.faces
-    _, _, rest, stiff = surface(spec)
+    faces = spec.faces
+    _, _, rest, stiff = surface(spec.vertices, faces, spec.mass)
 
     def at_vertices(values):
-        zeros = jnp.zeros((n, *values.shape[2:]), values.dtype)
-        return zeros.at[faces].add(values)
+        return sum_at_vertices(values, faces, len(spec.mass))
 
-    to, fro = jnp.roll(rest, -2, 1), -jnp.roll(rest, -1, 1)
+    to, fro = corner_sides(rest)
     across = jnp.linalg.norm(jnp.cross(to, fro), axis=2)
     angle = at_vertices(jnp.arctan2(across, jnp.sum(to * fro, 2)))
-    pull = stiff * rest
-    laplacian = at_vertices(jnp.roll(pull, -1, 1) - jnp.roll(pull, -2, 1))
+    laplacian = divergence(stiff * rest, faces, len(spec.mass))
     # The edges opposite to a vertex make a closed loop, unless it is on a boundary.
     gap = jnp.linalg.norm(at_vertices(rest), axis=1)
     around = at_vertices(jnp.linalg.norm(rest, axis=2))

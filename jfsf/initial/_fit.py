@@ -29,6 +29,10 @@ def fit(
 ) -> Fit:
     """The functional map C_yx (k, k) that best carries desc_y to desc_x.
 
+    It minimises E(C) of `jfsf.initial._terms.combine` (descriptors, Laplacians,
+    multiplication, orientation) over all C whose first column is (1, 0, ...):
+    constants go to constants.
+
     Args:
         spec_x, spec_y: spectra with k eigenpairs or more, faces wound outward. Without
             faces on either side the orientation term says nothing.

@@ -58,13 +58,13 @@ def sample_geodesics(
     graph = jnp.minimum(graph, graph.T)
     graph = jnp.where(jnp.eye(num, dtype=bool), 0, graph)
 
-    def through(k, found):
-        return jnp.minimum(found, found[:, k, None] + found[None, k])
+    def through(k, dist):
+        return jnp.minimum(dist, dist[:, k, None] + dist[None, k])
 
-    found = jnp.asarray(jax.lax.fori_loop(0, num, through, graph))
-    longest = jnp.max(found, initial=0, where=jnp.isfinite(found))
-    found = jnp.minimum(found, longest)
+    dist = jnp.asarray(jax.lax.fori_loop(0, num, through, graph))
+    longest = jnp.max(dist, initial=0, where=jnp.isfinite(dist))
+    dist = jnp.minimum(dist, longest)
     mass = jnp.zeros(num, spec.mass.dtype).at[cell].add(spec.mass)
     share = mass / mass.sum()
-    mean = matmul(share, matmul(found, share))
-    return found / jnp.where(mean > 0, mean, 1)
+    mean = matmul(share, matmul(dist, share))
+    return dist / jnp.where(mean > 0, mean, 1)

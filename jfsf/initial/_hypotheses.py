@@ -78,7 +78,23 @@ def energies(
 ) -> Float[Array, " c"]:
     """Departure of each map from an isometry that keeps descriptors and curvature.
 
-    A self map costs energy as it resembles the identity.
+    E(C) = |L_x C - C L_y| / (|C| l) + |C^T C - I| / (2 sqrt(k)) + M_xy + M_yx + S
+
+    Norms are Frobenius, C is (k, k), L_x and L_y are diagonal: the first k eigenvalues;
+    l is the largest of them. With T_xy the nearest neighbours of Phi_X in Phi_Y C^T,
+    a_i the mass of a sample, p and q its d descriptors and h its c curvatures,
+
+        M_xy = sum_i a_i (1/d sum_e |p_ie - q_je| / (|p_ie| + |q_je|)
+                          + w/c sum_e (h_ie - h_je)^2),  j = T_xy[i],
+
+    w = `curvature_energy`; 0 / 0 counts as 0. M_yx is the same the other way. S is 0
+    but for a self map: it costs as it resembles the identity, S = trace(C') / (m - 1),
+    C' being rows and columns 1 to m - 1 of C, m = min(`compared`, k).
+
+    Args:
+        pair: the samples; padding has mass 0 and is a copy of another sample.
+        C_yx: functions on Y pulled back to X.
+        settings: `curvature_energy` and `compared`.
     """
     x, y, self_map = pair
     size = min(settings.compared, C_yx.shape[-1])

@@ -71,7 +71,7 @@ def solve_nonlinear(
         jnp.asarray(orthogonality, dtype),
         jnp.asarray(scale, dtype),
     )
-    found = least_squares(
+    solution = least_squares(
         residuals,
         jax.lax.stop_gradient(start),
         args,
@@ -85,8 +85,8 @@ def solve_nonlinear(
         return sum(jnp.sum(part**2) for part in parts) / 2
 
     size = jnp.sum(gradient(jnp.zeros_like(start)) ** 2)
-    gap = jnp.sum(gradient(found.value) ** 2) * inverse(size)
-    return Fit(entries.constant + entries.to_map(found.value), jnp.sqrt(gap))
+    gap = jnp.sum(gradient(solution.value) ** 2) * inverse(size)
+    return Fit(entries.constant + entries.to_map(solution.value), jnp.sqrt(gap))
 
 
 def _residuals(free: Array, args: tuple[Terms, Entries, Array, Array], *, loss: Loss):

@@ -80,17 +80,17 @@ def _nonisometric_candidates(
         settings=settings,
     )
     assigned = best_assignments(x, y, settings=settings)
-    found = refine_extremities(search_pair, assigned, settings=settings)
-    cost = log_stretch_std(search_pair, x.geodesics, y.geodesics, found)
+    C_yx = refine_extremities(search_pair, assigned, settings=settings)
+    cost = log_stretch_std(search_pair, x.geodesics, y.geodesics, C_yx)
     cost += settings.difference_weight * assigned.difference
-    _, score = oriented(cost, found)
+    _, score = oriented(cost, C_yx)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
     kept = best_different(
-        found, cost, settings.nonisometric_candidates, settings=settings
+        C_yx, cost, settings.nonisometric_candidates, settings=settings
     )
     weight = settings.nonisometric_descriptor_weight
     last = refine_hypotheses(
-        ranking_pair, found[kept], weight, ks=settings.final_ks, settings=settings
+        ranking_pair, C_yx[kept], weight, ks=settings.final_ks, settings=settings
     )
     energy, score = oriented(energies(ranking_pair, last, settings=settings), last)
     return Candidates(last, energy, score)
@@ -155,11 +155,24 @@ def log_stretch_std(
     geodesics_y: Float[Array, "s_y s_y"],
     C_yx: Float[Array, "c k k"],
 ) -> Float[Array, " c"]:
-    """How unevenly each map stretches short distances, both ways; 0 for similarities.
+    """How unevenly each map stretches short distances; 0 for similarities.
 
     It is the standard deviation of the logarithm of the stretch between neighbouring
-    samples. A map that stretches a limb as a whole costs little, one that tears
-    neighbours apart or crumples much, whatever the proportions.
+    samples, the lesser of the two ways:
+
+        u = min(std s_xy, std s_yx),
+        s_xy(i, j) = log(d_Y(T_xy[i], T_xy[j]) / d_X(i, j) + `COLLAPSED`),
+
+    over all pairs of a sample i and one of its `NEAR` nearest j, all counted equally.
+    T_xy are the nearest neighbours of Phi_X in Phi_Y C^T. A map that stretches a limb
+    as a whole costs little, one that tears neighbours apart or crumples much, whatever
+    the proportions.
+
+    Args:
+        pair: the samples. Those of mass 0 are padding, copies of others: pairs with
+            them, or of distance 0, do not count.
+        geodesics_x, geodesics_y: d_X and d_Y between the samples.
+        C_yx: functions on Y pulled back to X.
     """
     x, y, _ = pair
     near_x, near_y = map_sides(_near, (geodesics_x,), (geodesics_y,))

@@ -24,8 +24,8 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array import map_sides, matmul
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
 from jfsf.initial._samples import SearchSamples, search_samples
+from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.initial._settings import SearchSettings
-from jfsf.initial._starts import fits, flips, sign_patterns
 from jfsf.spectral import Features, FeatureSettings, features, orientation_score
 from jfsf.types import Spectrum
 
@@ -96,8 +96,8 @@ def _search(
             )
 
     def samples(spec, desc):
-        found = features(spec, desc, self_map=self_map, settings=feature_settings)
-        return search_samples(found, settings=settings)
+        shape = features(spec, desc, self_map=self_map, settings=feature_settings)
+        return search_samples(shape, settings=settings)
 
     sides = map_sides(samples, (spec_x, desc_x), (spec_y, desc_y))
     return _candidates(*sides, sign, self_map, num=num, settings=settings)
@@ -261,8 +261,19 @@ def with_orientation(
 ):
     """Energies with that of the orientation added, and orientation scores.
 
-    With s the score times the wanted sign, that is `half_mirrored_energy` (1 - s), or
-    `wrong_orientation_energy` where s < 0.
+    With s the score of a map (`jfsf.spectral.orientation_score`) times the wanted sign,
+
+        E'(C) = E(C) + h (1 - s)  if s >= 0,
+        E'(C) = E(C) + w          if s < 0,
+
+    h = `half_mirrored_energy`, w = `wrong_orientation_energy`. E' = E if no sign is
+    wanted (0), or without a score (nan).
+
+    Args:
+        energy, C_yx: of each candidate.
+        brackets: `jfsf.spectral.brackets` of X and of Y.
+        sign: 1, -1, or 0 for any.
+        settings: both energies, and `zoomout.pulled_back`.
     """
     pulled_back = settings.zoomout.pulled_back
     score = partial(orientation_score, pulled_back=pulled_back)

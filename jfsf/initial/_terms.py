@@ -55,8 +55,10 @@ class ShapeTerms(NamedTuple):
 class Terms(NamedTuple):
     """The energy that `solve` minimises over C, weights included:
 
-    weight_desc |C coef_y - coef_x|^2 + sum(mask C^2)
-        + sum_e weight_e |C commute_y[:, e] - commute_x[:, e] C|^2
+    E(C) = weight_desc |C coef_y - coef_x|^2 + sum(mask C^2)
+           + sum_e weight_e |C commute_y[:, e] - commute_x[:, e] C|^2,
+
+    with Frobenius norms. `combine` says what the arrays are.
 
     coef_x, coef_y: descriptors in the eigenbases.
     mask: how much each entry of C breaks commutativity with the Laplacians.
@@ -128,7 +130,23 @@ def combine(
     *,
     gamma: float = GAMMA,
 ) -> Terms:
-    """The problem of two shapes; weights are traced. See `fit` for the arguments."""
+    """The problem of two shapes; weights are traced. See `fit` for the arguments.
+
+    With A and B the coefficients of the descriptors of X and of Y, (k, d), centred,
+    scaled to mean square 1 and weighted by `column_weights`, the energy is
+
+        E(C) = k w_1 / |A, B|^2 |C B - A|^2
+               + w_2 / mean(M) sum_ij M_ij C_ij^2
+               + k w_3 / |F, G|^2 sum_e |C G_e - F_e C|^2
+               + k w_4 / |P, Q|^2 sum_e |C Q_e - s P_e C|^2,
+
+    |A, B|^2 = (|A|^2 + |B|^2) / 2, w the sizes of the four weights, s the sign of the
+    fourth. F_e and G_e multiply by descriptor e, P_e and Q_e are f -> {A_e, f}
+    (`jfsf.spectral.brackets`), all in the eigenbases. M is the resolvent mask (Ren et
+    al., SGP 2019), with x = (eigenvalue / the largest)^gamma of either shape:
+
+        M_ij = |1 / (x_i - sqrt(-1)) - 1 / (y_j - sqrt(-1))|^2.
+    """
     dtype, number = x.coef.dtype, x.coef.shape[1]
     if column_weights is not None and column_weights.shape != (number,):
         raise ValueError(

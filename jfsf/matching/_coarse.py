@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.array import common_size
+from jfsf.arguments import MatchInputs
+from jfsf.initial import Start
 from jfsf.mesh import decimate
-from jfsf.pipeline import InitialMap
+from jfsf.runtime import PaddedShape, common_size
 from jfsf.settings import Settings
-from jfsf.sizes import Given, Size
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
 
@@ -27,13 +27,15 @@ class CoarseCopy(NamedTuple):
     on_copy: ArrayLike
 
 
-def have_copies(surfaces: list[Mesh], sizes: list[Size], settings: Settings) -> bool:
-    """Whether these shapes, padded to these sizes, get copies: small ones gain nothing.
+def have_copies(
+    surfaces: list[Mesh], shapes: list[PaddedShape], settings: Settings
+) -> bool:
+    """Whether these shapes, padded so, get copies: small ones gain nothing.
 
     Nor does a cloud without a surface.
     """
     few = settings.coarse_vertices
-    large = any(size.vertices > 2 * common_size(few) for size in sizes)
+    large = any(shape.vertices > 2 * common_size(few) for shape in shapes)
     return few > 0 and large and all(len(mesh.faces) for mesh in surfaces)
 
 
@@ -43,45 +45,45 @@ def coarse_copy(mesh: Mesh, settings: Settings) -> CoarseCopy:
     return CoarseCopy(copy, _nearest(mesh, copy), _nearest(copy, mesh))
 
 
-def at_copies(given: Given, x: CoarseCopy, y: CoarseCopy) -> Given:
+def at_copies(inputs: MatchInputs, x: CoarseCopy, y: CoarseCopy) -> MatchInputs:
     """Landmarks and descriptors of the whole shapes, at the copies."""
-    landmarks, descriptors = given.landmarks, given.descriptors
+    landmarks, descriptors = inputs.landmarks, inputs.descriptors
     if landmarks is not None:
         sides = zip((x, y), landmarks, strict=True)
         landmarks = tuple(jnp.asarray(copy.on_copy)[at] for copy, at in sides)
     if descriptors is not None:
         sides = zip((x, y), descriptors, strict=True)
         descriptors = tuple(values[copy.on_whole] for copy, values in sides)
-    return given._replace(landmarks=landmarks, descriptors=descriptors)
+    return inputs._replace(landmarks=landmarks, descriptors=descriptors)
 
 
 def start_from_copies(
-    found: Match,
-    x: CoarseCopy,
-    y: CoarseCopy,
+    match: Match,
+    copies: tuple[CoarseCopy, CoarseCopy],
     spec_x: Spectrum,
     spec_y: Spectrum,
     *,
     settings: Settings,
-) -> InitialMap:
-    """The map of the copies as a start for the whole shapes, with a leading axis.
+) -> Start:
+    """The map of the copies as a start for the whole shapes.
 
     Args:
-        found: the match of the copies.
-        x, y: the copies.
+        match: of the copies.
+        copies: of X and Y.
         spec_x, spec_y: spectra of the whole shapes, padding included.
         settings: of the search: as many functions as it finds, and its weight of
-            descriptors for shapes of different proportions.
+            descriptors for shapes of other proportions.
     """
+    x, y = copies
     k = settings.search.final_ks[-1]
-    T_xy = y.on_whole[np.asarray(found.T_xy)[x.on_copy]]
+    T_xy = y.on_whole[np.asarray(match.T_xy)[x.on_copy]]
     n = len(T_xy)
     evecs_x, evecs_y = (np.asarray(spec.evecs)[:, :k] for spec in (spec_x, spec_y))
     back = (evecs_x[:n] * np.asarray(spec_x.mass)[:n, None]).T
-    C_yx = jnp.asarray(back @ evecs_y[T_xy])[None]
-    unknown = jnp.full(1, jnp.nan, C_yx.dtype)
+    C_yx = jnp.asarray(back @ evecs_y[T_xy])
+    unknown = jnp.full((), jnp.nan, C_yx.dtype)
     weight = jnp.full_like(unknown, settings.search.nonisometric_descriptor_weight)
-    return InitialMap(C_yx, found.certificate.orientation[None], unknown, weight)
+    return Start(C_yx, match.certificate.orientation, unknown, weight)
 
 
 def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:

@@ -1,19 +1,25 @@
-"""Two meshes -> Match: checks, spectra, then the stages. Host side.
+"""Two meshes -> Match: checks, spectra, then the policy. Host side.
 
 This file is long because the public functions explain all that they take.
 """
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
-from typing import NamedTuple
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
-from jfsf.arguments import checked_descriptors, checked_initial, checked_landmarks
+from jfsf.arguments import (
+    MatchInputs,
+    checked_descriptors,
+    checked_initial,
+    checked_landmarks,
+    padded_inputs,
+)
 from jfsf.convert import HasMaps
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.matching._coarse import (
@@ -22,7 +28,6 @@ from jfsf.matching._coarse import (
     have_copies,
     start_from_copies,
 )
-from jfsf.matching._running import compile_stages, run_compiled
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
@@ -33,9 +38,9 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.parts import match_parts
-from jfsf.pipeline import InitialMap
+from jfsf.policy import PairState, Source, compile_first_attempt, match_pairs
+from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import Settings
-from jfsf.sizes import Given, padded, padded_arguments, padded_sizes, spectrum_like
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
@@ -86,9 +91,10 @@ def match(
         progress: called with the name of each stage as it begins.
 
     Returns:
-        T_xy, T_yx, C_yx and the certificate, in jax's default precision. With `partial`
-        also matched_x and matched_y; the certificate is that of the overlap, its gap
-        and confidence also count the rivals that were found. A vertex that is not
+        T_xy, T_yx, C_yx and the certificate, in jax's default precision, and which
+        starts were attempted (`jfsf.types.MatchInfo`). With `partial` matched_x and
+        matched_y in place of the latter; the certificate is that of the overlap, its
+        gap and confidence also count the rivals that were found. A vertex that is not
         matched has the image nearest to it after bending.
 
     Raises:
@@ -105,20 +111,19 @@ def match(
                 "match: partial=True takes neither landmarks, nor descriptors, nor an "
                 "initial map; leave them out"
             )
-        return _partial(mesh_x, mesh_y, orientation, settings, cache, progress)
+        host = _Host(cache, cache, progress)
+        return _partial(meshes, orientation_sign(orientation), settings, host)
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
     shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
     if not all(len(shape.surface.faces) for shape in shapes.values()):
         orientation = "any"
-    given = Given(
+    inputs = MatchInputs(
         checked_landmarks(landmarks, sizes),
         checked_descriptors(descriptors, sizes),
         checked_initial(initial, sizes),
         orientation_sign(orientation),
-        False,
     )
-    found = _match(shapes, given, settings, cache, progress)
-    return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
+    return _match(shapes, inputs, settings, _Host(cache, cache, progress))
 
 
 def symmetry(
@@ -141,15 +146,14 @@ def symmetry(
             no left and right.
     """
     check_matchable(mesh, settings=settings)
-    n, shape = len(mesh.vertices), _shape(mesh)
+    shape = _shape(mesh)
     if len(shape.surface.faces) == 0:
         raise MeshError(
-            f"symmetry: mesh has {n} vertices and no faces, and a point cloud without "
-            "a clear outside no left and right; triangulate it"
+            f"symmetry: mesh has {len(mesh.vertices)} vertices and no faces, and a "
+            "point cloud without a clear outside no left and right; triangulate it"
         )
-    given = Given(None, None, None, orientation_sign("reverse"), True)
-    found = _match({"mesh": shape}, given, settings, cache)
-    return found._replace(T_xy=found.T_xy[:n], T_yx=found.T_yx[:n])
+    inputs = MatchInputs(sign=orientation_sign("reverse"), self_map=True)
+    return _match({"mesh": shape}, inputs, settings, _Host(cache, cache))
 
 
 def basis(
@@ -178,36 +182,6 @@ def basis(
     return _basis(_shape(mesh), name, settings, cache)
 
 
-def padded_bases(
-    mesh_x: Mesh,
-    mesh_y: Mesh,
-    *,
-    settings: Settings = Settings(),
-    cache: bool = True,
-) -> tuple[Spectrum, Spectrum]:
-    """The bases of a pair as `match` hands them to its stages.
-
-    A stage that `match` has compiled for the pair serves these without a new program.
-
-    Args:
-        mesh_x, mesh_y, settings, cache: as `match`.
-
-    Returns:
-        Spectra with equally many eigenpairs, padded to common sizes.
-
-    Raises:
-        MeshError: as `match`.
-    """
-    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    for name, mesh in meshes.items():
-        check_matchable(mesh, name=name, settings=settings)
-    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
-    specs = [_basis(s, name, settings, cache) for name, s in shapes.items()]
-    sizes = padded_sizes([s.surface for s in shapes.values()], settings)
-    padded_x, padded_y = (padded(*pair) for pair in zip(specs, sizes, strict=True))
-    return padded_x, padded_y
-
-
 def check_matchable(
     mesh: Mesh, *, name: str = "mesh", settings: Settings = Settings()
 ) -> None:
@@ -229,60 +203,6 @@ def check_matchable(
         )
 
 
-def _partial(
-    mesh_x: Mesh,
-    mesh_y: Mesh,
-    orientation: Orientation,
-    settings: Settings,
-    cache: bool,
-    progress: Callable[[str], object] | None,
-) -> Match:
-    """`match` with partial=True."""
-    for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y)):
-        if len(mesh.faces) == 0:
-            raise MeshError(
-                f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
-            )
-    sign = orientation_sign(orientation)
-    if not any(len(boundary_edges(mesh.faces)) for mesh in (mesh_x, mesh_y)):
-        found = match(
-            mesh_x,
-            mesh_y,
-            orientation=orientation,
-            settings=settings,
-            cache=cache,
-            progress=progress,
-        )
-        all_x, all_y = (jnp.ones(len(m.vertices), bool) for m in (mesh_x, mesh_y))
-        return found._replace(matched_x=all_x, matched_y=all_y)
-
-    say = progress or (lambda name: None)
-
-    def refine(part_x, part_y, T_xy):
-        say("refinement of a region")
-        sizes = len(part_x.vertices), len(part_y.vertices)
-        initial = checked_initial(T_xy, sizes)
-        given = Given(None, None, initial, sign, False)
-        parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
-        # The spectra of cuts on the way are never asked for again.
-        found = _match(parts, given, settings, cache, keep_spectra=False)
-        return found._replace(T_xy=found.T_xy[: sizes[0]], T_yx=found.T_yx[: sizes[1]])
-
-    say("regions")
-    found = match_parts(mesh_x, mesh_y, refine, int(sign))
-    k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in (mesh_x, mesh_y))
-    spec_x, spec_y = (
-        jax.tree.map(
-            jnp.asarray, truncate(_basis(_Shape(mesh), name, settings, cache), k)
-        )
-        for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y))
-    )
-    T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, found[:4])
-    C_yx = functional_map(T_xy, spec_x, spec_y)
-    certificate = jax.tree.map(jnp.asarray, found.certificate)
-    return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)
-
-
 class _Shape(NamedTuple):
     """A shape that `check_matchable` has accepted.
 
@@ -295,6 +215,18 @@ class _Shape(NamedTuple):
     whole: Mesh | None = None
 
 
+class _Host(NamedTuple):
+    """What is kept on disk, and who is told of the stages."""
+
+    keep_programs: bool
+    keep_spectra: bool
+    progress: Callable[[str], object] | None = None
+
+    def say(self, name: str) -> None:
+        if self.progress is not None:
+            self.progress(name)
+
+
 def _shape(mesh: Mesh) -> _Shape:
     if len(mesh.faces):
         return _Shape(mesh)
@@ -303,75 +235,72 @@ def _shape(mesh: Mesh) -> _Shape:
 
 
 def _match(
-    shapes: Mapping[str, _Shape],
-    given: Given,
-    settings: Settings,
-    cache: bool,
-    progress: Callable[[str], object] | None = None,
-    *,
-    keep_spectra: bool = True,
+    shapes: Mapping[str, _Shape], inputs: MatchInputs, settings: Settings, host: _Host
 ) -> Match:
     """Of the first shape and the last, which may be one."""
-    keep_spectra &= cache
-    if progress is not None:
-        progress("spectra")
+    host.say("spectra")
+    started = perf_counter()
     surfaces = [shape.surface for shape in shapes.values()]
-    sizes = padded_sizes(surfaces, settings)
-    unpadded, given = given, padded_arguments(given, sizes)
+    n_x, n_y = len(surfaces[0].vertices), len(surfaces[-1].vertices)
+    k = settings.eigenpairs(min(n_x, n_y))
+    sizes = padded_shapes(k, [(len(m.vertices), len(m.faces)) for m in surfaces])
+    given = padded_inputs(inputs, sizes)
     # Threads for the spectra, and two that compile. The limit is set around all: one
     # set and lifted by each of them would be left behind.
     threads = ThreadPoolExecutor(len(shapes) + 2)
     with threadpool_limits(1, user_api="blas"), threads as pool:
         # Two spectra with two threads each take longer than one after the other.
-        alone = len(shapes) == 1
+        alone, keep = len(shapes) == 1, host.keep_spectra
         specs = pool.map(
-            lambda item: _basis(
-                item[1], item[0], settings, keep_spectra, threads=alone
-            ),
+            lambda item: _basis(item[1], item[0], settings, keep, threads=alone),
             shapes.items(),
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         like = [spectrum_like(size) for size in sizes]
-        compile_stages(like[0], like[-1], given, settings, keep=cache, pool=pool)
-        specs = [padded(*pair) for pair in zip(specs, sizes, strict=True)]
-    coarse = None
-    if have_copies(surfaces, sizes, settings):
-        coarse = partial(
-            _coarse_start, shapes, unpadded, specs, settings, cache, progress
-        )
-    return run_compiled(
-        *(specs[0], specs[-1], given, settings),
-        keep=cache,
-        progress=progress,
-        coarse=coarse,
-    )
+        compiler = CompileOnly(host.keep_programs, pool)
+        like_pair = PairState((like[0], like[-1]), given)
+        compile_first_attempt(like_pair, compiler, settings=settings)
+        specs = [
+            jax.tree.map(jnp.asarray, padded(spec, size))
+            for spec, size in zip(specs, sizes, strict=True)
+        ]
+    pair = PairState((specs[0], specs[-1]), given)
+    pair.seconds["spectra"] = perf_counter() - started
+
+    def coarse(pairs, *_):
+        started = perf_counter()
+        host.say("coarse copies")
+        start = _coarse_start(shapes, inputs, specs, settings, host)
+        pairs[0].seconds["coarse copies"] = perf_counter() - started
+        return [[] if start is None else [start]]
+
+    large = have_copies(surfaces, sizes, settings)
+    further = [Source("coarse copies", coarse)] if large else []
+    runner = OneByOne(host.keep_programs, host.progress)
+    (match,) = match_pairs([pair], runner, settings=settings, further=further)
+    return match._replace(T_xy=match.T_xy[:n_x], T_yx=match.T_yx[:n_y])
 
 
 def _coarse_start(
     shapes: Mapping[str, _Shape],
-    given: Given,
+    inputs: MatchInputs,
     specs: list[Spectrum],
     settings: Settings,
-    cache: bool,
-    progress: Callable[[str], object] | None,
-) -> InitialMap | None:
+    host: _Host,
+):
     """A start for these shapes from the match of their coarse copies; or None."""
     copies = {n: coarse_copy(s.surface, settings) for n, s in shapes.items()}
-    parts = {name: _Shape(copy.mesh) for name, copy in copies.items()}
     both = list(copies.values())
     x, y = both[0], both[-1]
-    if progress is not None:
-        progress("coarse copies")
     try:
-        for name, part in parts.items():
-            check_matchable(part.surface, name=name, settings=settings)
-        found = _match(
-            *(parts, at_copies(given, x, y), settings, cache, progress),
-            keep_spectra=False,
-        )
+        for name, copy in copies.items():
+            check_matchable(copy.mesh, name=name, settings=settings)
+        parts = {name: _Shape(copy.mesh) for name, copy in copies.items()}
+        own = host._replace(keep_spectra=False)
+        match = _match(parts, at_copies(inputs, x, y), settings, own)
     except MeshError:  # the copy is broken, the whole is not
         return None
-    return start_from_copies(found, x, y, specs[0], specs[-1], settings=settings)
+    return start_from_copies(match, (x, y), specs[0], specs[-1], settings=settings)
 
 
 def _basis(
@@ -383,6 +312,44 @@ def _basis(
     if whole is None:
         wound = without_holes(orient(denoised(mesh))) if len(mesh.faces) else mesh
         return spectrum_of_valid(wound, k, **options)
-    found = spectrum_of_valid(whole, k, laplacian="robust", **options)
+    spec = spectrum_of_valid(whole, k, laplacian="robust", **options)
     # Of the whole's other triangles, if it has any, the winding is unknown.
-    return found._replace(faces=mesh.faces)
+    return spec._replace(faces=mesh.faces)
+
+
+def _partial(
+    meshes: Mapping[str, Mesh], sign: Any, settings: Settings, host: _Host
+) -> Match:
+    """`match` with partial=True."""
+    for name, mesh in meshes.items():
+        if len(mesh.faces) == 0:
+            raise MeshError(
+                f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
+            )
+    if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
+        shapes = {name: _Shape(mesh) for name, mesh in meshes.items()}
+        match = _match(shapes, MatchInputs(sign=sign), settings, host)
+        all_x, all_y = (jnp.ones(len(mesh.vertices), bool) for mesh in meshes.values())
+        return match._replace(matched_x=all_x, matched_y=all_y)
+
+    def refine(part_x, part_y, T_xy):
+        host.say("refinement of a region")
+        sizes = len(part_x.vertices), len(part_y.vertices)
+        inputs = MatchInputs(initial=checked_initial(T_xy, sizes), sign=sign)
+        parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
+        # The spectra of cuts on the way are never asked for again.
+        own = host._replace(keep_spectra=False, progress=None)
+        return _match(parts, inputs, settings, own)
+
+    host.say("regions")
+    x, y = meshes.values()
+    parts = match_parts(x, y, refine, sign, settings=settings.parts)
+    k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes.values())
+    specs = (
+        truncate(_basis(_Shape(mesh), name, settings, host.keep_spectra), k)
+        for name, mesh in meshes.items()
+    )
+    T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, parts[:4])
+    C_yx = functional_map(T_xy, *jax.tree.map(jnp.asarray, tuple(specs)))
+    certificate = jax.tree.map(jnp.asarray, parts.certificate)
+    return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)

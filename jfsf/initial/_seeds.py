@@ -30,13 +30,13 @@ def fits(
     def fitted(all_weights, solver):
         weights = [w._replace(orientation=sign * w.orientation) for w in all_weights]
         stacked = jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights)
-        found = jax.lax.map(lambda w: solver(combine(x.fit, y.fit, w)).C_yx, stacked)
-        return found[:, :size, :size]
+        C_yx = jax.lax.map(lambda w: solver(combine(x.fit, y.fit, w)).C_yx, stacked)
+        return C_yx[:, :size, :size]
 
-    found = [fitted(settings.fits, solve)]
+    starts = [fitted(settings.fits, solve)]
     if settings.orthogonal_fits:
-        found.append(fitted(settings.orthogonal_fits, nonlinear))
-    return jnp.concatenate(found)
+        starts.append(fitted(settings.orthogonal_fits, nonlinear))
+    return jnp.concatenate(starts)
 
 
 def sign_patterns(functions: int) -> np.ndarray:

@@ -1,0 +1,130 @@
+"""Evidence of how good a map is, from the map and the spectra alone."""
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from jfsf.array import matmul
+from jfsf.convert import maps_of
+from jfsf.evaluate import coverage, orthogonality
+from jfsf.evidence._bending import bending_residual
+from jfsf.evidence._confidence import confidence
+from jfsf.evidence._landmarks import Landmarks, landmark_distances, rms_distance
+from jfsf.initial import SamplePair, SearchSamples, energies, log_stretch_std
+from jfsf.settings import Settings
+from jfsf.spectral import biharmonic, brackets, orientation_score
+from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
+
+
+@partial(jax.jit, static_argnames="settings")
+def certify(
+    maps: Filtered | Maps,
+    aligned: Aligned,
+    C_yx: Float[Array, "k_x k_y"],
+    pair: tuple[Spectrum, Spectrum],
+    samples: tuple[SearchSamples, SearchSamples] | None = None,
+    sign: Int[Array, ""] | int = 1,
+    landmarks: Landmarks | None = None,
+    *,
+    settings: Settings = Settings(),
+) -> Certificate:
+    """The evidence for `maps`, which came from aligned embeddings.
+
+    Args:
+        maps: both maps, with their plan if there is one.
+        aligned: the embeddings that were converted, and the deformed shapes.
+        C_yx: the functional map of maps.T_xy.
+        pair: the spectra of X and Y; faces wound outward, or none.
+        samples: both shapes at samples, for energy, log_stretch_std and confidence.
+        sign: of the wanted orientation, 0 for any; for the confidence.
+        landmarks: vertices of X and their partners on Y; for the confidence too.
+        settings: `evidence`, `search`, `distance_pairs`, `features`.
+
+    Returns:
+        The certificate; its gap is nan, as that of a map without a search.
+    """
+    (spec_x, spec_y), (T_xy, T_yx), dtype = pair, maps_of(maps), C_yx.dtype
+    unknown = jnp.full((), jnp.nan, dtype)
+    numbers = [C_yx, aligned.emb_x, aligned.emb_y]
+    error = agree = recall = unknown
+    empty = jnp.zeros((), jnp.int32)
+    if isinstance(maps, Filtered):
+        real_x = spec_x.mass > 0
+        # The first neighbour of a row is the nearest.
+        nearest = maps.kernel.idx_xy[:, 0]
+        agree = jnp.sum(real_x & (nearest == T_xy)) / jnp.sum(real_x)
+        error, empty = maps.marginal_error, maps.empty_x + maps.empty_y
+        recall = maps.recall.astype(dtype)
+        numbers += [maps.f, maps.g]
+    finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
+    k = min(settings.features.oriented_functions, *C_yx.shape)
+    score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
+    score = jnp.asarray(score)
+    energy, stretch = _at_samples(C_yx, samples, settings)
+    residual = unknown
+    if aligned.moved_x is not None and aligned.moved_y is not None:
+        moved = aligned.moved_x, aligned.moved_y
+        rounding = settings.evidence.rounding
+        residual = bending_residual(maps_of(maps), *moved, *pair, rounding=rounding)
+        residual = residual.astype(dtype)
+    agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
+    likely = confidence(agrees, energy, stretch, residual)
+    pairs = settings.distance_pairs
+    missed = jnp.zeros(0, dtype)
+    if landmarks is not None:
+        at_x, at_y = landmarks
+        missed = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
+        missed = missed.astype(dtype)
+        share = jnp.mean((missed > settings.evidence.missed).astype(dtype))
+        likely **= 1 + settings.evidence.missed_weight * share
+    return Certificate(
+        marginal_error=error,
+        empty=empty,
+        coverage_xy=_reached(T_xy, spec_x.mass, spec_y.mass),
+        coverage_yx=_reached(T_yx, spec_y.mass, spec_x.mass),
+        bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, pairs),
+        bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, pairs),
+        orthogonality=orthogonality(C_yx),
+        orientation=score,
+        gap=unknown,
+        nn_agreement=agree.astype(dtype),
+        recall=recall,
+        finite=finite,
+        energy=energy,
+        log_stretch_std=stretch,
+        residual=residual,
+        confidence=likely,
+        landmarks=missed,
+    )
+
+
+def _at_samples(
+    C_yx, samples: tuple[SearchSamples, SearchSamples] | None, settings: Settings
+):
+    """Energy and `log_stretch_std` of the leading functions."""
+    if samples is None:
+        return (jnp.full((), jnp.nan, C_yx.dtype),) * 2
+    x, y = samples
+    search_pair = SamplePair(x.search_points, y.search_points, False)
+    ranking_pair = SamplePair(x.ranking_points, y.ranking_points, False)
+    size = settings.evidence.functions
+    lead = C_yx[None, :size, :size]
+    energy = energies(ranking_pair, lead, settings=settings.search)
+    stretch = log_stretch_std(search_pair, x.geodesics, y.geodesics, lead)
+    return energy[0].astype(C_yx.dtype), stretch[0].astype(C_yx.dtype)
+
+
+def _reached(T_xy, mass_x, mass_y):
+    """Coverage, over the share of Y's vertices that as few as X has can hit."""
+    n_x, n_y = (jnp.sum(mass > 0) for mass in (mass_x, mass_y))
+    share = jnp.minimum(n_x / n_y, 1).astype(mass_y.dtype)
+    return jnp.minimum(coverage(T_xy, mass_y, mass_x=mass_x) / share, 1)
+
+
+def _there_and_back(returned, spec: Spectrum, pairs: int):
+    """Mean distance of a vertex from its image there and back; 1 for random images."""
+    points = biharmonic(spec, pairs)
+    moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
+    return matmul(spec.mass, moved) / rms_distance(points, spec.mass)

@@ -1,0 +1,85 @@
+"""Candidates -> the starts of attempts: of the search, or for other proportions."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from jfsf.initial._proportions import nonisometric_candidates
+from jfsf.initial._samples import SearchSamples
+from jfsf.initial._search import candidates
+from jfsf.initial._settings import SearchSettings
+
+
+class Start(NamedTuple):
+    """Where the refinement starts.
+
+    C_yx: functions on Y pulled back to X.
+    orientation: score in [-1, 1]; nan for clouds without a surface.
+    gap: the second candidate's energy over the first's, minus 1; nan for any other map.
+    descriptor_weight: of the columns beside the eigenfunctions in its refinement.
+    """
+
+    C_yx: Float[Array, "k_x k_y"]
+    orientation: Float[Array, ""]
+    gap: Float[Array, ""]
+    descriptor_weight: Float[Array, ""]
+
+    @property
+    def sign(self) -> Float[Array, ""]:
+        """1 for a map that keeps orientation, -1 for one that mirrors, 0 if unknown."""
+        return jnp.sign(jnp.nan_to_num(self.orientation))
+
+
+@partial(jax.jit, static_argnames="settings")
+def best_start(
+    x: SearchSamples,
+    y: SearchSamples,
+    sign: Int[Array, ""] | int = 1,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: SearchSettings = SearchSettings(),
+) -> Start:
+    """The first of `jfsf.initial.candidates`, and its gap to the second.
+
+    Args:
+        x, y: both shapes at samples, made with the same settings.
+        sign: of the wanted orientation (`orientation_sign`).
+        self_map: X and Y are one shape.
+        settings: of the search.
+    """
+    options = {"orientation": sign, "self_map": self_map, "settings": settings}
+    best = candidates(x, y, **options)  # type: ignore[arg-type]
+    gap = best.energy[1] / best.energy[0] - 1
+    weight = jnp.full_like(gap, settings.descriptor_weight)
+    return Start(best.C_yx[0], best.orientation[0], gap, weight)
+
+
+@partial(jax.jit, static_argnames="settings")
+def nonisometric_starts(
+    x: SearchSamples,
+    y: SearchSamples,
+    sign: Int[Array, ""] | int = 1,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: SearchSettings = SearchSettings(),
+) -> Start:
+    """Starts for shapes of other proportions: `jfsf.initial.nonisometric_candidates`.
+
+    Args:
+        x, y, sign, self_map, settings: as `best_start`.
+
+    Returns:
+        As many maps as `settings.nonisometric_candidates`, along the leading axis.
+    """
+    options = {"orientation": sign, "self_map": self_map, "settings": settings}
+    maps = nonisometric_candidates(x, y, **options)  # type: ignore[arg-type]
+    unknown = jnp.full_like(maps.energy, jnp.nan)
+    # The score of a rough map may have the wrong sign. The refinement then asks for
+    # the wanted one.
+    wanted = sign * jnp.abs(maps.orientation)
+    score = jnp.where(sign == 0, maps.orientation, wanted)
+    weight = jnp.full_like(unknown, settings.nonisometric_descriptor_weight)
+    return Start(maps.C_yx, score, unknown, weight)

@@ -1,0 +1,46 @@
+"""Few padded sizes, compiled programs, and how they are run.
+
+Read in this order:
+
+- `_sizes`: the common sizes to which the shapes of a pair are padded
+- `_compiler`: compile large programs in less time
+- `_program_files`: compiled programs on disk
+- `_programs`: compile programs early, and keep them on disk
+- `_map_pairs`: one function over many inputs, vmapped and sharded over the devices
+- `_runners`: how the stages of a match are run: pair by pair, vmapped, only compiled
+"""
+
+from jfsf.runtime._compiler import large_jit
+from jfsf.runtime._map_pairs import PAIRS, map_pairs
+from jfsf.runtime._programs import Program, compile_ahead
+from jfsf.runtime._runners import CompileOnly, OneByOne, Runner, Vmapped
+from jfsf.runtime._sizes import (
+    PaddedShape,
+    common_size,
+    pad,
+    padded,
+    padded_pair,
+    padded_shapes,
+    spectrum_like,
+    with_rows,
+)
+
+__all__ = [
+    "PAIRS",
+    "CompileOnly",
+    "OneByOne",
+    "PaddedShape",
+    "Program",
+    "Runner",
+    "Vmapped",
+    "common_size",
+    "compile_ahead",
+    "large_jit",
+    "map_pairs",
+    "pad",
+    "padded",
+    "padded_pair",
+    "padded_shapes",
+    "spectrum_like",
+    "with_rows",
+]

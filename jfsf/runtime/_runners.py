@@ -1,0 +1,107 @@
+"""How the stages of a match are run: pair by pair, many vmapped, or only compiled.
+
+A stage is a `partial` of a pure function of arrays, with static options. A runner maps
+it over a list of inputs; what calls a runner need not know which one it is.
+"""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from functools import partial
+from typing import Any, NamedTuple, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jfsf.runtime._map_pairs import PAIRS, map_pairs
+from jfsf.runtime._programs import compile_ahead
+
+# Bytes of a shape of some 120 000 vertices. Two larger ones at a time need twice the
+# memory and save nothing: one keeps all cores busy.
+LARGE_BYTES = 1 << 26
+
+
+class Runner(Protocol):
+    """Maps a stage over inputs."""
+
+    def map(
+        self, name: str, stage: partial, inputs: Sequence[tuple], at_a_time: int = 1
+    ) -> list[Any]:
+        """stage(*input) for each of `inputs`.
+
+        Args:
+            name: of the stage, for people.
+            stage: a `partial` of a function of arrays.
+            inputs: tuples of records of arrays.
+            at_a_time: small inputs that may be run side by side on a CPU.
+        """
+        ...
+
+
+class OneByOne(NamedTuple):
+    """A program a stage, compiled ahead (`compile_ahead`), for one input after another.
+
+    keep: keep the programs on disk.
+    progress: called with the name of a stage as it begins.
+    """
+
+    keep: bool = True
+    progress: Callable[[str], object] | None = None
+
+    def map(self, name, stage, inputs, at_a_time=1) -> list[Any]:
+        """As `Runner` says; a result is there when it is returned."""
+        if self.progress is not None:
+            self.progress(name)
+        # Not in the threads: they do not see a `with jax.default_device(...)` around.
+        inputs = [jax.tree.map(_on_device, args) for args in inputs]
+        programs = [_program(stage, args, keep=self.keep) for args in inputs]
+        run = lambda program, args: jax.block_until_ready(program(*args))
+        if at_a_time == 1 or any(map(_is_large, inputs)):
+            return list(map(run, programs, inputs))
+        with ThreadPoolExecutor(at_a_time) as pool:
+            return list(pool.map(run, programs, inputs))
+
+
+class Vmapped(NamedTuple):
+    """Many inputs a call, vmapped and shared by the devices: see `map_pairs`."""
+
+    devices: Sequence[Any] | None = None
+    pairs: int = PAIRS
+    batch_size: int | None = None
+
+    def map(self, name, stage, inputs, at_a_time=1) -> list[Any]:
+        """As `Runner` says; results are numpy arrays."""
+        del name, at_a_time
+        options = {**self._asdict(), **stage.keywords}
+        return map_pairs(stage.func, inputs, called=None, fast_compile=True, **options)
+
+
+class CompileOnly(NamedTuple):
+    """Compiles the programs of `OneByOne`; inputs and results are shapes and types.
+
+    keep: keep the programs on disk.
+    pool: compiles, beside the caller.
+    """
+
+    keep: bool
+    pool: Executor
+
+    def map(self, name, stage, inputs, at_a_time=1) -> list[Any]:
+        """As `Runner` says."""
+        del name, at_a_time
+        make = partial(_program, stage, keep=self.keep, pool=self.pool)
+        return [make(args).result for args in inputs]
+
+
+def _program(stage: partial, args: tuple, **options: Any):
+    return compile_ahead(stage.func, *args, **stage.keywords, **options)
+
+
+def _on_device(leaf):
+    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf
+
+
+def _is_large(args: tuple) -> bool:
+    return (
+        sum(getattr(leaf, "nbytes", 0) for leaf in jax.tree.leaves(args)) > LARGE_BYTES
+    )

@@ -1,0 +1,151 @@
+"""An attempt from spectra to a match: its result, vmap, derivatives and cost."""
+
+from dataclasses import replace
+from functools import cache
+
+import fast_simplification
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.spatial import KDTree
+
+import jfsf
+from jfsf import SearchSettings, Settings, batch, testing
+from jfsf.convert import nearest
+from jfsf.evaluate import geodesic_error
+from jfsf.runtime import padded_pair
+from jfsf.stages import deform_by_arap
+from jfsf.types import Mesh
+
+
+@cache
+def small(name, faces):
+    """A decimated body, and its vertex for each template point."""
+    mesh, vertex = jfsf.data.load(name)
+    points, corners = fast_simplification.simplify(
+        mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
+    )
+    near = np.asarray(KDTree(points).query(mesh.vertices)[1])
+    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
+
+
+X, Y = small("man_walk", 620), small("man_up", 600)
+
+
+@cache
+def basis(name, faces):
+    return jfsf.basis(small(name, faces)[0], cache=False)
+
+
+def pair_of(dtype):
+    """Both spectra padded to one size, so that they share the programs of a batch."""
+    specs = padded_pair(basis("man_walk", 620), basis("man_up", 600))
+    cast = lambda leaf: leaf.astype(dtype) if leaf.dtype.kind == "f" else leaf
+    return jax.tree.map(cast, specs)
+
+
+def error(T_xy):
+    (_, gt_x), (mesh_y, gt_y) = X, Y
+    at = slice(None, None, 20)
+    return geodesic_error(np.asarray(T_xy), mesh_y, gt_x[at], gt_y[at]).mean()
+
+
+@cache
+def alone():
+    return jfsf.match_spectra(*pair_of("f4"))
+
+
+def test_spectra_are_matched():
+    match = alone()
+    n_x, n_y = (len(mesh.vertices) for mesh, _ in (X, Y))
+    assert n_x != n_y
+    assert match.C_yx.dtype == "f4" and match.info is None
+    assert match.T_xy[:n_x].max() < n_y and match.T_yx[:n_y].max() < n_x
+    assert error(match.T_xy[:n_x]) < 0.05
+    evidence = match.certificate
+    assert evidence.finite and evidence.confidence > 0.9 and evidence.recall == 1
+
+
+def test_it_vmaps():
+    pair = pair_of("f4")
+    stacked = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), pair)
+    both = jax.jit(jax.vmap(jfsf.match_spectra))(*stacked)
+    n_x = len(X[0].vertices)
+    for T_xy in both.T_xy:
+        # Sums under vmap have another order, which decides ties.
+        assert error(T_xy[:n_x]) < 1.2 * error(alone().T_xy[:n_x])
+        assert (T_xy == alone().T_xy)[:n_x].mean() > 0.9
+
+
+def test_it_is_differentiated_with_default_settings():
+    x, y = pair_of("f8")
+    weight = np.random.default_rng(0).normal(size=(len(x.evals), len(y.evals)))
+
+    def loss(scale):
+        match = jfsf.match_spectra(x, y._replace(evecs=scale * y.evecs))
+        return jnp.sum(weight * match.C_yx), match
+
+    (value, match), slope = jax.value_and_grad(loss, has_aux=True)(jnp.ones(()))
+    n_x = len(X[0].vertices)
+    assert match.C_yx.dtype == "f8" and error(match.T_xy[:n_x]) < 0.05
+    # The map of points does not change, and C_yx is linear in the functions on Y.
+    np.testing.assert_allclose(slope, value, rtol=1e-6)
+
+
+class Counted:
+    """Stages that count for how many pairs they are run, under vmap, too."""
+
+    def __init__(self):
+        self.refined = self.deformed = 0
+
+    def refine(self, x, y, C_yx, orientation, descriptor_weight, *, settings):
+        jax.debug.callback(self.count_refined, C_yx[0, 0])
+        return C_yx[:30, :30]
+
+    def deform(self, spec_x, spec_y, C_yx, orientation, search, rounds, *, settings):
+        jax.debug.callback(self.count_deformed, C_yx[0, 0])
+        return deform_by_arap(
+            spec_x, spec_y, C_yx, orientation, search, settings=settings
+        )
+
+    def count_refined(self, _):
+        self.refined += 1
+
+    def count_deformed(self, _):
+        self.deformed += 1
+
+
+# As few and small programs as can be: only the work is counted.
+QUICK = Settings(
+    search=SearchSettings(
+        hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
+    ),
+    bend_rounds=0,
+    converter=nearest,
+)
+
+
+@pytest.mark.parametrize("batch_size", [1, 2])
+def test_only_pairs_in_doubt_cost_more_than_an_attempt(batch_size):
+    specs = [testing.blob_spectrum(seed, 40) for seed in range(3)]
+    # A shape is like itself; two blobs are less alike.
+    pairs = [(0, 0), (0, 1), (1, 1), (1, 2)]
+    xs, ys = ([specs[pair[side]] for pair in pairs] for side in (0, 1))
+    counted = Counted()
+    settings = replace(
+        QUICK, retry_below=0.5, refine=counted.refine, deform=counted.deform
+    )
+    matches = batch.match_spectra(xs, ys, settings=settings, batch_size=batch_size)
+    jax.effects_barrier()
+    attempts = [len(match.info.source) for match in matches]
+    doubtful = [match.info.confidence[0] < 0.5 for match in matches]
+    assert doubtful == [x != y for x, y in pairs]
+    most = 1 + settings.nonisometric_attempts
+    for count, doubt in zip(attempts, doubtful, strict=True):
+        assert 1 < count <= most if doubt else count == 1
+    assert counted.refined == sum(attempts)
+    screened = settings.search.nonisometric_candidates * sum(doubtful)
+    assert counted.deformed == sum(attempts) + screened
+    for match in matches:
+        assert match.info.confidence[match.info.won] == match.certificate.confidence
