@@ -602,7 +602,7 @@ class Finder:
         if name == when:
             interrupt()
 def at_collection(*_):
-    if when == "collection" and "jfsf.pipeline" in sys.modules:
+    if when == "collection" and "jfsf.attempt" in sys.modules:
         interrupt()
 sys.meta_path.insert(0, Finder())
 gc.callbacks.append(at_collection)
@@ -664,6 +664,25 @@ def test_an_interrupt_leaves_no_part_of_a_file(tmp_path):
     command = [sys.executable, "-c", code, tmp_path / "a.txt"]
     assert subprocess.run(command, cwd=ROOT).returncode == 130
     assert os.listdir(tmp_path) == []
+
+
+def test_cache_shows_what_is_kept_and_clears_it(tmp_path, monkeypatch):
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", "2.5")
+    shown = run("cache").stdout
+    assert "spectra: 0, 0.0 MB" in shown and "limit: 2.5 GB" in shown
+    programs = tmp_path / "cache" / "programs"
+    programs.mkdir(parents=True)
+    (tmp_path / "cache" / ("a" * 64 + ".npz")).write_bytes(bytes(3_000_000))
+    (programs / ("b" * 64 + ".program")).write_bytes(bytes(1_500_000))
+    (programs / "mine.program").write_text("mine")
+    shown = run("cache").stdout
+    assert f"folder: {tmp_path / 'cache'}\n" in shown
+    assert "spectra: 1, 3.0 MB\nprograms: 1, 1.5 MB" in shown
+    assert "removed: 2 files, 4.5 MB freed" in run("cache", "--clear").stdout
+    assert [p.name for p in (tmp_path / "cache").rglob("*.*")] == ["mine.program"]
+    monkeypatch.setenv("JFSF_CACHE_LIMIT", "10 GB")
+    assert "JFSF_CACHE_LIMIT is '10 GB'" in refused("cache")
 
 
 @WITH_SIGNALS

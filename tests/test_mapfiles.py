@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.io
+from clock import clocks
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -19,9 +20,10 @@ from jfsf.mapfiles import (
     read_match,
     read_stored,
     write_map,
+    write_mat,
     write_match,
 )
-from jfsf.types import Certificate, Match
+from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
 SUFFIXES = [".vts", ".map", ".mat", ".npz"]
 
@@ -76,6 +78,19 @@ def test_the_other_base_shifts_by_one_or_is_refused(values, base):
         else:
             found = read_map(path, n_to=10, base=wrong)
             np.testing.assert_array_equal(found, np.array(values) + base - wrong)
+
+
+@pytest.mark.parametrize("suffix", [*SUFFIXES, ".match.npz", ".struct.mat"])
+def test_equal_values_are_equal_bytes_at_any_time(suffix, tmp_path, monkeypatch):
+    write = {
+        ".match.npz": lambda path: write_match(path, match()),
+        ".struct.mat": lambda path: write_mat(path, {"S": {"a": np.eye(3)}}),
+    }.get(suffix, lambda path: write_map(path, [0, 2, 1]))
+    found = []
+    for year in clocks(monkeypatch):
+        write(path := tmp_path / f"{year}{suffix}")
+        found.append(path.read_bytes())
+    assert found[0] == found[1]
 
 
 def test_formats_of_the_field(tmp_path):
@@ -491,3 +506,73 @@ def test_files_of_the_data_sets():
     corres = data / "faust_r" / "corres"
     files = sorted(corres.glob("*[0-9].vts"))[:2]
     assert len(read_ground_truth(*files).gt_x) == 5000
+
+
+INFO = MatchInfo(
+    np.array([1, 4, 4], np.int32),
+    np.array([0.2, np.nan, 0.8], np.float32),
+    np.array(2, np.int32),
+    np.arange(len(STAGES)) / 7,
+)
+
+
+def test_the_info_of_a_match_comes_back(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match()._replace(info=INFO))
+    info = read_match(path).info
+    assert info.sources == ["search", "nonisometric", "nonisometric"]
+    assert info.start == "nonisometric"
+    for ours, theirs in zip(info, INFO, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    write_match(path, match())
+    assert read_match(path).info is None
+
+
+def changed(path, **arrays):
+    """The file with other arrays; None removes one."""
+    with np.load(path) as file:
+        new = {**file, **arrays}
+    np.savez(path, **{name: value for name, value in new.items() if value is not None})
+
+
+def test_info_of_another_version_is_left_out_or_filled_up(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match()._replace(info=INFO))
+    changed(
+        path, info_stages=np.array(["search", "later"]), info_seconds=np.arange(2.0)
+    )
+    seconds = dict(zip(STAGES, read_match(path).info.seconds, strict=True))
+    assert seconds.pop("search") == 0 and np.isnan([*seconds.values()]).all()
+    changed(path, info_sources=np.array(["search", "later", "search"]))
+    assert read_match(path).info is None
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"info_won": np.array(3)},
+        {"info_won": np.array(1.0)},
+        {"info_confidence": np.zeros(2)},
+        {"info_sources": np.arange(3)},
+        {"info_seconds": np.zeros(1)},
+    ],
+)
+def test_info_that_does_not_fit_is_refused(tmp_path, wrong):
+    path = tmp_path / "match.npz"
+    write_match(path, match()._replace(info=INFO))
+    changed(path, **wrong)
+    with refused("info_.* do not fit each other; match the pair again"):
+        read_match(path)
+
+
+def test_a_file_of_version_0_2_is_read(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match())
+    changed(
+        path,
+        certificate_recall=None,
+        certificate_log_stretch_std=None,
+        certificate_unevenness=np.array(0.3),
+    )
+    certificate = read_match(path).certificate
+    assert certificate.log_stretch_std == 0.3 and np.isnan(certificate.recall)

@@ -27,7 +27,7 @@ from jfsf.report import (
     write_report,
 )
 from jfsf.report._scene import scene, shown, shown_maps
-from jfsf.types import FIGURES, Certificate, Maps, Match, Mesh
+from jfsf.types import FIGURES, STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
 PAIR = ("man_walk", "man_up")
 PLAIN = np.eye(3)
@@ -280,5 +280,17 @@ def test_words_say_what_is_known():
     assert "swaps left and right" in reasons(poor)[0]
     assert "unclear" in reasons(GOOD._replace(orientation=jnp.asarray(0.2)))[0]
     assert "gap 5%" in reasons(GOOD._replace(gap=jnp.asarray(0.05)))[-1]
+    (missing,) = findings(GOOD._replace(recall=jnp.asarray(0.88)), "preserve")
+    assert "found 88% of the nearest neighbours" in missing.why
     words = [verdict(c) for c in (np.nan, 0.95, 0.8, 0.6, 0.2)]
     assert words[0].startswith("unknown") and len(set(words)) == 5
+
+
+def test_the_attempts_are_said_in_a_sentence():
+    none = np.full(len(STAGES), np.nan)
+    one = MatchInfo(np.array([1]), np.array([0.97]), np.array(0), none)
+    assert reasons(GOOD, one)[-1] == "One start was attempted (search)."
+    two = MatchInfo(np.array([1, 4]), np.array([0.2, 0.8]), np.array(1), none)
+    assert reasons(GOOD, two)[-1] == (
+        "2 starts were attempted (search 0.20, nonisometric 0.80); number 2 was kept."
+    )

@@ -20,7 +20,7 @@ from jfsf import testing
 from jfsf.batch import Job, connect, read_pairs, run_jobs
 from jfsf.cli import app
 from jfsf.mapfiles import read_match
-from jfsf.types import Certificate, Match
+from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -298,7 +298,10 @@ def fake_match(mesh_x, mesh_y, **_):
         *(jnp.asarray(values.get(name, 0.0)) for name in Certificate._fields)
     )
     n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
-    return Match(np.arange(n_x) % n_y, np.arange(n_y) % n_x, jnp.eye(3), certificate)
+    seconds = np.where(np.array(STAGES) == "search", 1.5, np.nan)
+    tried = np.array([1, 4], np.int32), np.array([np.nan, 0.9]), np.array(1)
+    T_xy, T_yx = np.arange(n_x) % n_y, np.arange(n_y) % n_x
+    return Match(T_xy, T_yx, jnp.eye(3), certificate, info=MatchInfo(*tried, seconds))
 
 
 def test_the_command(client, tmp_path, monkeypatch):
@@ -317,6 +320,9 @@ def test_the_command(client, tmp_path, monkeypatch):
     assert good["x"] == str(tmp_path / "0.off") and good["n_y"] == 162
     assert good["orientation"] == 0.9 and good["reason"] == "" and good["warnings"]
     assert bad["file"] == "" and bad["coverage_xy"] is None
+    assert good["start"] == "nonisometric" and good["attempts"] == 2
+    assert good["confidences"] == [None, 0.9] and bad["confidences"] is None
+    assert good["seconds_search"] == 1.5 and good["seconds_screening"] is None
     lines = (out / "summary.csv").read_text().splitlines()
     assert len(lines) == 3 and lines[0].startswith("x,y,file,reason,")
     # One spectrum a good mesh.

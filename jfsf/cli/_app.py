@@ -1,4 +1,4 @@
-"""jfsf demo | match | batch | evaluate | info: commands, options and exit codes.
+"""jfsf demo | match | batch | evaluate | info | cache: commands, options, exit codes.
 
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
 interrupted.
@@ -17,6 +17,7 @@ from rich.console import Console
 from typer.core import TyperGroup
 
 from jfsf.cli._batch import batch
+from jfsf.cli._cache import cache
 from jfsf.cli._evaluate import evaluate
 from jfsf.cli._files import (
     MeshX,
@@ -38,9 +39,9 @@ from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
 from jfsf.report import Side, warnings_of, write_report
 
-# Of a match, if the first map is right: spectra, features of either shape, search,
-# refinement, bending and conversion, writing.
-_STAGES = 7
+# Of a match, if the first map is right: spectra, features, search, refinement, bending
+# and conversion, writing.
+_STAGES = 6
 
 
 class _OneLine(TyperGroup):
@@ -222,7 +223,8 @@ def match(
     """Map two meshes to each other, both ways.
 
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
-    counted from 0), C_yx (the functional map) and certificate_* (evidence of quality).
+    counted from 0), C_yx (the functional map), certificate_* (evidence of quality) and
+    info_* (which starts were attempted, and how long it took).
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
@@ -246,7 +248,7 @@ def match(
         pairs = read_landmarks(landmarks, (shape_x.partner, shape_y.partner))
     started = perf_counter()
     with stage_bar(_STAGES) as stage:
-        found = match_meshes(
+        matched = match_meshes(
             mesh_x,
             mesh_y,
             orientation=orientation.value,
@@ -257,20 +259,20 @@ def match(
         )
         seconds = {"matching": perf_counter() - started}
         stage("writing")
-        write_found(out, found, shape_x, shape_y)
+        write_found(out, matched, shape_x, shape_y)
         axis = None if up is None else up.value
         if png is not None:
-            T_xy = np.asarray(found.T_xy)
+            T_xy = np.asarray(matched.T_xy)
             draw_pair(mesh_x, mesh_y, T_xy, path=png, up=axis)
         for path in exports:
-            pair = mesh_x, mesh_y, np.asarray(found.T_xy)
+            pair = mesh_x, mesh_y, np.asarray(matched.T_xy)
             export_map(path, *pair, up=axis, checker=checker)
         if report is not None:
             write_report(
                 report,
                 Side(mesh_x, x.stem, shape_x.index),
                 Side(mesh_y, y.stem, shape_y.index),
-                found,
+                matched,
                 orientation=orientation.value,  # type: ignore
                 truth=truth,
                 up=axis,
@@ -279,8 +281,8 @@ def match(
                 progress=lambda name: stage(f"report: {name}"),
             )
     console = Console()
-    console.print(certificate_table(found.certificate))
-    notes = warnings_of(found.certificate, orientation.value)
+    console.print(certificate_table(matched.certificate))
+    notes = warnings_of(matched.certificate, orientation.value)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if one_sided(mesh):
             notes.append(f"{path}: cannot be wound consistently; check left and right")
@@ -299,6 +301,7 @@ def match(
 app.command()(batch)
 app.command()(evaluate)
 app.command()(info)
+app.command()(cache)
 
 
 def _status(text: str):

@@ -150,16 +150,16 @@ def work(job, orientation: str, largest_component: bool, report: bool = False) -
 
     x, y = (matchable(path, largest_component) for path in job.inputs)
     if report and _is_done(job):
-        found, seconds = read_match(job.out), {}  # only its page is missing
+        result, seconds = read_match(job.out), {}  # only its page is missing
     else:
         started = perf_counter()
-        found = match(x.mesh, y.mesh, orientation=orientation)  # type: ignore
+        result = match(x.mesh, y.mesh, orientation=orientation)  # type: ignore
         seconds = {"matching": perf_counter() - started}
-        write_found(job.out, found, x, y)
+        write_found(job.out, result, x, y)
     if report:
         shapes = zip(job.inputs, (x, y), strict=True)
         inputs = [(path, own.mesh, own.index) for path, own in shapes]
-        pair_page(job.out, inputs, found, orientation=orientation, seconds=seconds)
+        pair_page(job.out, inputs, result, orientation=orientation, seconds=seconds)
 
 
 def _is_done(job) -> bool:

@@ -127,12 +127,12 @@ def measure(
         "operators_x": (stiffness_x, spec_x.mass),
         "operators_y": (None, np.asarray(spec_y.mass)),
     }
-    rows, found = {}, None
+    rows, result = {}, None
     for name, method in methods.items():
         _, first_call = timed(name, method)
-        found, seconds = timed(name, method)
+        result, seconds = timed(name, method)
         progress(f"{name}: geodesics")
-        figures = evaluate(found, mesh_x, mesh_y, **measured)
+        figures = evaluate(result, mesh_x, mesh_y, **measured)
         rows[name] = {
             "error": figures.error_mean,
             "bijectivity": figures.bijectivity_x,
@@ -176,7 +176,7 @@ def measure(
         },
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-    return Demo(record, mesh_x, mesh_y, found, (points_x, points_y))  # type: ignore
+    return Demo(record, mesh_x, mesh_y, result, (points_x, points_y))  # type: ignore
 
 
 def table(record: dict[str, Any]) -> Table:

@@ -137,8 +137,8 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     shape = Shape(file, None, None, file)
     if mend:
         options = {"small": np.inf} if largest else {}
-        found = repair(file, name=str(path), **options)
-        shape = Shape(*found[:3], file, found)
+        mended = repair(file, name=str(path), **options)
+        shape = Shape(*mended[:3], file, mended)
     elif largest:
         mesh, index = largest_component(file)
         partner = np.full(len(file.vertices), -1, np.int32)
@@ -148,25 +148,25 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     return shape
 
 
-def write_found(path: Path, found: Match, x: Shape, y: Shape) -> None:
+def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
     """Write a match; after a repair its maps are those between the files' vertices."""
     from jfsf.mapfiles import write_match
     from jfsf.mesh import map_of_originals, nearest_kept
 
     if x.repaired is None or y.repaired is None:
-        write_match(path, found, index_x=x.index, index_y=y.index)
+        write_match(path, match, index_x=x.index, index_y=y.index)
         return
     both = x.repaired, y.repaired
-    found = found._replace(
-        T_xy=map_of_originals(found.T_xy, x.file, *both),
-        T_yx=map_of_originals(found.T_yx, y.file, *both[::-1]),
+    match = match._replace(
+        T_xy=map_of_originals(match.T_xy, x.file, *both),
+        T_yx=map_of_originals(match.T_yx, y.file, *both[::-1]),
     )
-    if found.matched_x is not None and found.matched_y is not None:
-        found = found._replace(
-            matched_x=found.matched_x[nearest_kept(x.file, x.repaired)],
-            matched_y=found.matched_y[nearest_kept(y.file, y.repaired)],
+    if match.matched_x is not None and match.matched_y is not None:
+        match = match._replace(
+            matched_x=match.matched_x[nearest_kept(x.file, x.repaired)],
+            matched_y=match.matched_y[nearest_kept(y.file, y.repaired)],
         )
-    write_match(path, found)
+    write_match(path, match)
 
 
 def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:

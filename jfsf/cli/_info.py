@@ -44,24 +44,24 @@ def info(
     for line in _flaws(mesh):
         console.print(line, soft_wrap=True, markup=False)
     try:
-        found = repaired(mesh, name=str(path))
+        mended = repaired(mesh, name=str(path))
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
-    if found.done:
+    if mended.done:
         would = "would mend" if repair is None else "mended"
-        words = f"--repair {would}: {', '.join(found.done)}"
+        words = f"--repair {would}: {', '.join(mended.done)}"
         console.print(words, soft_wrap=True, markup=False)
     if repair is not None:
-        export_mesh(repair, found.mesh)
+        export_mesh(repair, mended.mesh)
         console.print(f"wrote {repair}", soft_wrap=True, markup=False)
-        mesh, path = found.mesh, repair
+        mesh, path = mended.mesh, repair
     try:
         check_mesh(mesh, path)
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
-        if found.done and repair is None:
-            console.print(_after(found.mesh, path), soft_wrap=True, markup=False)
+        if mended.done and repair is None:
+            console.print(_after(mended.mesh, path), soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
     notes = ""
     if len(mesh.faces) == 0:
@@ -94,16 +94,16 @@ def _flaws(mesh: Mesh) -> list[str]:
         without_spikes,
     )
 
-    found = []
+    flaws = []
     if number := int(spikes(mesh).sum()):
-        found.append(f"spikes: match flattens them, at {number} or more vertices")
+        flaws.append(f"spikes: match flattens them, at {number} or more vertices")
     if size := noise(without_spikes(mesh)):
         share = size / np.sqrt(surface_area(mesh))
-        found.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
+        flaws.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
     wound = orient(mesh)
     if number := len(without_holes(wound).faces) - len(wound.faces):
-        found.append(f"small holes: match closes them, with {number} new faces")
-    return found
+        flaws.append(f"small holes: match closes them, with {number} new faces")
+    return flaws
 
 
 def _after(mesh: Mesh, path: Path) -> str:

@@ -34,7 +34,7 @@ def figures_of(mesh_x, mesh_y, maps, truth, exact, every) -> dict[str, float]:
                 tasks[name] = bars.add_task(name.replace("_", " "), total=total)
             bars.update(tasks[name], completed=done, total=total)
 
-        found = evaluate(
+        measured = evaluate(
             maps,
             mesh_x,
             mesh_y,
@@ -44,12 +44,12 @@ def figures_of(mesh_x, mesh_y, maps, truth, exact, every) -> dict[str, float]:
             progress=show,
         )
     figures: dict[str, float] = {}
-    for name, value in found._asdict().items():
+    for name, value in measured._asdict().items():
         if name != "error" and not np.isnan(value):
             figures[name] = value
-        if name == "error_max" and len(found.error):
-            shares = error_curve(found.error, ERROR_LIMITS)
+        if name == "error_max" and len(measured.error):
+            shares = error_curve(measured.error, ERROR_LIMITS)
             for limit, share in zip(ERROR_LIMITS, shares, strict=True):
                 figures[f"share_within_{limit}"] = float(share)
-            figures["auc_0.25"] = auc(found.error, limit=0.25)
+            figures["auc_0.25"] = auc(measured.error, limit=0.25)
     return figures

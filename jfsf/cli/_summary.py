@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from jfsf.report import warnings_of
-from jfsf.types import FIGURES
+from jfsf.types import FIGURES, STAGES
 
 
 def summary_row(outcome, orientation: str) -> dict[str, Any]:
@@ -31,21 +31,32 @@ def summary_row(outcome, orientation: str) -> dict[str, Any]:
         "n_x": None,
         "n_y": None,
         "warnings": [],
-        **dict.fromkeys(FIGURES),
+        **dict.fromkeys(("start", "attempts", "confidences", *FIGURES)),
+        **dict.fromkeys(map(_seconds_of, STAGES)),
     }
     if outcome.reason is not None:
         return row
-    found = read_match(outcome.job.out)
-    certificate = found.certificate
+    match = read_match(outcome.job.out)
+    certificate, info = match.certificate, match.info
+    if info is not None:
+        row["start"], row["attempts"] = info.start, len(info.source)
+        likely = map(float, info.confidence)
+        row["confidences"] = [None if x != x else round(x, 4) for x in likely]
+        for stage, seconds in zip(STAGES, info.seconds, strict=True):
+            row[_seconds_of(stage)] = None if np.isnan(seconds) else float(seconds)
     figures = {name: value.item() for name, value in certificate.figures().items()}
     return row | {
         "file": outcome.job.out.name,
-        "n_x": len(found.T_xy),
-        "n_y": len(found.T_yx),
+        "n_x": len(match.T_xy),
+        "n_y": len(match.T_yx),
         "warnings": warnings_of(certificate, orientation),
         # JSON has no nan: a point cloud's orientation is null.
         **{name: None if value != value else value for name, value in figures.items()},
     }
+
+
+def _seconds_of(stage: str) -> str:
+    return "seconds_" + stage.replace(" ", "_")
 
 
 def summary_table(rows: list[dict[str, Any]]) -> Table:
@@ -87,7 +98,10 @@ def write_summary(
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
-    table.writerows({**row, "warnings": "; ".join(row["warnings"])} for row in rows)
+    joined = "warnings", "confidences"
+    for row in rows:
+        lists = {name: "; ".join(map(str, row[name] or ())) for name in joined}
+        table.writerow(row | lists)
     record = {"jfsf": __version__, "settings": settings, "pairs": rows}
     written = folder / "summary.csv", folder / "summary.json"
     write_text(written[0], text.getvalue())

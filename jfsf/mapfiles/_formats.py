@@ -10,8 +10,19 @@ from jfsf.types import Certificate, Match
 BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
 MATCHED_KEYS = ["matched_x", "matched_y"]  # of a partial match only
-MATCH_KEYS = [n for n in Match._fields if n not in ("certificate", *MATCHED_KEYS)]
+# Those of its info, where it is known.
+INFO_KEYS = [
+    *("info_sources", "info_confidence", "info_won", "info_stages", "info_seconds")
+]
+MATCH_KEYS = [
+    n for n in Match._fields if n not in ("certificate", "info", *MATCHED_KEYS)
+]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
+# Figures that files of version 0.2 lack, or have under another name.
+LATER_KEYS = {
+    "certificate_recall": None,
+    "certificate_log_stretch_std": "certificate_unevenness",
+}
 # The arrays of a file by name; each is read when it is called. In MATLAB files some are
 # sparse matrices or structs.
 Arrays = dict[str, Callable[[], Any]]

@@ -137,6 +137,9 @@ def _sparse(matrix, variable, order):
         number = np.dtype(order + _NUMBERS[kind])
         parts.append(np.frombuffer(part, number).astype(number.newbyteorder("=")))
     rows, starts, values = parts
+    # scipy does not see it where the last start is 0.
+    if (starts[1:] < starts[:-1]).any():
+        raise ValueError(f"{variable.name} has columns that end before they start")
     # There may be more room than values.
     end = min(starts.max(initial=0), len(rows), len(values))
     found = csc_array((values[:end], rows[:end], starts), shape=variable.shape)

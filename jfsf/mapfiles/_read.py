@@ -8,6 +8,8 @@ import numpy as np
 from jfsf.mapfiles._arrays import read_mat, read_npz, read_text
 from jfsf.mapfiles._formats import (
     CERTIFICATE_KEYS,
+    INFO_KEYS,
+    LATER_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
     Arrays,
@@ -16,7 +18,7 @@ from jfsf.mapfiles._formats import (
 )
 from jfsf.mapfiles._indices import to_indices
 from jfsf.mapfiles._numbers import to_figures, to_functional_map
-from jfsf.types import Certificate, Match
+from jfsf.types import SOURCES, STAGES, Certificate, Match, MatchInfo
 
 
 class GroundTruth(NamedTuple):
@@ -105,7 +107,8 @@ def read_match(path: str | Path) -> Match:
     if path.suffix.lower() != ".npz":
         raise MapFileError(f"{path}: a match is a .npz, not {path.suffix!r}")
     arrays = read_arrays(path)
-    missing = [name for name in (*MATCH_KEYS, *CERTIFICATE_KEYS) if name not in arrays]
+    needed = *MATCH_KEYS, *CERTIFICATE_KEYS
+    missing = [name for name in needed if name not in (*arrays, *LATER_KEYS)]
     if missing:
         raise MapFileError(
             f"{path}: lacks {', '.join(missing)}; it holds {_names(arrays)}; write it "
@@ -121,11 +124,42 @@ def read_match(path: str | Path) -> Match:
         if name in arrays:
             fields[name] = _matched(f"{path}[{name}]", arrays[name](), sizes[map_name])
     fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
+    for key, before in LATER_KEYS.items():
+        unknown = lambda: np.asarray(np.nan)
+        arrays.setdefault(key, arrays.get(before or key, unknown))
     certificate: list[Any] = [
         to_figures(f"{path}[{key}]", arrays[key](), int(name == "landmarks"))
         for key, name in zip(CERTIFICATE_KEYS, Certificate._fields, strict=True)
     ]
+    if all(key in arrays for key in INFO_KEYS):
+        fields["info"] = _info(path, arrays)
     return Match(**fields, certificate=Certificate(*certificate))
+
+
+def _info(path: Path, arrays: Arrays) -> MatchInfo | None:
+    """The info of a match; None for names that this version does not know."""
+    sources, confidence, won, stages, seconds = (
+        np.asarray(arrays[key]()) for key in INFO_KEYS
+    )
+    kinds = [value.dtype.kind for value in (sources, confidence, won, stages, seconds)]
+    if (
+        kinds != [*"UfiUf"]
+        or sources.shape != confidence.shape
+        or stages.shape != seconds.shape
+        or not 0 <= won < len(sources)
+    ):
+        raise MapFileError(
+            f"{path}: info_* do not fit each other; match the pair again"
+        )
+    if not {*sources.tolist()} <= {*SOURCES}:
+        return None
+    took = dict(zip(stages.tolist(), seconds, strict=True))
+    return MatchInfo(
+        np.array([SOURCES.index(name) for name in sources], np.int32),
+        confidence,
+        won,
+        np.array([took.get(stage, np.nan) for stage in STAGES]),
+    )
 
 
 def _matched(where: str, values, n: int) -> np.ndarray:

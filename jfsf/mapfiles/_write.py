@@ -8,6 +8,7 @@ import scipy.io
 
 from jfsf.mapfiles._formats import (
     CERTIFICATE_KEYS,
+    INFO_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
     MapFileError,
@@ -15,7 +16,7 @@ from jfsf.mapfiles._formats import (
 )
 from jfsf.mapfiles._indices import INT_MAX
 from jfsf.storage import write_atomically
-from jfsf.types import ArrayLike, Match
+from jfsf.types import STAGES, ArrayLike, Match
 
 
 def write_map(path: str | Path, T_xy: ArrayLike, *, base: int | None = None) -> None:
@@ -78,8 +79,9 @@ def write_match(
 ) -> None:
     """Write a Match as `.npz`: T_xy, T_yx (int32, 0-based), C_yx, certificate_*.
 
-    A partial match also has matched_x and matched_y (bool). The file appears complete
-    or not at all.
+    Where the match has `info`, the file has info_sources and info_stages (names),
+    info_confidence, info_won and info_seconds. A partial match also has matched_x and
+    matched_y (bool). The file appears complete or not at all.
 
     Args:
         path: `.npz`.
@@ -111,6 +113,10 @@ def write_match(
     for name in MATCHED_KEYS:
         if (matched := getattr(match, name)) is not None:
             arrays[name] = np.asarray(matched)
+    if (info := match.info) is not None:
+        # Names, not their numbers: a later version may have others.
+        values = info.sources, info.confidence, info.won, STAGES, info.seconds
+        arrays |= zip(INFO_KEYS, map(np.asarray, values), strict=True)
     for name, index in (("index_x", index_x), ("index_y", index_y)):
         if index is not None:
             arrays[name] = np.asarray(index)
@@ -119,6 +125,9 @@ def write_match(
 
 def _savemat(file, variables):
     scipy.io.savemat(file, variables, do_compression=True, oned_as="column")
+    # scipy's description carries the clock: equal variables must give equal files.
+    file.seek(0)
+    file.write(b"MATLAB 5.0 MAT-file, written by jfsf".ljust(116))
 
 
 def _save(path, write):

@@ -76,8 +76,8 @@ def draw_curves(
     widths = [_WIDE + _LEGEND * out for out in outside]
     figure = new_figure(sum(widths), high)
     figure.set_layout_engine("constrained")
-    found = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
-    for axes, panel, out in zip(found, panels, outside, strict=True):
+    all_axes = figure.subplots(1, len(panels), squeeze=False, width_ratios=widths)[0]
+    for axes, panel, out in zip(all_axes, panels, outside, strict=True):
         values = [0.0]
         for name, (x, y) in panel.curves.items():
             x, y = np.asarray(x, float), np.asarray(y, float)

@@ -16,6 +16,7 @@ from scipy.spatial import ConvexHull, QhullError
 from jfsf.mesh import (
     MeshError,
     coarsen,
+    face_areas,
     largest_component,
     vertex_areas,
     vertex_normals,
@@ -175,8 +176,8 @@ def _lateral(points, weight, heat):
     vote = weight * np.exp(-gap[np.arange(len(gap)), twin] / 0.02)
     across = points - points[twin]
     across = across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
-    found = (vote[:, None] * across).T @ across
-    return found / np.trace(found) if vote.any() else np.eye(3) / 3
+    tensor = (vote[:, None] * across).T @ across
+    return tensor / np.trace(tensor) if vote.any() else np.eye(3) / 3
 
 
 def _trunk(points, weight, heat):
@@ -200,9 +201,9 @@ def _toes(points, weight, height):
     rise = height[sole][:, None] - height[ankle][None]
     near = (gap**2).sum(2) - rise**2 < _FOOT**2
     near = near * weight[ankle][None]
-    found = near.sum(1)
-    ahead = np.einsum("sa,sac->sc", near, gap)[found > 0] / found[found > 0][:, None]
-    share = weight[sole][found > 0]
+    total = near.sum(1)
+    ahead = np.einsum("sa,sac->sc", near, gap)[total > 0] / total[total > 0][:, None]
+    share = weight[sole][total > 0]
     return share @ ahead / share.sum() if share.any() else np.zeros(3)
 
 
@@ -213,15 +214,14 @@ def _directions(vertices, points, weight):
     skew = weight @ (points @ axes.T) ** 3
     axes = axes * np.where(skew < 0, -1, 1)[:, None]
     axes[2] *= np.sign(np.linalg.det(axes)) or 1
-    found = [sphere(600) @ axes, axes, -axes]
+    others = [sphere(600) @ axes, axes, -axes]
     try:
         hull = ConvexHull(vertices)
     except (QhullError, ValueError):  # flat, or a few points
-        return np.concatenate(found)
-    a, b, c = np.moveaxis(vertices[hull.simplices], 1, 0)
-    size = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+        return np.concatenate(others)
+    size = face_areas(vertices, hull.simplices)
     rests = -hull.equations[np.argsort(-size), :3]
-    return np.concatenate([apart(rests, 4.0), *found])
+    return np.concatenate([apart(rests, 4.0), *others])
 
 
 def area_shares(

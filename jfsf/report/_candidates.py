@@ -1,15 +1,16 @@
 """The candidates of the search as maps of points, to look at."""
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
+from jfsf.attempt import shape_samples
 from jfsf.initial import Orientation, candidates, orientation_sign
-from jfsf.matching import padded_bases
-from jfsf.pipeline import shape_samples
+from jfsf.matching import basis
+from jfsf.runtime import OneByOne, padded_pair
 from jfsf.settings import Settings
-from jfsf.storage import compile_ahead
 from jfsf.types import ArrayLike, Maps, Mesh
 
 # Rows of a product of embeddings that are in memory at a time.
@@ -52,20 +53,19 @@ def considered(
     Raises:
         MeshError, ValueError: as `jfsf.match`.
     """
-    pair = padded_bases(mesh_x, mesh_y, settings=settings, cache=cache)
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    options = {"settings": settings, "cache": cache}
+    pair = padded_pair(*(basis(m, name=name, **options) for name, m in meshes.items()))
     # A cloud without a surface has no faces but padding.
     if not all(np.asarray(spec.faces).any() for spec in pair):
         orientation = "any"
-    options = {"settings": settings, "keep": cache}
-    sides = []
-    for spec in pair:
-        arguments = spec, None, None, False
-        sides.append(compile_ahead(shape_samples, *arguments, **options)(*arguments))
-    arguments = *(side.search for side in sides), orientation_sign(orientation), False
-    search = compile_ahead(
-        _candidates, *arguments, settings=settings.search, keep=cache
-    )
-    found = search(*arguments)
+    runner = OneByOne(keep=cache)
+    inputs = [(spec, None, None, False) for spec in pair]
+    # By the program of `match`.
+    x, y = runner.map("features", partial(shape_samples, settings=settings), inputs)
+    inputs = x.search, y.search, orientation_sign(orientation), False
+    stage = partial(_candidates, settings=settings.search)
+    (best,) = runner.map("search", stage, [inputs])
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
     at_x, at_y = at if at is not None else map(np.arange, sizes)
     evecs_x, evecs_y = (
@@ -73,7 +73,7 @@ def considered(
         for spec, rows in zip(pair, (at_x, at_y), strict=True)
     )
     made = []
-    for C_yx, energy, score in zip(*map(np.asarray, found), strict=True):
+    for C_yx, energy, score in zip(*map(np.asarray, best), strict=True):
         if np.isfinite(energy):  # inf: a copy of a better one
             k_x, k_y = C_yx.shape
             # The direct space, as in the search.

@@ -32,7 +32,7 @@ from jfsf.report._scene import Shown, data_url, scene, shown, shown_maps
 from jfsf.report._words import DOUBTFUL, LIKELY, findings, readings, reasons, verdict
 from jfsf.settings import Settings
 from jfsf.storage import write_text
-from jfsf.types import ArrayLike, Maps, Match, Mesh
+from jfsf.types import STAGES, ArrayLike, Maps, Match, Mesh
 
 _FEW = 6000  # vertices by which candidates are drawn and compared
 _SMALL, _LARGE = 60, 110  # dots per inch
@@ -90,6 +90,9 @@ def write_report(
     """
     step = progress or (lambda name: None)
     seconds = dict(seconds or {})
+    if found.info is not None:
+        stages = zip(STAGES, found.info.seconds, strict=True)
+        seconds |= {f"matching: {name}": s for name, s in stages if not np.isnan(s)}
     started = time.perf_counter()
 
     def lap(name: str) -> None:
@@ -146,7 +149,7 @@ def write_report(
         "y": {"name": y.name, "vertices": len(y.mesh.vertices)},
         "shown": [len(shown_x.index), len(shown_y.index)],
         "verdict": _verdict(float(found.certificate.confidence)),
-        "reasons": reasons(found.certificate),
+        "reasons": reasons(found.certificate, found.info),
         "findings": [one._asdict() for one in findings(found.certificate, orientation)],
         "certificate": [
             (name.replace("_", " "), *texts)
@@ -197,7 +200,7 @@ def page(name: str, record: dict[str, Any]) -> str:
         three = (folder / "three.min.js").read_text()
         parts["three"] = f"/*\n{licence}*/\n{three}"
     template = (folder / f"{name}.html").read_text()
-    return re.sub(r"\{\{(\w+)\}\}", lambda found: parts[found[1]], template)
+    return re.sub(r"\{\{(\w+)\}\}", lambda slot: parts[slot[1]], template)
 
 
 def versions() -> dict[str, str]:

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.evaluate import MISSED
-from jfsf.types import Certificate
+from jfsf.evidence import MISSED  # whatever settings the map was made with
+from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning.
 # Of 344 maps in experiments/results (match_*.json, far_*.json) none of the 293 above
@@ -21,6 +21,9 @@ MIN_COVERAGE = 0.5
 # A tenth of the mean distance of two random vertices is many edges: beyond it the two
 # maps contradict each other.
 MAX_BIJECTIVITY = 0.1
+# The last search among tiles then misses one nearest neighbour in ten: the map is
+# uneven there, not wrong.
+MIN_RECALL = 0.9
 # Below, another map fits the shapes nearly as well. Right maps have such rivals too.
 SMALL_GAP = 0.1
 
@@ -66,19 +69,20 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "orientation": side,
         "gap": "extra energy of the second candidate, relative; 0 is a tie",
         "nn_agreement": "share that nearest neighbour maps alike",
+        "recall": "share of nearest neighbours that the last search found",
         "finite": "every number is finite",
         "energy": "departure from an isometry",
         "log_stretch_std": "how unevenly the map stretches; 0 for a similarity",
         "residual": "distance left between the bent shapes, in sqrt(area)",
         "confidence": verdict(float(certificate.confidence)),
     }
-    found = {}
+    texts = {}
     for name, value in certificate.figures().items():
         value = np.asarray(value)
         form = "+.2f" if name == "orientation" else ".4g"
         text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
-        found[name] = text, meaning.get(name, "")
-    return found
+        texts[name] = text, meaning.get(name, "")
+    return texts
 
 
 def findings(certificate: Certificate, orientation: str) -> list[Finding]:
@@ -132,17 +136,23 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
             "Colour by there and back to see where, and trust the rest.",
         ),
         (
+            float(certificate.recall) < MIN_RECALL,
+            f"the last search found {float(certificate.recall):.0%} of the nearest "
+            "neighbours: the map may be uneven",
+            "Search among more tiles (`NeighbourSettings.tiles`).",
+        ),
+        (
             bool(certificate.empty),
             f"{int(certificate.empty)} vertices got no mass",
             "A few do no harm. Many: remesh the shapes more evenly.",
         ),
     ]
-    found = [Finding(why, advice) for wrong, why, advice in known if wrong]
+    doubts = [Finding(why, advice) for wrong, why, advice in known if wrong]
     for row in np.flatnonzero(np.asarray(certificate.landmarks) > MISSED):
         why = f"landmark {row + 1} ends far from its partner: check that row"
         advice = "Either the row is wrong, or the map is. Try without it."
-        found.append(Finding(why, advice))
-    return found
+        doubts.append(Finding(why, advice))
+    return doubts
 
 
 def warnings_of(certificate: Certificate, orientation: str) -> list[str]:
@@ -154,41 +164,62 @@ def warnings_of(certificate: Certificate, orientation: str) -> list[str]:
     return [finding.why for finding in findings(certificate, orientation)]
 
 
-def reasons(certificate: Certificate) -> list[str]:
-    """Sentences on what the confidence rests on, each with its number."""
+def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str]:
+    """Sentences on what the confidence rests on, each with its number.
+
+    Args:
+        certificate: of one map.
+        info: of its match, for a sentence on the starts that were attempted.
+    """
     figure = {name: float(value) for name, value in certificate.figures().items()}
-    found = []
+    sentences = []
     score = figure["orientation"]
     if np.isnan(score):
-        found.append("Left and right cannot be told: a cloud has no clear outside.")
+        sentences.append("Left and right cannot be told: a cloud has no clear outside.")
     elif abs(score) < MIN_ORIENTATION:
-        found.append(f"Left and right are unclear (score {score:+.2f}).")
+        sentences.append(f"Left and right are unclear (score {score:+.2f}).")
     else:
         way = "keeps" if score > 0 else "swaps"
-        found.append(f"It {way} left and right (score {score:+.2f}, at most 1).")
+        sentences.append(f"It {way} left and right (score {score:+.2f}, at most 1).")
     if not np.isnan(figure["residual"]):
-        found.append(
+        sentences.append(
             f"It stretches unevenly by {figure['log_stretch_std']:.2f}, and the bent "
             f"shapes stay {figure['residual']:.4f} of sqrt(area) apart; the confidence "
             "is read from these two and the score."
         )
     elif not np.isnan(figure["energy"]):
-        found.append(
+        sentences.append(
             f"It departs from an isometry by {figure['energy']:.2f} and stretches "
             f"unevenly by {figure['log_stretch_std']:.2f}; the confidence is read from "
             "these two and the score."
         )
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
-    found.append(
+    sentences.append(
         f"There and back again ends {back:.3f} away, where 1 is the distance of two "
         f"random points; {covered:.0%} of the area within reach or more is hit."
     )
     gap = figure["gap"]
     if np.isinf(gap):
-        found.append("The search found no second map that differs.")
+        sentences.append("The search found no second map that differs.")
     elif gap < SMALL_GAP:
-        found.append(f"The second candidate fits nearly as well (gap {gap:.0%}).")
+        sentences.append(f"The second candidate fits nearly as well (gap {gap:.0%}).")
     elif not np.isnan(gap):
-        found.append(f"The second candidate fits worse (gap {gap:.0%}).")
-    return found
+        sentences.append(f"The second candidate fits worse (gap {gap:.0%}).")
+    if info is not None:
+        sentences.append(attempts(info))
+    return sentences
+
+
+def attempts(info: MatchInfo) -> str:
+    """A sentence on the starts that were attempted, and the one that was kept."""
+    if len(info.source) == 1:
+        return f"One start was attempted ({info.start})."
+    tried = ", ".join(
+        f"{name} {confidence:.2f}"
+        for name, confidence in zip(info.sources, info.confidence, strict=True)
+    )
+    return (
+        f"{len(info.source)} starts were attempted ({tried}); number "
+        f"{int(info.won) + 1} was kept."
+    )
