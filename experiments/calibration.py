@@ -5,7 +5,7 @@ write them; of meshes, since clouds are not bent. Printed are the area under the
 curve of `certificate.confidence`, the expected calibration error in ten bins, and how
 many maps called very likely right are wrong; then the same for confidences fitted to
 the other files, one file left out at a time, and the constants of a fit to all files
-(`jfsf/evaluate/_confidence.py`). For a fit, match with `Settings(retry_below=0)`: maps
+(`jfsf/evidence/_confidence.py`). For a fit, match with `Settings(retry_below=0)`: maps
 chosen by the confidence would flatter it.
 
     python experiments/calibration.py RESULT.json [RESULT.json ...]
@@ -21,7 +21,7 @@ from scipy.special import expit
 from scipy.stats import mannwhitneyu
 
 from jfsf.cli import LIKELY
-from jfsf.evaluate import LEAST_RESIDUAL
+from jfsf.evidence import LEAST_RESIDUAL
 
 RIGHT = 0.1  # mean geodesic error over sqrt(area) below which a map is right
 EVIDENCE = ("orientation", "log_stretch_std", "residual")

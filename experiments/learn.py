@@ -22,13 +22,13 @@ import results_file
 from jaxtyping import Array, Float, Int
 
 import jfsf
-from jfsf.array import pad
 from jfsf.convert import pull_back, sinkhorn
 from jfsf.data import load, names
 from jfsf.evaluate import evaluate
 from jfsf.initial import ShapeTerms, Weights, combine, shape_terms, solve
 from jfsf.plot import Panel, draw_curves, draw_maps
 from jfsf.refine import soft_map, soft_zoomout_step
+from jfsf.runtime import pad
 from jfsf.spectral import embeddings, farthest_points, features, restrict
 from jfsf.types import Maps, Spectrum
 

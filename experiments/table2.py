@@ -17,11 +17,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jfsf.array import pad, padded_size
 from jfsf.baselines import bcicp, deblur, pmf, rhm
 from jfsf.convert import nearest, sinkhorn
 from jfsf.initial import fit
 from jfsf.refine import icp, zoomout
+from jfsf.runtime import common_size, pad
 from jfsf.spectral import embeddings, functional_map, spectrum, truncate, uniform, wks
 from jfsf.types import Maps, Mesh, Spectrum
 
@@ -52,7 +52,7 @@ class Start(NamedTuple):
 
 def _padded_size(spec: Spectrum) -> int:
     """Vertices; a closed surface has twice as many faces."""
-    return padded_size(max(len(spec.mass), -(-len(spec.faces) // 2)))
+    return common_size(max(len(spec.mass), -(-len(spec.faces) // 2)))
 
 
 def convert(start: Start, C_yx, converter) -> Maps:
