@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.array import pad
+from jfsf.runtime import pad
 from jfsf.spectral import hks, spectrum, wks
 from jfsf.testing import cast
 from jfsf.types import Mesh

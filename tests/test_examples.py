@@ -1,8 +1,8 @@
 """Every Python block of README, guides and docstrings runs, as it stands.
 
 A page is one program, in a process of its own and a folder with the files that its
-blocks name. Pages that match shapes take long; of these the fast tests read the imports
-and names only.
+blocks name. Pages that match shapes take long; but for the README, the fast tests read
+the imports and names of these only.
 """
 
 import ast
@@ -28,9 +28,9 @@ PROGRAMS = {page: code for page, code in PROGRAMS.items() if code}
 
 
 def of_speed(page):
-    return pytest.param(
-        page, marks=[pytest.mark.slow] * bool(SLOW.search(PROGRAMS[page]))
-    )
+    # What people see first is never left out.
+    slow = page != "README.md" and bool(SLOW.search(PROGRAMS[page]))
+    return pytest.param(page, marks=[pytest.mark.slow] * slow)
 
 
 @pytest.fixture(scope="module")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 
 from jfsf import testing
-from jfsf.array import pad
 from jfsf.convert import nearest
+from jfsf.runtime import pad
 from jfsf.spectral import (
     embeddings,
     functional_map,

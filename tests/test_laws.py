@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.array import pad
 from jfsf.convert import sinkhorn
 from jfsf.mesh import largest_component
 from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import zoomout
+from jfsf.runtime import pad
 from jfsf.spectral import embeddings, functional_map, spectrum, uniform
 from jfsf.types import Maps, Mesh
 

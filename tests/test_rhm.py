@@ -9,7 +9,8 @@ from jfsf.baselines import _rhm as module
 from jfsf.baselines import rhm
 from jfsf.baselines._rhm import embed, rhm_energy, rhm_precise
 from jfsf.convert import to_vertex
-from jfsf.evaluate import bijectivity, geodesics, smoothness
+from jfsf.evaluate import bijectivity, smoothness
+from jfsf.geometry import geodesics
 from jfsf.spectral import operators
 from jfsf.types import Maps, Mesh
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.array import pad
+from jfsf.runtime import pad
 from jfsf.spectral import (
     biharmonic,
     even_points,

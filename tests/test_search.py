@@ -16,7 +16,7 @@ from jfsf.initial import (
     search,
     search_samples,
 )
-from jfsf.initial._starts import fits, flips, sign_patterns
+from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.spectral import features, wks
 
 DEFAULT, SMALL = SearchSettings(), SearchSettings(hypotheses=61)

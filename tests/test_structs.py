@@ -114,6 +114,7 @@ def integers(*values):
         (integers(0, 1, 1, 2), integers(0, 2, 1, 2)),
         (integers(0, 1, 1, 2), integers(0, 1, 1, 200)),
         (integers(0, 1, 1, 2), integers(0, -1, 1, 2)),
+        (integers(0, 1, 1, 2), integers(0, 1, 1, 0)),
         (struct.pack("<hhi", 5, 4, 2) + b"\1\0\2\0A\0", b"\5\0\4\0\0\0\0\0\1\0\2\0A\0"),
     ],
 )

@@ -79,8 +79,8 @@ class Report(NamedTuple):
             "degenerate faces": self.degenerate_faces,
             "duplicate faces": self.duplicate_faces,
         }
-        found = [f"{number} {name}" for name, number in flaws.items() if number]
-        return "\n".join(lines + ([", ".join(found)] if found else []))
+        counts = [f"{number} {name}" for name, number in flaws.items() if number]
+        return "\n".join(lines + ([", ".join(counts)] if counts else []))
 
 
 def check(mesh: Mesh) -> Report:

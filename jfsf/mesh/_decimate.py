@@ -35,10 +35,10 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
     low, high = mesh.vertices.min(0), mesh.vertices.max(0)
     size = (high - low).max() or 1
     # In float32, so near the origin.
-    found = fast_simplification.simplify(
+    simplified = fast_simplification.simplify(
         ((mesh.vertices - low) / size).astype(np.float32),
         np.asarray(mesh.faces, np.int32),
         target_count=m * num // n,
     )
-    moved = np.asarray(found[0], float) * size + low
-    return largest_component(Mesh(moved, np.asarray(found[1], np.int32))).mesh
+    moved = np.asarray(simplified[0], float) * size + low
+    return largest_component(Mesh(moved, np.asarray(simplified[1], np.int32))).mesh

@@ -135,17 +135,17 @@ def _smoothed(mesh: Mesh, size: float) -> Any:
     bend = (once.T @ degree @ once).tocsr()
     target = MOVED * size * np.sqrt(3)
     low, high = np.log(LEAST), np.log(MOST)
-    found = vertices
+    positions = vertices
     for _ in range(STEPS):
         middle = (low + high) / 2
         matrix = (degree + np.exp(middle) * bend).tocsr()
         smooth = partial(_solve, matrix, degree)
-        found = smooth(vertices)
+        positions = smooth(vertices)
         # What is left out is smoothed too, and given back: a long wave is kept better.
-        found = found + smooth(vertices - found)
-        moved = np.sqrt(((found - vertices) ** 2).sum(1).mean())
+        positions = positions + smooth(vertices - positions)
+        moved = np.sqrt(((positions - vertices) ** 2).sum(1).mean())
         low, high = (low, middle) if moved > target else (middle, high)
-    return found
+    return positions
 
 
 def _solve(matrix, degree, values):
@@ -191,6 +191,6 @@ def _medians(owner: ArrayLike, values: ArrayLike, n: int) -> Any:
     count = np.bincount(owner, minlength=n)
     first = np.cumsum(count) - count
     low, high = first + (count - 1) // 2, first + count // 2
-    found = np.concatenate([ordered, [0.0]])
-    middle = (found[np.minimum(low, len(ordered))] + found[high]) / 2
+    padded = np.concatenate([ordered, [0.0]])
+    middle = (padded[np.minimum(low, len(ordered))] + padded[high]) / 2
     return np.where(count > 0, middle, 0)

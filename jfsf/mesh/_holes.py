@@ -45,7 +45,7 @@ def _rims(faces: ArrayLike, n: int) -> list[list[int]]:
     starts, stops = (np.bincount(one, minlength=n) for one in ends)
     simple = (starts == 1) & (stops == 1)
     after = {a: b for a, b in ends.T.tolist() if simple[a] and simple[b]}
-    found = []
+    rims = []
     while after:
         first, vertex = after.popitem()
         rim = [first]
@@ -53,18 +53,18 @@ def _rims(faces: ArrayLike, n: int) -> list[list[int]]:
             rim.append(vertex)
             vertex = after.pop(vertex)
         if vertex == first and len(rim) > 2:
-            found.append(rim)
-    return found
+            rims.append(rim)
+    return rims
 
 
 def _triangles(rim: list[int]) -> list[tuple[int, int, int]]:
     """A strip to and fro across the rim, whose triangles are less thin than a fan's."""
-    found, low, high = [], 0, len(rim) - 1
+    triangles, low, high = [], 0, len(rim) - 1
     while high - low > 1:
-        if len(found) % 2:
-            found.append((rim[low], rim[high - 1], rim[high]))
+        if len(triangles) % 2:
+            triangles.append((rim[low], rim[high - 1], rim[high]))
             high -= 1
         else:
-            found.append((rim[low], rim[low + 1], rim[high]))
+            triangles.append((rim[low], rim[low + 1], rim[high]))
             low += 1
-    return found
+    return triangles

@@ -57,15 +57,15 @@ def parse_ply(data: bytes) -> Mesh:
             )
         check_plain_numbers(body.decode("ascii", "replace"))
         body = np.array(body.split(), "<f8").tobytes()
-    at, found = 0, {}
+    at, columns = 0, {}
     for name, count, properties in elements:
-        found[name], at = _records(body, at, name, count, properties)
+        columns[name], at = _records(body, at, name, count, properties)
     if left := len(body[at:] if is_text else body[at:].strip(b"\r\n")):
         raise MeshError(
             f"its header accounts for all but the last {left} bytes; export the mesh "
             "again"
         )
-    return _mesh(found)
+    return _mesh(columns)
 
 
 def _elements(
@@ -110,8 +110,8 @@ def _distinct(what, names):
         raise MeshError(f"it has two of {what} {twice!r}; export the mesh again")
 
 
-def _mesh(found):
-    vertex, face = found.get("vertex", {}), found.get("face", {})
+def _mesh(columns):
+    vertex, face = columns.get("vertex", {}), columns.get("face", {})
     if vertex and not vertex.keys() >= {"x", "y", "z"}:
         raise MeshError("its vertices lack x, y or z; export the mesh again")
     points = [vertex[axis][1] if vertex else np.zeros(0) for axis in "xyz"]

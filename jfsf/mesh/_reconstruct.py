@@ -117,10 +117,10 @@ def _voted(points):
         local = pp3d.PointCloudLocalTriangulation(points).get_local_triangulation()
     except ValueError:  # of points on a line it has no triangle
         local = np.zeros((0, 3), np.int32)
-    found = np.asarray(local).reshape(-1, 3)
-    found = found[((found >= 0) & (found < len(points))).all(1)]
-    found, votes = np.unique(np.sort(found, 1), axis=0, return_counts=True)
-    return found.astype(np.int32), np.minimum(votes, 3)
+    triangles = np.asarray(local).reshape(-1, 3)
+    triangles = triangles[((triangles >= 0) & (triangles < len(points))).all(1)]
+    triangles, votes = np.unique(np.sort(triangles, 1), axis=0, return_counts=True)
+    return triangles.astype(np.int32), np.minimum(votes, 3)
 
 
 def _largest_piece(points, faces):
