@@ -144,6 +144,9 @@ def test_float32_finds_the_truth_with_the_default_settings(shapes, folder):
     assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.03
     written = read_match(folder / "map.npz")
     assert (written.T_xy == found.T_xy).mean() > 0.9
+    # The command says in words what the file has in numbers.
+    assert written.info.sources == found.info.sources == ["search"]
+    assert "One start was attempted (search)." in (folder / "output.txt").read_text()
 
 
 def test_evaluate_measures_the_match_against_ground_truth(folder, x, y):

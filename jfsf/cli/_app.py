@@ -37,7 +37,7 @@ from jfsf.cli._info import info
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
-from jfsf.report import Side, warnings_of, write_report
+from jfsf.report import Side, attempts, warnings_of, write_report
 
 # Of a match, if the first map is right: spectra, features, search, refinement, bending
 # and conversion, writing.
@@ -282,6 +282,8 @@ def match(
             )
     console = Console()
     console.print(certificate_table(matched.certificate))
+    if matched.info is not None:
+        console.print(attempts(matched.info), soft_wrap=True, markup=False)
     notes = warnings_of(matched.certificate, orientation.value)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if one_sided(mesh):

@@ -19,6 +19,7 @@ from jfsf.report._page import Side, thumbnail, versions, write_report
 from jfsf.report._words import (
     LIKELY,
     Finding,
+    attempts,
     findings,
     readings,
     reasons,
@@ -33,6 +34,7 @@ __all__ = [
     "Measured",
     "Row",
     "Side",
+    "attempts",
     "considered",
     "findings",
     "measure",
