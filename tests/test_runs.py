@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.batch import Job, connect, read_pairs, run_jobs
 from jfsf.cli import app
+from jfsf.cli._batch import _interrupt, _raising_interrupts
 from jfsf.mapfiles import read_match
 from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
@@ -399,6 +400,16 @@ def test_an_interrupt_closes_the_workers(tmp_path):
     assert running.returncode in (130, -signal.SIGINT), output + errors
     assert not psutil.wait_procs(workers, timeout=60)[1]
     assert not list(out.glob("*.tmp")) and not list(out.glob("*.npz"))
+
+
+def test_an_interrupt_while_jax_collects_garbage_is_not_lost():
+    def _xla_gc_callback():
+        _interrupt(signal.SIGINT, sys._getframe())
+
+    with _raising_interrupts():
+        _xla_gc_callback()
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(20)
 
 
 def _words(text):

@@ -1,11 +1,12 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
 import json
+import os
 import signal
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from threading import current_thread, main_thread
+from threading import Timer, current_thread, main_thread
 from time import perf_counter
 from typing import Annotated
 
@@ -212,11 +213,19 @@ def _raising_interrupts():
     if not callable(before) or current_thread() is not main_thread():
         yield
         return
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _interrupt)
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def _interrupt(number, frame) -> None:
+    """A KeyboardInterrupt; a little later where jax collects garbage, or it is lost."""
+    if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+        Timer(0.1, os.kill, (os.getpid(), number)).start()
+    else:
+        signal.default_int_handler(number, frame)
 
 
 def _bars() -> Progress:
