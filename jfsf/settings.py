@@ -158,15 +158,13 @@ class Settings:
             raise ValueError(
                 f"Settings: retry_below is {self.retry_below}; give a probability"
             )
-        stages = dict.fromkeys(
-            ("converter", "refine_converter", "bend_converter"),
-            "jfsf.convert.Converter",
-        ) | {name: "jfsf.stages" for name in ("describe", "refine", "deform")}
-        for name, kind in stages.items():
+        converters = "converter", "refine_converter", "bend_converter"
+        for name in (*converters, "describe", "refine", "deform"):
             if not callable(getattr(self, name)):
+                kind = "convert.Converter" if name in converters else "stages"
                 raise ValueError(
                     f"Settings: {name} is {getattr(self, name)!r}; give a function, "
-                    f"see {kind}"
+                    f"see jfsf.{kind}"
                 )
 
     @property

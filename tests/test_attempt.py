@@ -3,12 +3,11 @@
 from dataclasses import replace
 from functools import cache
 
-import fast_simplification
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.spatial import KDTree
+from shapes import small
 
 import jfsf
 from jfsf import SearchSettings, Settings, batch, testing
@@ -16,19 +15,6 @@ from jfsf.convert import nearest
 from jfsf.evaluate import geodesic_error
 from jfsf.runtime import padded_pair
 from jfsf.stages import deform_by_arap
-from jfsf.types import Mesh
-
-
-@cache
-def small(name, faces):
-    """A decimated body, and its vertex for each template point."""
-    mesh, vertex = jfsf.data.load(name)
-    points, corners = fast_simplification.simplify(
-        mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
-    )
-    near = np.asarray(KDTree(points).query(mesh.vertices)[1])
-    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
-
 
 X, Y = small("man_walk", 620), small("man_up", 600)
 

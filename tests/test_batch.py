@@ -167,6 +167,11 @@ def test_what_does_not_fit_is_named():
     for wrong in ({"pairs": 0}, {"batch_size": 0}):
         with pytest.raises(ValueError, match="map_pairs: pairs and batch_size"):
             batch.convert(xs, ys, **wrong)
+        with pytest.raises(ValueError, match="map_pairs: pairs and batch_size"):
+            batch.match_spectra(spectra(), spectra(), **wrong)
+    few = spectra()[0]._replace(evals=spectra()[0].evals[:9])
+    with pytest.raises(ValueError, match="pair 1: match_spectra: .* 9 eigenpairs"):
+        batch.match_spectra(spectra()[:2], [spectra()[1], few], batch_size=2)
     with pytest.raises(ValueError, match="pair 0: zoomout: ks"):
         batch.refine(spectra(), spectra(), [np.eye(4)] * 3, ks=(9, 4))
     with pytest.raises(ValueError, match="pair 0: search: .* 40"):

@@ -4,13 +4,13 @@ import ast
 from functools import cache, partial
 from threading import Barrier
 
-import fast_simplification
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from documents import ROOT, blocks
 from scipy.spatial import KDTree
+from shapes import small
 
 import jfsf
 from jfsf import policy, stages, testing
@@ -35,17 +35,6 @@ from jfsf.runtime import (
 from jfsf.settings import Settings
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
 from jfsf.types import Maps, Mesh
-
-
-@cache
-def small(name, faces):
-    """A decimated shape, and its vertex for each template point."""
-    mesh, vertex = jfsf.data.load(name)
-    points, corners = fast_simplification.simplify(
-        mesh.vertices.astype(np.float32), mesh.faces, target_count=faces
-    )
-    near = np.asarray(KDTree(points).query(mesh.vertices)[1])
-    return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
 
 
 @cache

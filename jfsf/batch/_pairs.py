@@ -23,6 +23,7 @@ from jfsf.runtime import (
     PAIRS,
     OneByOne,
     Vmapped,
+    check_batch,
     common_size,
     map_pairs,
     padded_pair,
@@ -146,8 +147,9 @@ def match_spectra(
 
     Raises:
         ValueError: the lists differ in length, a spectrum has too few eigenpairs (with
-            the number of its pair), or settings that do not fit.
+            the number of its pair), settings or batch sizes that do not fit.
     """
+    check_batch(pairs, batch_size)
     sizes = _sizes("match_spectra", specs_x=specs_x, specs_y=specs_y)
     needed = settings.search.eigenpairs
     for i, pair in enumerate(zip(specs_x, specs_y, strict=True)):

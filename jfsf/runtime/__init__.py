@@ -11,7 +11,7 @@ Read in this order:
 """
 
 from jfsf.runtime._compiler import large_jit
-from jfsf.runtime._map_pairs import PAIRS, map_pairs
+from jfsf.runtime._map_pairs import PAIRS, check_batch, map_pairs
 from jfsf.runtime._programs import Program, compile_ahead
 from jfsf.runtime._runners import CompileOnly, OneByOne, Runner, Vmapped
 from jfsf.runtime._sizes import (
@@ -33,6 +33,7 @@ __all__ = [
     "Program",
     "Runner",
     "Vmapped",
+    "check_batch",
     "common_size",
     "compile_ahead",
     "large_jit",

@@ -38,7 +38,8 @@ def map_pairs(
 ) -> list[Any]:
     """`function(*input, **options)` for each of `inputs`.
 
-    One program is compiled for each set of shapes and dtypes among the inputs.
+    One program is compiled for each set of shapes and dtypes among the inputs, and with
+    a `batch_size` above 1 another for those that do not fill a batch.
 
     Args:
         function: pure; the same object in each call, or it compiles anew.
@@ -62,11 +63,7 @@ def map_pairs(
         ValueError: `pairs` or `batch_size` is below 1, or what `function` raises, with
             the number of the input before the message.
     """
-    if pairs < 1 or (batch_size is not None and batch_size < 1):
-        raise ValueError(
-            "map_pairs: pairs and batch_size must be positive, got "
-            f"{pairs} and {batch_size}"
-        )
+    check_batch(pairs, batch_size)
     mesh = Mesh(np.array(devices or jax.local_devices()), (AXIS,))
     shard = -(-pairs // mesh.size)
     if batch_size is None:
@@ -109,6 +106,15 @@ def map_pairs(
     for key in list(groups):
         finish(key)
     return [found[i] for i in range(len(found))]
+
+
+def check_batch(pairs: int, batch_size: int | None) -> None:
+    """ValueError for numbers that `map_pairs` does not take."""
+    if pairs < 1 or (batch_size is not None and batch_size < 1):
+        raise ValueError(
+            "map_pairs: pairs and batch_size must be positive, got "
+            f"{pairs} and {batch_size}"
+        )
 
 
 def _calls(
