@@ -21,7 +21,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError
 
-from jfsf.mesh._edit import orient
+from jfsf.mesh._winding import orient
 from jfsf.mesh._geometry import (
     components,
     face_areas,

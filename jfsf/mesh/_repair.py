@@ -11,7 +11,8 @@ from scipy.spatial import KDTree
 
 from jfsf.mesh._check import degenerate_faces
 from jfsf.mesh._denoise import without_spikes
-from jfsf.mesh._edit import first_equal, orient
+from jfsf.mesh._edit import first_equal
+from jfsf.mesh._winding import orient
 from jfsf.mesh._geometry import (
     face_areas,
     pair_half_edges,
