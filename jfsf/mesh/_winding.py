@@ -40,6 +40,7 @@ WEAK = 0.5
 FLAT = 2e-3
 NO_VOLUME = 1e-9  # the same for a closed surface: there is rounding only
 POWER_STEPS = 20  # of the inverse iteration for u
+RESTARTS = 10  # of this iteration, at most
 
 
 class _Winding(NamedTuple):
@@ -231,9 +232,7 @@ def _two_sheets(num: int, links: _Links) -> tuple[Any, Any]:
     """
     left, right, clash = links.left, links.right, links.clash
     fits = right + num * clash, right + num * ~clash
-    both = components(
-        2 * num, np.concatenate([left, left + num]), np.concatenate(fits)
-    )
+    both = components(2 * num, np.concatenate([left, left + num]), np.concatenate(fits))
     return both[:num], both[num:]
 
 
@@ -292,19 +291,27 @@ def _smoothest(links: _Links, area, group) -> tuple[Any, Any]:
     # A little mass keeps the matrix regular where the contradiction is tiny.
     matrix = sp.csc_array(sp.diags_array(degree + 1e-9 * mass) - joined)
     solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    # The winding as given, and a little of everything.
-    u = 1 + 0.1 * np.random.default_rng(0).normal(size=num)
-    for _ in range(POWER_STEPS):
-        u = solver.solve(mass * u)
-        u /= np.sqrt(np.bincount(group, mass * u**2))[group]
-    size = np.abs(u)
-    middle = _medians(size, mass, group, many)[group]
-    over = (u < 0) & (size > 1e-6 * middle)
-    # What was given is not exchanged for another that clashes as much.
-    before = np.bincount(group[links.left], links.clash * weight, many)
-    clash = links.clash ^ over[links.left] ^ over[links.right]
-    after = np.bincount(group[links.left], clash * weight, many)
-    over &= (after < before * (1 - 1e-9))[group]
+    start = 1 + 0.1 * np.random.default_rng(0).normal(size=num)
+    cost = lambda over: np.bincount(
+        group[links.left],
+        (links.clash ^ over[links.left] ^ over[links.right]) * weight,
+        many,
+    )
+    # From the winding as given, until no other clashes less: then `orient` changes
+    # nothing when it is called again.
+    over = np.zeros(num, bool)
+    for _ in range(RESTARTS):
+        u = np.where(over, -start, start)
+        for _ in range(POWER_STEPS):
+            u = solver.solve(mass * u)
+            u /= np.sqrt(np.bincount(group, mass * u**2))[group]
+        size = np.abs(u)
+        middle = _medians(size, mass, group, many)[group]
+        other = np.where(size > 1e-6 * middle, u < 0, over)
+        better = (cost(other) < cost(over) * (1 - 1e-9))[group]
+        if not better.any():
+            break
+        over = np.where(better, other, over)
     return over, size < WEAK * middle
 
 
