@@ -478,7 +478,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
     result = run("info", path)
     assert (
         result.exit_code == 0
-        and "winding of 23% of its area is unclear" in result.stdout
+        and "winding of 5% of its area is unclear" in result.stdout
     )
 
 
