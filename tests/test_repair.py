@@ -247,14 +247,13 @@ def test_surfaces_that_only_touch_stay_apart():
     one, two = BLOB.vertices[edge]
     away = 2 * one - BLOB.vertices
     axis = (two - one) / np.linalg.norm(two - one)
-    mirrored = BLOB.vertices.copy()
     out = BLOB.vertices - one
-    mirrored = one + 2 * (out @ axis)[:, None] * axis - out
-    mirrored[edge] = one, two
-    for other in (away, mirrored):
+    turned_round = one + 2 * (out @ axis)[:, None] * axis - out
+    turned_round[edge] = one, two
+    for other, wound in ((away, BLOB.faces[:, ::-1]), (turned_round, BLOB.faces)):
         other = other.copy()
         other[edge[0]] = one
-        faces = np.concatenate([BLOB.faces, BLOB.faces + N])
+        faces = np.concatenate([BLOB.faces, wound + N])
         both = Mesh(np.concatenate([BLOB.vertices, other]), faces)
         found = repair(both)
         assert found.done == ()

@@ -8,6 +8,7 @@ Read in this order:
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_doubled`: faces with the same vertices as others, and which to keep
+- `_links`: pairs of neighbouring faces
 - `_winding`: wind a mesh outward, and say where that is unclear
 - `_edit`: keep the largest component of a mesh, weld its seams
 - `_holes`: close small holes

@@ -5,7 +5,7 @@ back to back as a flap on a closed surface both go: one alone would be a fin, wh
 edge has three faces. Edges tell which is which.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,10 +28,10 @@ class Doubled(NamedTuple):
         neighbouring copies', has three faces or more.
     """
 
-    first: ArrayLike
-    rank: ArrayLike
-    keep: ArrayLike
-    crowded: ArrayLike
+    first: Any
+    rank: Any
+    keep: Any
+    crowded: Any
 
 
 def doubled_faces(vertices: ArrayLike, faces: ArrayLike) -> Doubled:

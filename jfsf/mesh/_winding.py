@@ -18,21 +18,24 @@ from scipy.sparse.linalg import splu
 
 from jfsf.mesh._doubled import doubled_faces
 from jfsf.mesh._geometry import (
-    HalfEdgePairs,
     component_volumes,
-    components,
     edge_keys,
     face_areas,
     pair_half_edges,
     repeats_vertex,
 )
+from jfsf.mesh._links import (
+    Links,
+    across_edges,
+    between_nodes,
+    in_fans,
+    joined,
+    two_sheets,
+)
 from jfsf.types import ArrayLike, Mesh
 
 # Share of the area with unclear winding above which left and right are in doubt.
 MAX_UNCLEAR = 0.01
-# Two faces of a fan continue each other if the cosine of the angle by which the second
-# leaves the plane of the first is above this. Three faces at 120 degrees have 0.5.
-CONTINUES = 0.6
 # Part of the median of |u| below which the winding is unclear, of a face of a one-sided
 # surface. A strip of two faces that changes sides makes 0.1 % of a body of 10 000 faces
 # unclear at most, of a hand as well, and 5 % with 0.3; of a Moebius strip, Klein bottle
@@ -42,9 +45,9 @@ WEAK = 0.1
 # long as those against it.
 UNDECIDED = 1 / 3
 # Volume over area^1.5 below which an open surface is flat; of a dome on a circle it is
-# 0.19 times its height over the radius of the circle. Of 30 cameras' views of bodies and
-# animals 29 have 3e-3 to 7e-2 with the right sign, one 1.5e-3 with the wrong one; of 51
-# other parts and teeth all have more than 2e-2, with the right sign.
+# 0.19 times its height over the radius of the circle. Of 30 cameras' views of bodies
+# and animals 29 have 3e-3 to 7e-2 with the right sign, one 1.5e-3 with the wrong
+# one; 51 other parts and teeth have more than 2e-2, with the right sign.
 FLAT = 2e-3
 NO_VOLUME = 1e-9  # the same for a closed surface: there is rounding only
 POWER_STEPS = 20  # of the inverse iteration for u
@@ -56,15 +59,6 @@ class _Winding(NamedTuple):
 
     turn: ArrayLike
     clear: ArrayLike
-
-
-class _Links(NamedTuple):
-    """Pairs of neighbouring nodes: their numbers, whether they clash, the weight."""
-
-    left: Any
-    right: Any
-    clash: Any
-    weight: Any
 
 
 def orient(mesh: Mesh) -> Mesh:
@@ -147,10 +141,10 @@ def _wind(vertices, faces, judge: bool) -> _Winding:
     """The same for faces that are there once and repeat no vertex."""
     m = len(faces)
     pairs = pair_half_edges(faces, len(vertices))
-    near = _across_edges(vertices, faces, pairs)
+    near = across_edges(vertices, faces, pairs)
     # Two-sided pieces, connected through edges with two faces, are wound as a whole. In
     # others each face is a node of its own.
-    label, other = _two_sheets(m, near)
+    label, other = two_sheets(m, near)
     _, first, piece = np.unique(
         np.minimum(label, other), return_index=True, return_inverse=True
     )
@@ -158,7 +152,7 @@ def _wind(vertices, faces, judge: bool) -> _Winding:
     turn = ~one_sided[piece] & (label != label[first][piece])
     own = np.where(one_sided[piece], np.arange(m), first[piece])
     node = np.unique(own, return_inverse=True)[1]
-    links = _between_nodes(_joined(near, _in_fans(vertices, faces, pairs)), node, turn)
+    links = between_nodes(joined(near, in_fans(vertices, faces, pairs)), node, turn)
     num = node.max() + 1
     area = face_areas(vertices, faces)
     over, group, strength = _nodes_wound(links, np.bincount(node, area, num), num)
@@ -183,81 +177,12 @@ def _wind(vertices, faces, judge: bool) -> _Winding:
     return _Winding(turn, clear)
 
 
-def _across_edges(vertices, faces, pairs: HalfEdgePairs) -> _Links:
-    """Faces that share an edge with two faces, weighted by its length."""
-    left, right = pairs.left[pairs.manifold], pairs.right[pairs.manifold]
-    tail, head = faces.ravel()[left], np.roll(faces, -1, axis=1).ravel()[left]
-    length = np.linalg.norm(vertices[head] - vertices[tail], axis=1)
-    return _Links(left // 3, right // 3, pairs.clash[pairs.manifold], length)
-
-
-def _in_fans(vertices, faces, pairs: HalfEdgePairs) -> _Links:
-    """Neighbours in the fan around an edge of three faces or more that continue."""
-    chain = ~pairs.manifold
-    half = np.unique(np.concatenate([pairs.left[chain], pairs.right[chain]]))
-    if not len(half):
-        none = np.zeros(0, np.int64)
-        return _Links(none, none, none.astype(bool), none.astype(float))
-    tail, head, apex = (
-        np.roll(faces, -i, axis=1).ravel()[half].astype(np.int64) for i in range(3)
-    )
-    low, high = np.minimum(tail, head), np.maximum(tail, head)
-    edge = np.unique(low * len(vertices) + high, return_inverse=True)[1]
-    along = vertices[high] - vertices[low]
-    length = np.linalg.norm(along, axis=1)
-    along = along / np.where(length > 0, length, 1)[:, None]
-    out = vertices[apex] - vertices[low]
-    out = out - (out * along).sum(1, keepdims=True) * along
-    size = np.linalg.norm(out, axis=1, keepdims=True)
-    out = out / np.where(size > 0, size, 1)
-    # Angles from the first face of each fan on.
-    start = out[np.unique(edge, return_index=True)[1]][edge]
-    angle = np.arctan2((np.cross(along, start) * out).sum(1), (start * out).sum(1))
-    order = np.lexsort((half, angle, edge))
-    edge, half, out = edge[order], half[order], out[order]
-    # The next face around; the last one's is the first.
-    begin = np.flatnonzero(np.diff(edge, prepend=-1))
-    following = np.arange(1, len(edge) + 1)
-    following[np.append(begin[1:], len(edge)) - 1] = begin
-    flat = -(out * out[following]).sum(axis=1)
-    pair = flat > CONTINUES
-    clash = tail[order] == tail[order][following]
-    weight = length[order] * flat
-    return _Links(
-        half[pair] // 3, half[following][pair] // 3, clash[pair], weight[pair]
-    )
-
-
-def _joined(one: _Links, two: _Links) -> _Links:
-    return _Links(*(np.concatenate(both) for both in zip(one, two, strict=True)))
-
-
-def _two_sheets(num: int, links: _Links) -> tuple[Any, Any]:
-    """Components of a graph with two nodes each: as it is, and turned over.
-
-    It joins neighbours that are wound alike. A two-sided piece gives two components,
-    each the other turned over; a one-sided piece gives one.
-    """
-    left, right, clash = links.left, links.right, links.clash
-    fits = right + num * clash, right + num * ~clash
-    both = components(2 * num, np.concatenate([left, left + num]), np.concatenate(fits))
-    return both[:num], both[num:]
-
-
-def _between_nodes(links: _Links, node, turn) -> _Links:
-    """The links of faces that are not of one node, when some of them are turned."""
-    left, right = node[links.left], node[links.right]
-    clash = links.clash ^ turn[links.left] ^ turn[links.right]
-    apart = left != right
-    return _Links(left[apart], right[apart], clash[apart], links.weight[apart])
-
-
-def _nodes_wound(links: _Links, area, num: int) -> tuple[Any, Any, Any]:
+def _nodes_wound(links: Links, area, num: int) -> tuple[Any, Any, Any]:
     """Whether to turn each node over, its group, and |u| over its median there."""
     strength = np.ones(num)
     if not len(links.left):
         return np.zeros(num, bool), np.arange(num), strength
-    label, other = _two_sheets(num, links)
+    label, other = two_sheets(num, links)
     _, first, group = np.unique(
         np.minimum(label, other), return_index=True, return_inverse=True
     )
@@ -266,7 +191,7 @@ def _nodes_wound(links: _Links, area, num: int) -> tuple[Any, Any, Any]:
     if contrary.any():
         number = np.cumsum(contrary) - 1
         here = contrary[links.left]
-        inner = _Links(
+        inner = Links(
             number[links.left[here]],
             number[links.right[here]],
             links.clash[here],
@@ -277,7 +202,7 @@ def _nodes_wound(links: _Links, area, num: int) -> tuple[Any, Any, Any]:
     return over, group, strength
 
 
-def _smoothest(links: _Links, area, group) -> tuple[Any, Any]:
+def _smoothest(links: Links, area, group) -> tuple[Any, Any]:
     """Whether u < 0 at nodes whose neighbours contradict each other; |u| over median.
 
     Args:
@@ -294,10 +219,10 @@ def _smoothest(links: _Links, area, group) -> tuple[Any, Any]:
     sign = np.where(links.clash, -1.0, 1.0)
     ends = np.stack([links.left, links.right]), np.stack([links.right, links.left])
     ends = tuple(np.concatenate(both) for both in ends)
-    joined = sp.csc_array((np.tile(sign * weight, 2), ends), (num, num))
+    signed = sp.csc_array((np.tile(sign * weight, 2), ends), (num, num))
     degree = np.bincount(ends[0], np.tile(weight, 2), num)
     # A little mass keeps the matrix regular where the contradiction is tiny.
-    matrix = sp.csc_array(sp.diags_array(degree + 1e-9 * mass) - joined)
+    matrix = sp.csc_array(sp.diags_array(degree + 1e-9 * mass) - signed)
     solver = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
     start = 1 + 0.1 * np.random.default_rng(0).normal(size=num)
     cost = lambda over: np.bincount(
@@ -307,7 +232,7 @@ def _smoothest(links: _Links, area, group) -> tuple[Any, Any]:
     )
     # From the winding as given, until no other clashes less: then `orient` changes
     # nothing when it is called again.
-    over = np.zeros(num, bool)
+    over, strength = np.zeros(num, bool), np.ones(num)
     for _ in range(RESTARTS):
         u = np.where(over, -start, start)
         for _ in range(POWER_STEPS):
@@ -315,12 +240,13 @@ def _smoothest(links: _Links, area, group) -> tuple[Any, Any]:
             u /= np.sqrt(np.bincount(group, mass * u**2))[group]
         size = np.abs(u)
         middle = _medians(size, mass, group, many)[group]
+        strength = size / np.where(middle > 0, middle, 1)
         other = np.where(size > 1e-6 * middle, u < 0, over)
         better = (cost(other) < cost(over) * (1 - 1e-9))[group]
         if not better.any():
             break
         over = np.where(better, other, over)
-    return over, size / np.where(middle > 0, middle, 1)
+    return over, strength
 
 
 def _medians(values, weight, group, many):
