@@ -68,6 +68,7 @@ def in_fans(vertices, faces, pairs: HalfEdgePairs) -> Links:
 
 
 def joined(one: Links, two: Links) -> Links:
+    """All links of both."""
     return Links(*(np.concatenate(both) for both in zip(one, two, strict=True)))
 
 
