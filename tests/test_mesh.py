@@ -836,8 +836,14 @@ def test_orient_winds_pieces_around_an_edge_with_three_faces():
     corners = np.array([[0.0, 0, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [-1, -1, 0]])
     book = Mesh(corners, np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]], np.int32))
     assert check(book).nonmanifold_edges == 1
-    assert np.array_equal(orient(book).faces, book.faces)
+    # The third page continues the first and the second; these do not each other.
+    turned = np.array([[0, 1, 2], [0, 1, 3], [0, 4, 1]])
+    assert np.array_equal(orient(book).faces, turned)
     assert check(orient(book)).consistent is False
+    even = corners.copy()
+    angle = 2 * np.pi * np.arange(3) / 3
+    even[2:] = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    assert np.array_equal(orient(Mesh(even, book.faces)).faces, book.faces)
     assert len(orient(cloud(corners)).faces) == 0
 
 

@@ -217,3 +217,45 @@ def test_the_identity_comes_back():
     found = repair(mesh)
     whole = map_of_originals(np.arange(len(found.index)), mesh, found, found)
     assert np.array_equal(mesh.vertices[whole], mesh.vertices)
+
+
+def with_flap(mesh):
+    """Two faces back to back on an edge, and a copy of a face elsewhere."""
+    a, b, _ = mesh.faces[7]
+    new = len(mesh.vertices)
+    point = mesh.vertices[[a, b]].mean(0) * 1.1
+    faces = np.array([[a, b, new], [b, a, new], mesh.faces[20]], np.int32)
+    vertices = np.concatenate([mesh.vertices, [point]])
+    return Mesh(vertices, np.concatenate([mesh.faces, faces]))
+
+
+def test_both_faces_of_a_flap_go():
+    mesh = frozen(with_flap(BLOB))
+    found = repair(mesh)
+    assert found.done == (
+        "1 duplicate face removed",
+        "2 faces back to back removed",
+        "1 vertex without a face removed",
+    )
+    consistent(mesh, found)
+    assert np.array_equal(found.mesh.faces, BLOB.faces)
+
+
+def test_surfaces_that_only_touch_stay_apart():
+    # Two balls that have an edge in the same place, and one that has a vertex there.
+    edge = BLOB.faces[0, :2]
+    one, two = BLOB.vertices[edge]
+    away = 2 * one - BLOB.vertices
+    axis = (two - one) / np.linalg.norm(two - one)
+    out = BLOB.vertices - one
+    turned_round = one + 2 * (out @ axis)[:, None] * axis - out
+    turned_round[edge] = one, two
+    for other, wound in ((away, BLOB.faces[:, ::-1]), (turned_round, BLOB.faces)):
+        other = other.copy()
+        other[edge[0]] = one
+        faces = np.concatenate([BLOB.faces, wound + N])
+        both = Mesh(np.concatenate([BLOB.vertices, other]), faces)
+        found = repair(both)
+        assert found.done == ()
+        report = check(found.mesh)
+        assert report.closed and report.components == 2 and report.outward

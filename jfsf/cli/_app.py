@@ -29,8 +29,8 @@ from jfsf.cli._files import (
     can_write_in,
     matchable,
     need_matplotlib,
-    one_sided,
     read_landmarks,
+    sides_in_doubt,
     write_found,
 )
 from jfsf.cli._info import info
@@ -286,8 +286,8 @@ def match(
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
     notes = warnings_of(matched.certificate, orientation.value)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
-        if one_sided(mesh):
-            notes.append(f"{path}: cannot be wound consistently; check left and right")
+        if doubt := sides_in_doubt(mesh):
+            notes.append(f"{path}: {doubt}; check left and right")
     if not partial and likely_part(mesh_x, mesh_y):
         notes.append("one shape has a long boundary: if it is a part, pass --partial")
     for path, shape in ((x, shape_x), (y, shape_y)):

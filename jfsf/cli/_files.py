@@ -95,11 +95,14 @@ def check_mesh(mesh: Mesh, path: Path) -> None:
         raise MeshError(hint) from None
 
 
-def one_sided(mesh: Mesh) -> bool:
-    """Whether a mesh with faces cannot be wound consistently."""
-    from jfsf.mesh import check, orient
+def sides_in_doubt(mesh: Mesh) -> str:
+    """Why left and right of a mesh may be swapped; "" if nothing speaks for it."""
+    from jfsf.mesh import MAX_UNCLEAR, unclear_winding
 
-    return len(mesh.faces) > 0 and not check(orient(mesh)).consistent
+    share = unclear_winding(mesh)
+    if share <= MAX_UNCLEAR:
+        return ""
+    return f"the winding of {share:.0%} of its area is unclear"
 
 
 class Shape(NamedTuple):

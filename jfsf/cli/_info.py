@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from jfsf.cli._files import FORMATS, can_export, check_mesh, one_sided
+from jfsf.cli._files import FORMATS, can_export, check_mesh, sides_in_doubt
 from jfsf.types import Mesh
 
 
@@ -68,8 +68,8 @@ def info(
         notes = "; its points have no clear outside: no left can be told from right"
         if len(reconstruct(mesh).surface.faces):
             notes = "; the surface through its points tells left from right"
-    elif one_sided(mesh):
-        notes = "; it cannot be wound consistently, so left and right may be swapped"
+    elif doubt := sides_in_doubt(mesh):
+        notes = f"; {doubt}, so left and right may be swapped"
     console.print(f"can be matched{notes}", soft_wrap=True)
 
 
@@ -84,12 +84,14 @@ def _table(name: str, report) -> Table:
 
 
 def _flaws(mesh: Mesh) -> list[str]:
-    """What the matching takes away itself."""
+    """What the matching takes away itself, or is not misled by."""
     from jfsf.mesh import (
+        MAX_UNCLEAR,
         noise,
         orient,
         spikes,
         surface_area,
+        unclear_winding,
         without_holes,
         without_spikes,
     )
@@ -100,6 +102,11 @@ def _flaws(mesh: Mesh) -> list[str]:
     if size := noise(without_spikes(mesh)):
         share = size / np.sqrt(surface_area(mesh))
         flaws.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
+    share = unclear_winding(mesh)
+    if 0 < share <= MAX_UNCLEAR:
+        flaws.append(
+            f"unclear winding: {share:.2%} of the area; the rest tells left from right"
+        )
     wound = orient(mesh)
     if number := len(without_holes(wound).faces) - len(wound.faces):
         flaws.append(f"small holes: match closes them, with {number} new faces")

@@ -7,7 +7,10 @@ Read in this order:
 - `_paths`: shortest paths along edges
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
-- `_edit`: wind a mesh outward, keep its largest component, weld its seams
+- `_doubled`: faces with the same vertices as others, and which to keep
+- `_links`: pairs of neighbouring faces
+- `_winding`: wind a mesh outward, and say where that is unclear
+- `_edit`: keep the largest component of a mesh, weld its seams
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
 - `_repair`: mend a mesh, and keep track of its vertices
@@ -23,7 +26,7 @@ from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
-from jfsf.mesh._edit import Submesh, largest_component, orient, weld
+from jfsf.mesh._edit import Submesh, largest_component, weld
 from jfsf.mesh._geometry import (
     Edges,
     boundary_edges,
@@ -42,8 +45,10 @@ from jfsf.mesh._read import read
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import Repaired, map_of_originals, nearest_kept, repair
 from jfsf.mesh._values import MeshError, check_values, checked_mesh, triangulate
+from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
 __all__ = [
+    "MAX_UNCLEAR",
     "Edges",
     "MeshError",
     "Reconstruction",
@@ -74,6 +79,7 @@ __all__ = [
     "spikes",
     "surface_area",
     "triangulate",
+    "unclear_winding",
     "validate",
     "vertex_areas",
     "vertex_components",

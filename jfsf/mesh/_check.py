@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jfsf.mesh._geometry import (
+    HalfEdgePairs,
     component_volumes,
     components,
     face_areas,
@@ -116,7 +117,7 @@ def check(mesh: Mesh) -> Report:
         components=len(np.unique(component[used])),
         boundary_edges=int((pairs.counts == 1).sum()),
         nonmanifold_edges=int((pairs.counts > 2).sum()),
-        nonmanifold_vertices=_pinched(solid, pairs),
+        nonmanifold_vertices=int(pinched_vertices(solid, n, pairs).sum()),
         unreferenced_vertices=int(n - used.sum()),
         degenerate_faces=int(degenerate_faces(vertices, faces).sum()),
         duplicate_faces=_duplicates(faces),
@@ -180,8 +181,14 @@ def validate(
         )
 
 
-def _pinched(faces, pairs):
-    """Number of vertices that join several fans of faces."""
+def pinched_vertices(faces: ArrayLike, n: int, pairs: HalfEdgePairs) -> Any:
+    """Whether each vertex (n,) joins several fans of faces.
+
+    Args:
+        faces: (m, 3), none of which repeats a vertex.
+        n: number of vertices.
+        pairs: the half-edges of the faces.
+    """
 
     # Two corners of one vertex are joined if their faces share an edge. Each component
     # of corners is a fan.
@@ -200,7 +207,7 @@ def _pinched(faces, pairs):
     )
     owner = np.zeros(fan.max(initial=-1) + 1, np.int64)
     owner[fan] = faces.ravel()
-    return int((np.bincount(owner) > 1).sum())
+    return np.bincount(owner, minlength=n) > 1
 
 
 def degenerate_faces(vertices: ArrayLike, faces: ArrayLike) -> Any:

@@ -1,15 +1,11 @@
-"""Mesh -> Mesh: wind it outward, keep its largest component, weld its seams (numpy)."""
+"""Mesh -> Mesh: keep its largest component, weld its seams (numpy)."""
 
 from typing import NamedTuple
 
 import numpy as np
 
 from jfsf.mesh._geometry import (
-    component_volumes,
-    components,
     face_areas,
-    pair_half_edges,
-    repeats_vertex,
     vertex_components,
 )
 from jfsf.types import ArrayLike, Mesh
@@ -24,49 +20,6 @@ class Submesh(NamedTuple):
 
     mesh: Mesh
     index: ArrayLike
-
-
-def orient(mesh: Mesh) -> Mesh:
-    """Wind the faces consistently and outward; vertices and face order stay.
-
-    Each piece connected through edges with two faces is wound like its first face, then
-    flipped as a whole if its signed volume is negative. For the volume, an open piece
-    is closed by a cone to its centroid. A flat piece keeps the winding of its first
-    face. The surface of a cavity is a piece of its own: it comes out wound like any
-    closed surface, with its normals away from the cavity.
-
-    Args:
-        mesh: n vertices, m faces; indices in range, coordinates finite.
-
-    Returns:
-        The mesh, wound. A one-sided piece (a Moebius strip) keeps its own winding, and
-        pieces that meet in an edge with three faces or more are wound separately;
-        `check(...).consistent` is False for both.
-    """
-    vertices, faces = np.asarray(mesh.vertices), np.array(mesh.faces)
-    solid = np.flatnonzero(~repeats_vertex(faces))
-    m = len(solid)
-    if m == 0:
-        return Mesh(vertices, faces)
-    pairs = pair_half_edges(faces[solid], len(vertices))
-    left, right = pairs.left[pairs.manifold] // 3, pairs.right[pairs.manifold] // 3
-    clash = pairs.clash[pairs.manifold]
-    # A graph with two nodes a face: f as it is, and m + f flipped. It joins neighbours
-    # that are wound consistently. A two-sided piece gives two components, each the
-    # other flipped; a one-sided piece gives one.
-    fits = right + m * clash, right + m * ~clash
-    label = components(2 * m, np.concatenate([left, left + m]), np.concatenate(fits))
-    kept, flipped = label[:m], label[m:]
-    _, first, piece = np.unique(
-        np.minimum(kept, flipped), return_index=True, return_inverse=True
-    )
-    # Take the component that leaves the piece's first face as it is.
-    wound = _flip(faces[solid], kept != kept[first][piece])
-    volume, area = component_volumes(vertices, wound, piece)
-    one_sided = (kept == flipped)[first]
-    inward = (volume < -1e-9 * area**1.5) & ~one_sided
-    faces[solid] = _flip(wound, inward[piece])
-    return Mesh(vertices, faces)
 
 
 def largest_component(mesh: Mesh) -> Submesh:
@@ -122,7 +75,3 @@ def first_equal(vertices: ArrayLike) -> ArrayLike:
     first = np.empty(n, np.int64)
     first[order] = order[starts][np.cumsum(starts) - 1]
     return first
-
-
-def _flip(faces, which):
-    return np.where(which[:, None], faces[:, [0, 2, 1]], faces)

@@ -74,7 +74,7 @@ def edges(faces: ArrayLike) -> Edges:
     """The undirected edges of faces (m, 3); a vertex is never joined to itself."""
     faces = np.asarray(faces)
     n = int(faces.max(initial=0)) + 1
-    key = _edge_keys(faces, n)
+    key = edge_keys(faces, n)
     key, counts = np.unique(key[key // n != key % n], return_counts=True)
     return Edges(np.stack([key // n, key % n], axis=1), counts)
 
@@ -84,7 +84,7 @@ def boundary_edges(faces: ArrayLike) -> ArrayLike:
     faces = np.asarray(faces)
     tail, head = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
     proper = np.flatnonzero(tail != head)
-    key = _edge_keys(faces, int(faces.max(initial=0)) + 1)[proper]
+    key = edge_keys(faces, int(faces.max(initial=0)) + 1)[proper]
     _, first, counts = np.unique(key, return_index=True, return_counts=True)
     alone = proper[first[counts == 1]]
     return np.stack([tail[alone], head[alone]], axis=1)
@@ -97,7 +97,7 @@ def pair_half_edges(faces: ArrayLike, n: int) -> HalfEdgePairs:
         faces: vertices, 0-based.
         n: number of vertices.
     """
-    key, tail = _edge_keys(faces, n), faces.ravel()
+    key, tail = edge_keys(faces, n), faces.ravel()
     order = np.argsort(key, kind="stable")
     key = key[order]
     counts = np.diff(np.flatnonzero(np.diff(key, prepend=-1)), append=len(key))
@@ -171,8 +171,8 @@ def _at_vertices(vertices, faces, values):
     return np.bincount(faces.ravel(), np.repeat(values, 3), minlength=len(vertices))
 
 
-def _edge_keys(faces, n):
-    """A number (3 m,) for the undirected edge of each half-edge."""
+def edge_keys(faces, n):
+    """A number (3 m,) for the undirected edge of each half-edge: low end n + high."""
     tail = faces.ravel().astype(np.int64)
     head = np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     return np.minimum(tail, head) * n + np.maximum(tail, head)

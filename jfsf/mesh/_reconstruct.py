@@ -21,7 +21,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 from scipy.spatial import Delaunay, QhullError
 
-from jfsf.mesh._edit import orient
 from jfsf.mesh._geometry import (
     components,
     face_areas,
@@ -29,6 +28,7 @@ from jfsf.mesh._geometry import (
     pair_half_edges,
     vertex_components,
 )
+from jfsf.mesh._winding import orient
 from jfsf.types import ArrayLike, Mesh
 
 NEIGHBOURS = 30  # of each point, as the Laplacian of clouds has

@@ -1,7 +1,7 @@
 """Mend a mesh on request, and say what was done; vertices keep track of their numbers.
 
-Holes, and edges with three faces or more, are left: there is more than one way to mend
-them.
+Holes are left, and edges with three faces or more that are no fault of doubled faces:
+there is more than one way to mend them.
 """
 
 from typing import NamedTuple
@@ -9,16 +9,20 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh._check import degenerate_faces
+from jfsf.mesh._check import degenerate_faces, pinched_vertices
 from jfsf.mesh._denoise import without_spikes
-from jfsf.mesh._edit import first_equal, orient
+from jfsf.mesh._doubled import doubled_faces
+from jfsf.mesh._edit import first_equal
 from jfsf.mesh._geometry import (
+    boundary_edges,
+    edges,
     face_areas,
     pair_half_edges,
     repeats_vertex,
     vertex_components,
 )
 from jfsf.mesh._values import MeshError, check_values
+from jfsf.mesh._winding import orient
 from jfsf.types import ArrayLike, Mesh
 
 # Of the area of the largest component: eyes and teeth of a body have 0.02 at most.
@@ -46,11 +50,16 @@ class Repaired(NamedTuple):
 def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     """Mend what can be mended in one way only; the mesh itself is left as it is.
 
-    In this order: vertices with equal coordinates are merged; faces that repeat a
-    vertex, or all vertices of an earlier face, are removed; spikes go to the median of
-    their neighbours; faces without area are turned into their neighbours, or removed at
-    a boundary; small components and vertices without a face are removed; the rest is
-    wound consistently and outward.
+    In this order: vertices with equal coordinates are merged, but not those of surfaces
+    that only touch: inside a surface (all around with faces) a vertex stays apart if
+    an edge would get three faces or more, or the vertex a second fan of faces. Faces
+    that repeat a vertex are removed, and of faces with the same vertices all but one.
+    Both of two faces back to back are removed if one alone would be a fin, as on a flap
+    at an edge of a closed surface: what is left then has fewer edges with one face, or
+    three and more (flaps of more than 1 % of the area keep one). Spikes go to the
+    median of their neighbours; faces without area are turned into their neighbours, or
+    removed at a boundary; small components and vertices without a face are removed; the
+    rest is wound outward, as `orient` does.
 
     Args:
         mesh: n vertices, m faces. Of a point cloud, equal points are merged.
@@ -68,7 +77,7 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     check_values(vertices, faces, name)
-    first, done = first_equal(vertices), []
+    first, done = _merged(vertices, faces), []
     index = np.unique(first)
     _note(done, len(vertices) - len(index), "duplicate {vertices} merged")
     if len(faces) == 0:
@@ -76,7 +85,11 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     # Vertices keep their old numbers until the end.
     faces = first[faces].astype(np.int32)
     faces = _without(faces, repeats_vertex(faces), "{faces} with a vertex twice", done)
-    faces = _without(faces, _repeated(faces), "duplicate {faces}", done)
+    copies = doubled_faces(vertices, faces)
+    flap = ~copies.keep[copies.first]
+    copy = ~copies.keep & ~flap
+    faces = _without(faces, copy, "duplicate {faces}", done)
+    faces = _without(faces, flap[~copy], "{faces} back to back", done)
     vertices = _flattened(vertices, faces, done)
     faces = _without_flat(vertices, faces, done)
     if len(faces) == 0:
@@ -139,12 +152,50 @@ def _without(faces, wrong, text: str, done):
     return faces[~wrong]
 
 
-def _repeated(faces):
-    """Whether each face has the vertices of an earlier one."""
-    first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
-    repeated = np.ones(len(faces), bool)
-    repeated[first] = False
-    return repeated
+def _merged(vertices, faces):
+    """The vertex (n,) that each becomes: the lowest one in the same place.
+
+    Vertices inside a surface stay apart if merging them would join surfaces that only
+    touch: some edge or vertex would no longer be manifold.
+    """
+    n = len(vertices)
+    first = first_equal(vertices)
+    if len(faces) == 0 or (first == np.arange(n)).all():
+        return first
+    inside = np.zeros(n, bool)
+    inside[faces] = True
+    inside[boundary_edges(faces)] = False
+    shared = np.bincount(first, minlength=n)[first] > 1
+    bad_edges, bad_vertices = _nonmanifold(faces, n)
+    apart = np.zeros(n, bool)
+    while True:
+        # Those inside that stay apart are alone; the lowest of the others stands for
+        # them.
+        lowest = np.full(n, n)
+        np.minimum.at(lowest, first[~apart], np.flatnonzero(~apart))
+        to = np.where(apart, np.arange(n), lowest[first])
+        now = to[faces]
+        now = now[~repeats_vertex(now)]
+        now = now[doubled_faces(vertices, now).keep]
+        some_edges, some_vertices = _nonmanifold(now, n)
+        # What was so before is not for want of merging.
+        old = to[bad_edges].min(1) * n + to[bad_edges].max(1)
+        key = some_edges.min(1) * n + some_edges.max(1)
+        worse = np.zeros(n, bool)
+        worse[some_edges[~np.isin(key, old)]] = True
+        worse[some_vertices[~np.isin(some_vertices, to[bad_vertices])]] = True
+        more = worse[to] & shared & inside & ~apart
+        if not more.any():
+            return to
+        apart |= more
+
+
+def _nonmanifold(faces, n: int):
+    """Edges with three faces or more, and vertices with several fans."""
+    solid = faces[~repeats_vertex(faces)]
+    found = edges(solid)
+    pinched = pinched_vertices(solid, n, pair_half_edges(solid, n))
+    return found.ends[found.counts > 2], np.flatnonzero(pinched)
 
 
 def _flattened(vertices, faces, done):
