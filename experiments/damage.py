@@ -4,7 +4,8 @@ A row of the table is a kind of damage (damages.py); some are done to both shape
 other random numbers. The error is measured on the clean Y, at points that are left. A
 map is wrong if its mean error is above 0.1, or more than a tenth of the points end
 further than 0.2 from where they belong. A wrong map without a warning is one in
-silence, a right one with a warning a false alarm.
+silence, a right one with a warning a false alarm. With the row `clean`, each row has
+the largest change of the confidence by its damage.
 
     python experiments/damage.py [--rows noise_1% spikes_20] [--out RESULT.json]
 """
@@ -43,6 +44,10 @@ ROWS = {
     "holes_5": partial(damages.holes, number=5, radius=0.08),
     "holes_20": partial(damages.holes, number=20, radius=0.04),
     "one_arm": damages.one_arm,
+    "doubled_face": damages.doubled_face,
+    "fin": damages.fin,
+    "flipped_10": partial(damages.flipped, number=10),
+    "nonmanifold_30": partial(damages.nonmanifold, edges=30),
     "half_thinned": partial(damages.half_thinned, to=0.1),
     "cloud": damages.cloud,
     "cloud_both": damages.cloud,
@@ -69,6 +74,9 @@ def main() -> None:
         rows += found
         table[name] = summary(found)
         print(name, table[name], flush=True)
+    for name, change in changes(rows).items():
+        table[name]["change"] = change
+        print(f"{name}: confidence within {change:.3f} of the clean pair's")
     if args.out:
         settings = {
             **jfsf.Settings().as_record(),
@@ -127,6 +135,18 @@ def summary(rows: list[dict]) -> dict:
         "silent": sum(not row["right"] and not row["warnings"] for row in rows),
         "false_alarms": sum(row["right"] and bool(row["warnings"]) for row in rows),
     }
+
+
+def changes(rows: list[dict]) -> dict[str, float]:
+    """How much the confidence differs from the clean pair's, at most, of each row."""
+    pair = lambda row: (row["x"], row["y"])
+    clean = {pair(row): row["confidence"] for row in rows if row["row"] == "clean"}
+    most: dict[str, float] = {}
+    for row in rows:
+        if pair(row) in clean:
+            change = abs(row["confidence"] - clean[pair(row)])
+            most[row["row"]] = max(most.get(row["row"], 0.0), change)
+    return {name: round(change, 4) for name, change in most.items()}
 
 
 if __name__ == "__main__":

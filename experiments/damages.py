@@ -1,4 +1,4 @@
-"""Damage to a mesh: noise, spikes, holes, cuts, uneven sampling, other sizes.
+"""Damage to a mesh: noise, spikes, holes, cuts, bad faces, other samplings and sizes.
 
 Each function takes an embedded shape and a random generator, and returns the damaged
 mesh with the vertex of it at each old one. The old mesh stays as it is.
@@ -76,6 +76,58 @@ def one_arm(sample: Sample, rng: np.random.Generator) -> Damaged:
     # Three vertices in ten have no template point: that of the nearest with one.
     points = mesh.vertices[sample.template_to_vertex]
     return _kept(mesh, ~arm[KDTree(points).query(mesh.vertices)[1]])
+
+
+def doubled_face(sample: Sample, rng: np.random.Generator) -> Damaged:
+    """One face twice."""
+    vertices, faces = sample.mesh
+    more = np.concatenate([faces, faces[[rng.integers(len(faces))]]])
+    return clean(sample, rng)._replace(mesh=Mesh(vertices, more))
+
+
+def fin(sample: Sample, rng: np.random.Generator) -> Damaged:
+    """A face that stands on an edge between two others, its tip a new vertex."""
+    vertices, faces = sample.mesh
+    face = faces[rng.integers(len(faces))]
+    a, b, c = vertices[face]
+    normal = np.cross(b - a, c - a)
+    # As high as its edge is long.
+    height = np.linalg.norm(b - a) * normal / np.linalg.norm(normal)
+    tip = (a + b) / 2 + height
+    more = np.concatenate([faces, [[*face[:2], len(vertices)]]])
+    mesh = Mesh(np.concatenate([vertices, [tip]]), more.astype(faces.dtype))
+    return clean(sample, rng)._replace(mesh=mesh)
+
+
+def flipped(sample: Sample, rng: np.random.Generator, *, number: int) -> Damaged:
+    """Some faces wound the other way."""
+    vertices, faces = sample.mesh
+    at = rng.choice(len(faces), number, replace=False)
+    wound = faces.copy()
+    wound[at] = faces[at, ::-1]
+    return clean(sample, rng)._replace(mesh=Mesh(vertices, wound))
+
+
+def nonmanifold(sample: Sample, rng: np.random.Generator, *, edges: int) -> Damaged:
+    """So many edges with three faces, an even number: a flap across an edge makes two.
+
+    Flaps are apart: no two of them share a vertex.
+    """
+    vertices, faces = sample.mesh
+    sides = np.concatenate([faces, np.roll(faces, -1, 1), np.roll(faces, 1, 1)])
+    # The vertices on both sides of an edge (a, b): faces (a, b, c) and (b, a, d).
+    opposite = {(a, b): c for a, b, c in sides.tolist()}
+    more, used = [], set()
+    for a, b, c in sides[rng.permutation(len(sides))].tolist():
+        d = opposite.get((b, a))
+        # An edge from c to d would have three faces, too.
+        if d is None or (c, d) in opposite or (d, c) in opposite:
+            continue
+        if len(more) < edges // 2 and used.isdisjoint({a, b, c, d}):
+            more.append([a, d, c])
+            used |= {a, b, c, d}
+    flaps = np.array(more, faces.dtype).reshape(-1, 3)
+    return clean(sample, rng)._replace(mesh=Mesh(vertices, np.r_[faces, flaps]))
 
 
 def half_thinned(sample: Sample, rng: np.random.Generator, *, to: float) -> Damaged:
