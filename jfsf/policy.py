@@ -40,7 +40,7 @@ class PairState:
     inputs: padded, too.
     samples: of both shapes, made without landmarks.
     landmark_samples: made with them; the same where there are none.
-    attempts: the source of each start, and the confidence of its match.
+    attempts: the source of each start, and its match.
     best: the most confident match; `won` is the number of its attempt.
     refined_size: rows and columns of a refined map.
     seconds: by stage; its share where a stage ran for several pairs.
@@ -50,7 +50,7 @@ class PairState:
     inputs: MatchInputs
     samples: SamplesPair | Any = None
     landmark_samples: SamplesPair | Any = None
-    attempts: list[tuple[str, Any]] = field(default_factory=list)
+    attempts: list[tuple[str, Match]] = field(default_factory=list)
     best: Match | Any = None
     won: int = 0
     refined_size: tuple[int, int] = (0, 0)
@@ -68,22 +68,30 @@ class PairState:
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
     def keep(self, source: str, match: Match) -> None:
-        """Note an attempt, and keep its match if it is the most confident so far."""
-        confidence = match.certificate.confidence
-        if self.best is None or confidence > self.best.certificate.confidence:
+        """Note an attempt; its match is the best if it is the most confident so far."""
+        likely = match.certificate.confidence
+        if self.best is None or likely > self.best.certificate.confidence:
             self.best, self.won = match, len(self.attempts)
-        self.attempts.append((source, confidence))
+        self.attempts.append((source, match))
 
-    def result(self) -> Match:
-        """The best match, with `Match.info`."""
-        sources, confidence = zip(*self.attempts, strict=True)
+    def results(self) -> list[Match]:
+        """The match of each attempt, in their order, each with its `Match.info`."""
+        sources, matches = zip(*self.attempts, strict=True)
+        confidence = [match.certificate.confidence for match in matches]
         info = MatchInfo(
             np.array([SOURCES.index(name) for name in sources], np.int32),
             np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
-            np.array(self.won, np.int32),
+            np.array(0, np.int32),
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
-        return self.best._replace(info=info)
+        return [
+            match._replace(info=info._replace(won=np.array(i, np.int32)))
+            for i, match in enumerate(matches)
+        ]
+
+    def result(self) -> Match:
+        """The best match."""
+        return self.results()[self.won]
 
 
 class Source(NamedTuple):
