@@ -17,7 +17,7 @@ from typing import NamedTuple
 import matplotlib.pyplot as plt
 import numpy as np
 import results_file
-from protocol import RIGHT
+from protocol import RIGHT, SETS
 
 BINS = 10
 COLUMNS = 4
@@ -25,12 +25,12 @@ RESULTS = Path(__file__).parent / "results"
 
 
 class Reliability(NamedTuple):
-    """By bin: number of maps, share of right ones, mean confidence; nan where empty.
+    """By bin: number of maps, of right ones, and mean confidence, nan where empty.
 
     gap: the calibration error.
     """
 
-    number: np.ndarray
+    maps: np.ndarray
     right: np.ndarray
     confidence: np.ndarray
     gap: float
@@ -49,14 +49,19 @@ def main() -> None:
     paths = args.results or _plain(sorted(RESULTS.glob("match_*.json")))
     panels = {}
     for path in paths:
-        maps = maps_of(json.loads(path.read_text())["pairs"], args.attempts)
-        role = _roles(path)
-        panels[f"{path.stem.removeprefix('match_')}{role}"] = maps
+        rows = json.loads(path.read_text())["pairs"]
+        panels[path.stem.removeprefix("match_")] = maps_of(rows, args.attempts)
     panels = {"all": np.concatenate(list(panels.values())), **panels}
     found = {name: reliability(*maps.T) for name, maps in panels.items()}
     draw(found, args.out)
     rows = [
-        {"set": name, **{k: np.asarray(v).tolist() for k, v in one._asdict().items()}}
+        {
+            "set": name,
+            "maps": one.maps.tolist(),
+            "right": one.right.tolist(),
+            "mean_confidence": [None if np.isnan(c) else c for c in one.confidence],
+            "calibration_error": one.gap,
+        }
         for name, one in found.items()
     ]
     settings = {"right": RIGHT, "bins": BINS, "attempts": args.attempts}
@@ -76,14 +81,13 @@ def maps_of(rows: list[dict], attempts: bool = False) -> np.ndarray:
 def reliability(confidence: np.ndarray, error: np.ndarray) -> Reliability:
     """Counts and means in ten bins of equal width."""
     at = np.minimum((confidence * BINS).astype(int), BINS - 1)
-    number = np.bincount(at, minlength=BINS)
-    right, mean = (
+    maps, right, total = (
         np.bincount(at, weights=values, minlength=BINS)
-        / np.where(number, number, np.nan)
-        for values in (error < RIGHT, confidence)
+        for values in (np.ones(len(at)), error < RIGHT, confidence)
     )
-    apart = np.nan_to_num(np.abs(right - mean))
-    return Reliability(number, right, mean, float(number @ apart / max(len(at), 1)))
+    gap = np.abs(right - total).sum() / max(len(at), 1)
+    mean = total / np.where(maps > 0, maps, np.nan)
+    return Reliability(maps.astype(int), right.astype(int), mean, float(gap))
 
 
 def draw(found: dict[str, Reliability], path: Path) -> None:
@@ -95,16 +99,16 @@ def draw(found: dict[str, Reliability], path: Path) -> None:
     edges = np.arange(BINS) / BINS
     for axis, (name, one) in zip(axes.flat, found.items(), strict=False):
         axis.plot([0, 1], [0, 1], color="0.7", linewidth=1, zorder=0)
-        heights = np.nan_to_num(one.right)
+        heights = one.right / np.maximum(one.maps, 1)
         axis.bar(edges, heights, 1 / BINS, align="edge", color="#8fb4d9", edgecolor="w")
         axis.plot(one.confidence, one.confidence, "o", color="#b5432e", markersize=3)
-        for left, height, number in zip(edges, heights, one.number, strict=True):
+        for left, height, number in zip(edges, heights, one.maps, strict=True):
             if number:
                 middle = left + 0.5 / BINS
                 axis.text(middle, height + 0.02, str(number), ha="center", fontsize=7)
         axis.set(xlim=(0, 1), ylim=(0, 1.12), xticks=(0, 0.5, 1), yticks=(0, 0.5, 1))
-        total = f"{one.number.sum()} maps, calibration error {one.gap:.3f}"
-        axis.set_title(f"{name}\n{total}", fontsize=8)
+        total = f"{one.maps.sum()} maps, calibration error {one.gap:.3f}"
+        axis.set_title(f"{_title(name)}\n{total}", fontsize=8)
     for axis in axes.flat[len(found) :]:
         axis.axis("off")
     figure.supxlabel("confidence", fontsize=9)
@@ -119,10 +123,9 @@ def _plain(paths: list[Path]) -> list[Path]:
     return [p for p in paths if not p.stem.endswith(("_exhaustive", "_first"))]
 
 
-def _roles(path: Path) -> str:
-    """The role of the set, if its results say it."""
-    role = json.loads(path.read_text())["summary"].get("all", {}).get("role")
-    return f" ({role})" if role else ""
+def _title(name: str) -> str:
+    """Of a panel: with what the set is for, if it is one of the protocol."""
+    return f"{name} ({', '.join(set(SETS[name].roles))})" if name in SETS else name
 
 
 if __name__ == "__main__":

@@ -75,6 +75,8 @@ def _check_sets(parser: argparse.ArgumentParser, args: argparse.Namespace) -> No
         parser.error(str(error))
     if args.embedded or args.pairs or args.within or args.identity:
         parser.error("--embedded, --pairs, --within, --identity are for no set")
+    if args.out and args.out.suffix:
+        parser.error("--out of sets is a folder")
     if args.data and len(args.data) > 1:
         parser.error("sets lie below one --data")
     known = args.data or "JFSF_DATA" in os.environ

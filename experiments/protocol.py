@@ -9,7 +9,9 @@ every pair of it, has a role:
 
 A table says of each of its rows which it is. Change a role in its line of `SETS`.
 `roles=("fit", "fit", "fit", "choose")` gives every fourth pair of a list to another
-role; but pairs of one list share shapes, so a set of its own says more.
+role; but pairs of one list share shapes, so a set of its own says more. Sets may share
+bodies too: those of BeCoS (`becos_*`) are FAUST's, TOSCA's and others', on other
+meshes.
 
 Data other than the package's are licensed for research, and not in here: they are
 folders below one root, `--data ROOT` or `JFSF_DATA`. `datasets.py` reads them.

@@ -1,0 +1,71 @@
+"""Which of the attempts are alternatives, in which order; for real: test_coarse.py."""
+
+import numpy as np
+import pytest
+
+import jfsf
+from jfsf import testing
+from jfsf.arguments import MatchInputs
+from jfsf.matching import _match
+from jfsf.policy import PairState
+from jfsf.runtime import padded_pair
+from jfsf.types import Certificate, Match
+
+MESH = testing.blob(0)
+N = len(MESH.vertices)
+SAME = np.arange(N)
+# A vertex and its neighbour, and the vertices farthest from each.
+NEAR = np.where(np.isin(SAME, MESH.faces[0]), MESH.faces[0][0], SAME)
+FAR = np.linalg.norm(MESH.vertices[:, None] - MESH.vertices[None], axis=2).argmax(1)
+
+
+def found(T_xy, confidence):
+    figures = dict.fromkeys(Certificate._fields, np.zeros(()))
+    figures |= {"confidence": np.array(confidence), "landmarks": np.zeros(0)}
+    return Match(T_xy, T_xy, np.eye(3), Certificate(**figures))
+
+
+@pytest.fixture
+def attempts(monkeypatch):
+    """A function that says what is attempted, in order."""
+    spec = jfsf.basis(MESH, cache=False)
+
+    def set_to(*matches):
+        pair = PairState(padded_pair(spec, spec), MatchInputs())
+        size = len(pair.spectra[0].mass)
+        for match in matches:
+            T_xy = np.pad(match.T_xy, (0, size - N))
+            pair.keep("search", match._replace(T_xy=T_xy, T_yx=T_xy))
+        monkeypatch.setattr(_match, "_attempted", lambda *args: pair)
+
+    return set_to
+
+
+def test_the_most_confident_is_first_and_none_is_like_another(attempts):
+    attempts(found(FAR, 0.3), found(SAME, 0.4), found(NEAR, 0.8))
+    tried = jfsf.alternatives(MESH, MESH)
+    assert [float(match.certificate.confidence) for match in tried] == [0.8, 0.3]
+    assert [int(match.info.won) for match in tried] == [2, 0]
+    assert np.array_equal(tried[0].T_xy, NEAR) and np.array_equal(tried[1].T_xy, FAR)
+    np.testing.assert_allclose(tried[0].info.confidence, [0.3, 0.4, 0.8])
+
+
+def test_all_are_kept_on_request(attempts):
+    attempts(found(FAR, 0.3), found(SAME, 0.4), found(SAME, 0.4), found(NEAR, np.nan))
+    tried = jfsf.alternatives(MESH, MESH, min_distance=0)
+    # Ties in the order of the attempts; what has no confidence comes last.
+    assert [int(match.info.won) for match in tried] == [1, 2, 0, 3]
+
+
+def test_that_of_match_is_first_whatever_its_confidence(attempts):
+    attempts(found(SAME, np.nan), found(FAR, 0.3))
+    tried = jfsf.alternatives(MESH, MESH, min_distance=0)
+    assert [int(match.info.won) for match in tried] == [0, 1]
+
+
+def test_what_cannot_be_matched_is_an_error():
+    few = MESH._replace(vertices=MESH.vertices[:100], faces=MESH.faces[:0])
+    with pytest.raises(jfsf.MeshError, match="mesh_y"):
+        jfsf.alternatives(MESH, few)
+    with pytest.raises(ValueError, match="landmarks"):
+        jfsf.alternatives(MESH, MESH, landmarks=np.array([[0, N]]))
