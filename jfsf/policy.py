@@ -76,17 +76,16 @@ class PairState:
 
     def results(self) -> list[Match]:
         """The match of each attempt, in their order, each with its `Match.info`."""
-        sources, matches = zip(*self.attempts, strict=True)
-        confidence = [match.certificate.confidence for match in matches]
+        confidence = [match.certificate.confidence for _, match in self.attempts]
         info = MatchInfo(
-            np.array([SOURCES.index(name) for name in sources], np.int32),
+            np.array([SOURCES.index(name) for name, _ in self.attempts], np.int32),
             np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
-            np.array(0, np.int32),
+            np.array(self.won, np.int32),
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
+        own = (info._replace(won=np.array(i, np.int32)) for i in range(len(confidence)))
         return [
-            match._replace(info=info._replace(won=np.array(i, np.int32)))
-            for i, match in enumerate(matches)
+            m._replace(info=i) for (_, m), i in zip(self.attempts, own, strict=True)
         ]
 
     def result(self) -> Match:
