@@ -35,6 +35,7 @@ from jfsf.report import LIKELY
 from jfsf.types import Match
 
 POINTS, SEED = 250, 0  # of ground truth, at most, chosen at random
+FURTHER = 3  # starts beside the first that --exhaustive attempts
 UNSURE = 0.7  # a right map below this confidence is one too many that people doubt
 RESULTS = Path(__file__).parent / "results"
 
@@ -88,9 +89,9 @@ def _run(
     data_set: protocol.DataSet, pairs: list[datasets.Pair], args, out: Path | None
 ) -> None:
     """Match the pairs of a set; the file is written anew after each of them."""
-    settings = jfsf.Settings()
-    if args.first or args.exhaustive:
-        settings = jfsf.Settings(retry_below=0 if args.first else 1)
+    settings = jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
+    if args.exhaustive:
+        settings = jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
     points = f"1 in {args.every}" if args.every else f"{POINTS} at most, seed {SEED}"
     how = {
         **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},

@@ -146,7 +146,7 @@ def attempt(
     if landmarks is not None:
         features = kept_landmarks(pair, features, start, landmarks, settings=settings)
     C_yx = refine_start(features, start, settings=settings)
-    return finish(pair, search, C_yx, start, None, sign, landmarks, settings=settings)
+    return finish(pair, search, C_yx, start, sign, landmarks, settings=settings)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -236,7 +236,6 @@ def finish(
     samples: tuple[SearchSamples, SearchSamples],
     C_yx: Float[Array, "k l"],
     start: Start,
-    rounds: Int[Array, ""] | int | None = None,
     sign: Int[Array, ""] | int = 1,
     landmarks: Landmarks | None = None,
     *,
@@ -249,13 +248,10 @@ def finish(
         samples: of the search, for the evidence.
         C_yx: the map, refined or not.
         start: what it was refined from.
-        rounds: of the deformation, `bend_rounds` or fewer; None: all.
         settings: `deform`, `converter` and what they and the evidence read.
     """
     search = pair_search(*pair, settings=settings)
-    aligned = settings.deform(
-        *pair, C_yx, start.sign, search, rounds, settings=settings
-    )
+    aligned = settings.deform(*pair, C_yx, start.sign, search, settings=settings)
     uniform_x, uniform_y = (uniform(spec.mass) for spec in pair)
     embs = aligned.emb_x, aligned.emb_y
     maps = settings.converter(*embs, uniform_x, uniform_y, search)

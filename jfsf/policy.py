@@ -5,6 +5,11 @@ Sources of starts are asked in turn, for all pairs that are still in doubt: belo
 `Settings.retry_below`, or after a first map that misses a landmark. So the first
 attempts of all pairs are made together, then the doubtful pairs are gathered, and pairs
 without doubt cost nothing more. The most confident match of a pair is kept.
+
+The last source, of starts for other proportions, tries all of them on coarse copies
+(`jfsf.coarse`), which takes little time. Only the best maps of these go on to the whole
+shapes. Those that differ and are nearly as likely are counted as its rivals: a map that
+cannot be told from another one is not certain.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,6 +19,7 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jfsf.arguments import MatchInputs
@@ -25,11 +31,33 @@ from jfsf.attempt import (
     refine_start,
     shape_samples,
 )
-from jfsf.evidence import kept_landmarks
+from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.evidence import kept_landmarks, share_among
 from jfsf.initial import Start, best_start, nonisometric_starts
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
+
+
+class Attempt(NamedTuple):
+    """A match and where it comes from.
+
+    source: of its start, one of `jfsf.types.SOURCES`.
+    start: the map it began with.
+    match: as `jfsf.attempt.finish` returns it.
+    """
+
+    source: str
+    start: Start
+    match: Match
+
+    @property
+    def confidence(self):
+        """Of the match, its rivals not counted."""
+        return self.match.certificate.confidence
+
+
+StartAndShare = tuple[Start, float]
 
 
 @dataclass(eq=False)
@@ -40,9 +68,10 @@ class PairState:
     inputs: padded, too.
     samples: of both shapes, made without landmarks.
     landmark_samples: made with them; the same where there are none.
-    attempts: the source of each start, and its match.
-    best: the most confident match; `won` is the number of its attempt.
-    refined_size: rows and columns of a refined map.
+    attempts: in their order.
+    shares: for each of them, how it stands among the maps of the coarse copies
+        (`jfsf.evidence.share_among`); nan if it was not compared with these.
+    won: the number of the most confident attempt.
     seconds: by stage; its share where a stage ran for several pairs.
     """
 
@@ -50,15 +79,19 @@ class PairState:
     inputs: MatchInputs
     samples: SamplesPair | Any = None
     landmark_samples: SamplesPair | Any = None
-    attempts: list[tuple[str, Match]] = field(default_factory=list)
-    best: Match | Any = None
+    attempts: list[Attempt] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
     won: int = 0
-    refined_size: tuple[int, int] = (0, 0)
     seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Match:
+        """The most confident match."""
+        return self.attempts[self.won].match
 
     def in_doubt(self, settings: Settings) -> bool:
         """Whether another start is to be attempted."""
-        if self.best is None:
+        if not self.attempts:
             return True
         evidence = self.best.certificate
         # The landmark is wrong, or the map: another is made to see.
@@ -67,26 +100,32 @@ class PairState:
         doubtful = bool(evidence.confidence < settings.retry_below)
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
-    def keep(self, source: str, match: Match) -> None:
-        """Note an attempt; its match is the best if it is the most confident so far."""
-        likely = match.certificate.confidence
-        if self.best is None or likely > self.best.certificate.confidence:
-            self.best, self.won = match, len(self.attempts)
-        self.attempts.append((source, match))
+    def keep(self, attempt: Attempt, share: float = np.nan) -> None:
+        """Note an attempt."""
+        if self.attempts and attempt.confidence > self.attempts[self.won].confidence:
+            self.won = len(self.attempts)
+        self.attempts.append(attempt)
+        self.shares.append(share)
 
     def results(self) -> list[Match]:
-        """The match of each attempt, in their order, each with its `Match.info`."""
-        confidence = [match.certificate.confidence for _, match in self.attempts]
+        """The match of each attempt, its rivals counted, with `Match.info`."""
+        confidence = [attempt.confidence for attempt in self.attempts]
         info = MatchInfo(
-            np.array([SOURCES.index(name) for name, _ in self.attempts], np.int32),
+            np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
             np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
             np.array(self.won, np.int32),
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
-        own = (info._replace(won=np.array(i, np.int32)) for i in range(len(confidence)))
-        return [
-            m._replace(info=i) for (_, m), i in zip(self.attempts, own, strict=True)
-        ]
+        matches = []
+        for attempt, share in zip(self.attempts, self.shares, strict=True):
+            evidence = attempt.match.certificate
+            if not np.isnan(share):
+                share = jnp.asarray(share, evidence.confidence.dtype)
+                likely = evidence.confidence * share
+                evidence = evidence._replace(share=share, confidence=likely)
+            own = info._replace(won=np.array(len(matches), np.int32))
+            matches.append(attempt.match._replace(certificate=evidence, info=own))
+        return matches
 
     def result(self) -> Match:
         """The best match."""
@@ -97,21 +136,16 @@ class Source(NamedTuple):
     """A source of starts.
 
     name: one of `jfsf.types.SOURCES`.
-    make: a list of starts for each of the pairs, the best first.
-    unless: it is not asked for pairs that have a start of this source.
+    make: a list of starts for each of the pairs, the best first, each with its share
+        (`PairState.shares`).
     """
 
     name: str
-    make: Callable[[Sequence[PairState], Runner, Settings], list[list[Start]]]
-    unless: str | None = None
+    make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
 
 
 def match_pairs(
-    pairs: Sequence[PairState],
-    runner: Runner,
-    *,
-    settings: Settings,
-    further: Sequence[Source] = (),
+    pairs: Sequence[PairState], runner: Runner, *, settings: Settings
 ) -> list[Match]:
     """Match pairs, and try those in doubt again.
 
@@ -119,23 +153,17 @@ def match_pairs(
         pairs: all with landmarks or all without; likewise an initial map.
         runner: of the stages.
         settings: of all stages, and of further attempts.
-        further: sources that are asked before the starts for shapes of other
-            proportions.
 
     Raises:
         ValueError: arrays that do not fit each other, or settings that do not.
     """
     _describe(pairs, runner, settings)
-    for source in _sources(pairs[0].inputs, settings, further):
-        open_pairs = [
-            pair
-            for pair in pairs
-            if pair.in_doubt(settings) and source.unless not in dict(pair.attempts)
-        ]
+    for source in _sources(pairs[0].inputs, settings):
+        open_pairs = [pair for pair in pairs if pair.in_doubt(settings)]
         starts = source.make(open_pairs, runner, settings) if open_pairs else []
         for turn in range(max(map(len, starts), default=0)):
             tried = [
-                (pair, own[turn])
+                (pair, *own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
                 if turn < len(own) and pair.in_doubt(settings)
             ]
@@ -155,14 +183,12 @@ def compile_first_attempt(
         settings: of all stages.
     """
     _describe([pair], runner, settings)
-    source = _sources(pair.inputs, settings, ())[0]
+    source = _sources(pair.inputs, settings)[0]
     ((start,),) = source.make([pair], runner, settings)
-    _attempt(source.name, [(pair, start)], runner, settings)
+    _matches([(pair, start[0])], runner, settings)
 
 
-def _sources(
-    inputs: MatchInputs, settings: Settings, further: Sequence[Source]
-) -> list[Source]:
+def _sources(inputs: MatchInputs, settings: Settings) -> list[Source]:
     """In the order in which they are asked."""
     if inputs.initial is not None:
         return [Source("given", _given)]
@@ -173,45 +199,80 @@ def _sources(
     sources = [Source("search", partial(_search, landmarks=False))]
     if inputs.landmarks is not None:
         sources.append(Source("landmarks", partial(_search, landmarks=True)))
-    return [*sources, *further, Source("nonisometric", _nonisometric, "coarse copies")]
+    return [*sources, Source("coarse copies", _from_copies)]
 
 
-def _given(pairs, runner, settings) -> list[list[Start]]:
+def _given(pairs, runner, settings) -> list[list[StartAndShare]]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
     stage = partial(given_start, settings=settings)
-    return [[start] for start in _timed(runner, "search", stage, pairs, inputs)]
+    return [[(s, np.nan)] for s in _timed(runner, "search", stage, pairs, inputs)]
 
 
-def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Start]]:
+def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[StartAndShare]]:
     sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
     inputs = _search_inputs(pairs, sides)
     stage = partial(best_start, settings=settings.search)
-    return [[start] for start in _timed(runner, "search", stage, pairs, inputs)]
+    return [[(s, np.nan)] for s in _timed(runner, "search", stage, pairs, inputs)]
 
 
-def _nonisometric(pairs, runner, settings) -> list[list[Start]]:
-    """Those that are most confident after a little bending, not yet refined."""
-    inputs = _search_inputs(pairs, [pair.samples for pair in pairs])
+def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
+    """The maps of coarse copies that are most confident there, as starts."""
+    started = perf_counter()
+    copies = [_copied(pair, settings) for pair in pairs]
+    _describe(copies, runner, settings)
+    inputs = _search_inputs(copies, [copy.samples for copy in copies])
     stage = partial(nonisometric_starts, settings=settings.search)
-    stacked = _timed(runner, "further starts", stage, pairs, inputs)
-    starts = list(map(_unstacked, stacked))
-    if len(starts[0]) <= settings.nonisometric_attempts:
-        return starts
-    each = [
-        (pair, start) for pair, own in zip(pairs, starts, strict=True) for start in own
-    ]
-    maps = [(*one, _resized(one[1].C_yx, one[0].refined_size)) for one in each]
-    matches = _finish("screening", maps, settings.screening_rounds, runner, settings)
-    scores = [float(match.certificate.confidence) for match in matches]
-    scores = np.nan_to_num(np.reshape(scores, (len(pairs), -1)), nan=-1.0)
-    order = np.argsort(-scores, 1, stable=True)[:, : settings.nonisometric_attempts]
-    return [[own[i] for i in row] for own, row in zip(starts, order, strict=True)]
+    stacked = _timed(runner, "further starts", stage, copies, inputs)
+    tried = []
+    for pair, copy, starts in zip(pairs, copies, stacked, strict=True):
+        # The best so far is a rival: of the copies, too.
+        known = pair.attempts[pair.won]
+        own = [known.start._replace(C_yx=known.match.C_yx), *_unstacked(starts)]
+        size = min(len(start.C_yx) for start in own)
+        tried += [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for s in own]
+    matches = _matches(tried, runner, settings, at_a_time=2)
+    for (copy, start), match in zip(tried, matches, strict=True):
+        copy.keep(Attempt("nonisometric", start, match))
+    found = []
+    for pair, copy in zip(pairs, copies, strict=True):
+        own = [attempt.match for attempt in copy.attempts]
+        shares = share_among(own, copy.spectra[1], settings=settings)
+        pair.shares[pair.won] = float(shares[0])
+        ranked = np.argsort([-float(a.confidence) for a in copy.attempts[1:]]) + 1
+        best = ranked[: settings.nonisometric_attempts]
+        size = len(copy.attempts[0].start.C_yx)
+        found.append([(_of_copies(copy.attempts[i], size), shares[i]) for i in best])
+    share = (perf_counter() - started) / max(len(pairs), 1)
+    for pair in pairs:
+        pair.seconds["coarse copies"] = share
+    return found
+
+
+def _copied(pair: PairState, settings: Settings) -> PairState:
+    both = [coarse_copy(spec, settings=settings) for spec in pair.spectra]
+    return PairState(*padded_copies(both, pair.inputs))
+
+
+def _of_copies(attempt: Attempt, size: int) -> Start:
+    """The map of an attempt on copies, as a start for the whole shapes."""
+    C_yx = attempt.match.C_yx[:size, :size]
+    score = attempt.match.certificate.orientation
+    return attempt.start._replace(C_yx=C_yx, orientation=score)
 
 
 def _attempt(
-    source: str, tried: list[tuple[PairState, Start]], runner, settings
+    source: str, tried: list[tuple[PairState, Start, float]], runner, settings
 ) -> None:
-    """Refine and finish each start of a pair; `jfsf.attempt.attempt` in two programs.
+    """Attempt each start of a pair, and keep its match there."""
+    matches = _matches([(pair, start) for pair, start, _ in tried], runner, settings)
+    for (pair, start, share), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source, start, match), share)
+
+
+def _matches(
+    tried: list[tuple[PairState, Start]], runner, settings, at_a_time: int = 1
+) -> list[Match]:
+    """Refine and finish each start; `jfsf.attempt.attempt` in two programs.
 
     That of the refinement serves shapes of all sizes.
     """
@@ -225,35 +286,23 @@ def _attempt(
             for (pair, start), own in zip(tried, features, strict=True)
         ]
         stage = partial(kept_landmarks, settings=settings)
-        features = _timed(runner, "kept landmarks", stage, pairs, inputs)
+        features = _timed(runner, "kept landmarks", stage, pairs, inputs, at_a_time)
     inputs = [(own, start) for (_, start), own in zip(tried, features, strict=True)]
     stage = partial(refine_start, settings=settings)
-    maps = _timed(runner, "refinement", stage, pairs, inputs)
-    each = [(*one, C_yx) for one, C_yx in zip(tried, maps, strict=True)]
-    matches = _finish(
-        "bending and conversion", each, settings.bend_rounds, runner, settings
-    )
-    for pair, C_yx, match in zip(pairs, maps, matches, strict=True):
-        pair.refined_size = C_yx.shape
-        pair.keep(source, match)
-
-
-def _finish(name: str, each, rounds: int, runner, settings) -> list[Match]:
-    """`jfsf.attempt.finish` of each (pair, start, C_yx)."""
+    maps = _timed(runner, "refinement", stage, pairs, inputs, at_a_time)
     inputs = [
         (
             pair.spectra,
             tuple(side.search for side in pair.samples),
             C_yx,
             start,
-            rounds,
             pair.inputs.sign,
             pair.inputs.landmarks,
         )
-        for pair, start, C_yx in each
+        for (pair, start), C_yx in zip(tried, maps, strict=True)
     ]
     stage = partial(finish, settings=settings)
-    return _timed(runner, name, stage, [pair for pair, *_ in each], inputs)
+    return _timed(runner, "bending and conversion", stage, pairs, inputs, at_a_time)
 
 
 def _describe(pairs: Sequence[PairState], runner, settings) -> None:
@@ -298,9 +347,3 @@ def _unstacked(starts: Start) -> list[Start]:
     host = jax.device_get(starts)
     one = lambda i: jax.tree.map(lambda values: np.asarray(values[i]), host)
     return [one(i) for i in range(len(host.gap))]
-
-
-def _resized(C_yx, size: tuple[int, int]):
-    """As large as a refined map, cut or with zeros: one program finishes both."""
-    C_yx = C_yx[: size[0], : size[1]]
-    return np.pad(C_yx, [(0, n - k) for n, k in zip(size, C_yx.shape, strict=True)])

@@ -21,6 +21,8 @@ class EvidenceSettings:
     missed: a map misses a landmark whose image is farther than this from its partner,
         the mean distance of two random vertices being 1. Exchanged hands are at 1 or
         more, noise of a map at 0.1.
+    distinct: two maps differ if their images are so far apart in the mean, in the same
+        unit.
     missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
         little against a map that is nearly certain, since a landmark may be wrong too.
     rounding: share of the spacing of vertices that rounding to vertices leaves between
@@ -30,6 +32,7 @@ class EvidenceSettings:
 
     functions: int = 40
     missed: float = 0.5
+    distinct: float = 0.1
     missed_weight: float = 3.0
     rounding: float = 0.08
 
@@ -51,15 +54,10 @@ class Settings:
         from other starts (`jfsf.initial.nonisometric_candidates`), until one reaches
         this. The most confident is kept. Of 248 near-isometric pairs none is below 0.9.
         0 leaves it out.
-    screening_rounds: times that the shapes are bent by each of these starts, unrefined,
-        to compare the confidence. It takes a quarter of the time of a refined map and
-        ranks starts no worse: bent for long, shapes fit by a wrong map too.
-    nonisometric_attempts: of these starts, so many are refined, the most confident
-        first.
-    coarse_vertices: vertices of coarse copies, on which `jfsf.match` tries the further
-        starts of shapes that are more than twice as large, padding included. The best
-        map of the copies is the one start that is tried on the whole shapes. 0 tries
-        all starts on these.
+    coarse_vertices: of the coarse copies, on which all further starts are tried
+        (`jfsf.coarse`).
+    nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
+        the most confident first.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
@@ -100,9 +98,8 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     retry_below: float = 0.9
-    screening_rounds: int = 2
-    nonisometric_attempts: int = 2
-    coarse_vertices: int = 5000
+    coarse_vertices: int = 1200
+    nonisometric_attempts: int = 1
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn
@@ -140,18 +137,18 @@ class Settings:
                 f"Settings: bend_rounds is {self.bend_rounds} and samples "
                 f"{self.samples}; give 0 or more, and 1 or more"
             )
-        if self.screening_rounds < 1 or self.nonisometric_attempts < 1:
+        if self.nonisometric_attempts < 1:
             raise ValueError(
-                f"Settings: screening_rounds is {self.screening_rounds} and "
-                f"nonisometric_attempts {self.nonisometric_attempts}; give 1 or more"
+                f"Settings: nonisometric_attempts is {self.nonisometric_attempts}; "
+                "give 1 or more"
             )
         if self.samples & (self.samples - 1):
             raise ValueError(
                 f"Settings: samples is {self.samples}; give a power of two"
             )
-        if 0 < self.coarse_vertices < self.min_vertices or self.coarse_vertices < 0:
+        if self.coarse_vertices < self.min_vertices:
             raise ValueError(
-                f"Settings: coarse_vertices is {self.coarse_vertices}; give 0, or "
+                f"Settings: coarse_vertices is {self.coarse_vertices}; give "
                 f"{self.min_vertices} or more"
             )
         if not 0 <= self.retry_below <= 1:

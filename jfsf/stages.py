@@ -15,7 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from jfsf.convert import maps_of
 from jfsf.neighbours import NeighbourSearch, tiles_of_pair
@@ -30,7 +30,7 @@ from jfsf.types import Aligned, Spectrum
 Describe = Callable[..., Features]
 # (x, y, C_yx, orientation, descriptor_weight, *, settings), as `refine_by_zoomout`.
 Refine = Callable[..., Float[Array, "k l"]]
-# (spec_x, spec_y, C_yx, orientation, search, rounds, *, settings), as `deform_by_arap`.
+# (spec_x, spec_y, C_yx, orientation, search, *, settings), as `deform_by_arap`.
 # Where it returns `moved_x` and `moved_y`, the confidence reads how well they coincide.
 Deform = Callable[..., Aligned]
 
@@ -83,7 +83,6 @@ def deform_by_arap(
     C_yx: Float[Array, "k_x k_y"],
     orientation: Float[Array, ""] | float = 1.0,
     search: NeighbourSearch | None = None,
-    rounds: Int[Array, ""] | int | None = None,
     *,
     settings: Any,
 ) -> Aligned:
@@ -94,8 +93,6 @@ def deform_by_arap(
         C_yx: the functional map, refined. Rows of zeros are left out.
         orientation: -1 for a map that mirrors.
         search: for neighbours.
-        rounds: `bend_rounds` or fewer; does not compile anew, and has no reverse
-            derivative. None: all.
         settings: `jfsf.Settings`: `bend_rounds`, `bend_converter`, `bend`. Without
             rounds, or if neither shape has faces, the embeddings are those of C_yx, in
             the direct space.
@@ -120,7 +117,6 @@ def deform_by_arap(
         rounds=settings.bend_rounds,
         converter=settings.bend_converter,
         search=search,
-        active_rounds=rounds,
         settings=settings.bend,
     )
     return Aligned(emb_x, emb_y, emb_x[:, :3], emb_y[:, 3:6])

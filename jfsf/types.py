@@ -209,6 +209,9 @@ class Certificate(NamedTuple):
         stretches (`jfsf.initial.log_stretch_std`); likewise.
     residual: distance left between shapes that were bent onto each other, in sqrt(area)
         (`jfsf.evidence.bending_residual`); nan if they were not.
+    share: of the odds of the map in those of all distinct maps that were compared with
+        it (`jfsf.evidence.share_among`): 0.5 if there is another one that fits as well.
+        nan where none was: the first map was likely enough, or only one was made.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
         `jfsf.evidence.confidence`; less if the map misses landmarks; nan without
         samples.
@@ -232,6 +235,7 @@ class Certificate(NamedTuple):
     energy: Float[Array, ""]
     log_stretch_std: Float[Array, ""]
     residual: Float[Array, ""]
+    share: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
 
@@ -244,7 +248,7 @@ FIGURES = tuple(name for name in Certificate._fields if name != "landmarks")
 
 
 # Where starts come from, and the stages that are timed, in their order.
-SOURCES = "given", "search", "landmarks", "coarse copies", "nonisometric"
+SOURCES = "given", "search", "landmarks", "coarse copies"
 STAGES = (
     "spectra",
     "features",
@@ -253,8 +257,6 @@ STAGES = (
     "refinement",
     "bending and conversion",
     "coarse copies",
-    "further starts",
-    "screening",
 )
 
 

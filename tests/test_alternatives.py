@@ -7,7 +7,7 @@ import jfsf
 from jfsf import testing
 from jfsf.arguments import MatchInputs
 from jfsf.matching import _match
-from jfsf.policy import PairState
+from jfsf.policy import Attempt, PairState
 from jfsf.runtime import padded_pair
 from jfsf.types import Certificate, Match
 
@@ -35,7 +35,8 @@ def attempts(monkeypatch):
         size = len(pair.spectra[0].mass)
         for match in matches:
             T_xy = np.pad(match.T_xy, (0, size - N))
-            pair.keep("search", match._replace(T_xy=T_xy, T_yx=T_xy))
+            match = match._replace(T_xy=T_xy, T_yx=T_xy)
+            pair.keep(Attempt("search", None, match))
         monkeypatch.setattr(_match, "_attempted", lambda *args: pair)
 
     return set_to

@@ -168,7 +168,7 @@ def made_up(mesh_x, mesh_y, images, confidence):
     for i in order:
         figures = dict.fromkeys(Certificate._fields, np.zeros(()))
         figures |= {"confidence": np.array(confidence[i]), "landmarks": np.zeros(0)}
-        source = np.array([1] + [4] * (len(images) - 1))
+        source = np.array([1] + [3] * (len(images) - 1))
         info = MatchInfo(source, np.array(confidence), np.array(i), np.zeros(9))
         back = np.zeros(len(mesh_y.vertices), int)
         found = Match(images[i], back, None, Certificate(**figures), info=info)
@@ -202,7 +202,7 @@ def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypat
     for row in record["pairs"]:
         first, second = row["attempts"]
         assert row["won"] == 1 and row["points"] == 250 and row["role"] == "choose"
-        assert first["source"] == "search" and second["source"] == "nonisometric"
+        assert first["source"] == "search" and second["source"] == "coarse copies"
         assert row["error"] == second["error"] < 0.01 < 0.1 < first["error"]
         assert row["confidence"] == 0.95 and first["confidence"] == 0.2
         assert set(Certificate._fields) - set(first) == {"landmarks"}

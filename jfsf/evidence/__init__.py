@@ -5,6 +5,7 @@ Read in this order:
 - `_bending`: how well shapes bent onto each other coincide
 - `_landmarks`: whether it agrees with landmarks, and features without those it misses
 - `_confidence`: the probability that a map is right
+- `_rivals`: how a map stands among others that fit nearly as well
 - `_certificate`: all the evidence that `match` returns
 """
 
@@ -17,6 +18,7 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
+from jfsf.evidence._rivals import share_among
 
 __all__ = [
     "LEAST_RESIDUAL",
@@ -27,4 +29,5 @@ __all__ = [
     "confidence",
     "kept_landmarks",
     "landmark_distances",
+    "share_among",
 ]

@@ -95,6 +95,7 @@ def certify(
         energy=energy,
         log_stretch_std=stretch,
         residual=residual,
+        share=unknown,
         confidence=likely,
         landmarks=missed,
     )

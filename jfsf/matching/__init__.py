@@ -2,7 +2,6 @@
 
 Read in this order:
 
-- `_coarse`: copies of large shapes, on which starts are compared
 - `_match`: checks and spectra, then the policy: `match`, `alternatives`,
   `symmetry`, `basis`
 """

@@ -24,12 +24,6 @@ from jfsf.arguments import (
 from jfsf.convert import HasMaps
 from jfsf.evidence import landmark_distances
 from jfsf.initial import Orientation, orientation_sign
-from jfsf.matching._coarse import (
-    at_copies,
-    coarse_copy,
-    have_copies,
-    start_from_copies,
-)
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
@@ -40,7 +34,7 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.parts import match_parts
-from jfsf.policy import PairState, Source, compile_first_attempt, match_pairs
+from jfsf.policy import PairState, compile_first_attempt, match_pairs
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import Settings
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
@@ -351,40 +345,9 @@ def _attempted(
     pair = PairState((specs[0], specs[-1]), given)
     pair.seconds["spectra"] = perf_counter() - started
 
-    def coarse(pairs, *_):
-        started = perf_counter()
-        host.say("coarse copies")
-        start = _coarse_start(shapes, inputs, specs, settings, host)
-        pairs[0].seconds["coarse copies"] = perf_counter() - started
-        return [[] if start is None else [start]]
-
-    large = have_copies(surfaces, sizes, settings)
-    further = [Source("coarse copies", coarse)] if large else []
     runner = OneByOne(host.keep_programs, host.progress)
-    match_pairs([pair], runner, settings=settings, further=further)
+    match_pairs([pair], runner, settings=settings)
     return pair
-
-
-def _coarse_start(
-    shapes: Mapping[str, _Shape],
-    inputs: MatchInputs,
-    specs: list[Spectrum],
-    settings: Settings,
-    host: _Host,
-):
-    """A start for these shapes from the match of their coarse copies; or None."""
-    copies = {n: coarse_copy(s.surface, settings) for n, s in shapes.items()}
-    both = list(copies.values())
-    x, y = both[0], both[-1]
-    try:
-        for name, copy in copies.items():
-            check_matchable(copy.mesh, name=name, settings=settings)
-        parts = {name: _Shape(copy.mesh) for name, copy in copies.items()}
-        own = host._replace(keep_spectra=False)
-        match = _match(parts, at_copies(inputs, x, y), settings, own)
-    except MeshError:  # the copy is broken, the whole is not
-        return None
-    return start_from_copies(match, (x, y), specs[0], specs[-1], settings=settings)
 
 
 def _basis(

@@ -13,7 +13,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 from jax.scipy.sparse.linalg import cg
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
 from jfsf.array import map_sides
 from jfsf.convert import Converter, maps_of
@@ -68,7 +68,6 @@ def arap(
     rounds: int = 8,
     converter: Converter,
     search: NeighbourSearch | None = None,
-    active_rounds: Int[Array, ""] | int | None = None,
     settings: ArapSettings = ArapSettings(),
 ) -> tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]:
     """Refine maps that are nearly right; convert what it returns for the final ones.
@@ -81,8 +80,6 @@ def arap(
         rounds: deformations of both shapes, with a conversion between two.
         converter: any `jfsf.convert.Converter`.
         search: how neighbours are searched, handed to the converter.
-        active_rounds: of the rounds, so many are made. Traced, so one program serves
-            all numbers, but it has no reverse derivative. None: all, with derivatives.
         settings: of the deformation.
 
     Returns:
@@ -146,8 +143,7 @@ def arap(
     # Before the first deformation vertices lie at their images, and have no normals.
     start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
     start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
-    count = rounds if active_rounds is None else jnp.minimum(active_rounds, rounds)
-    return jax.lax.fori_loop(0, count, deform_both, start)
+    return jax.lax.fori_loop(0, rounds, deform_both, start)
 
 
 @partial(jax.jit, static_argnames="settings")
