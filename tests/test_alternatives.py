@@ -1,10 +1,11 @@
-"""Which of the attempts are alternatives, in which order; for real: test_coarse.py."""
+"""Which of the attempts are alternatives, and in which order."""
 
 import numpy as np
 import pytest
+from shapes import small
 
 import jfsf
-from jfsf import testing
+from jfsf import Settings, testing
 from jfsf.arguments import MatchInputs
 from jfsf.matching import _match
 from jfsf.policy import Attempt, PairState
@@ -70,3 +71,18 @@ def test_what_cannot_be_matched_is_an_error():
         jfsf.alternatives(MESH, few)
     with pytest.raises(ValueError, match="landmarks"):
         jfsf.alternatives(MESH, MESH, landmarks=np.array([[0, N]]))
+
+
+@pytest.mark.slow  # all attempts of a pair, twice
+def test_they_are_the_maps_that_match_chooses_from():
+    (x, _), (y, _) = small("man_walk", 1100), small("man_up", 1060)
+    doubtful = Settings(retry_below=1.0)
+    found = jfsf.match(x, y, settings=doubtful, cache=False)
+    tried = jfsf.alternatives(x, y, settings=doubtful, cache=False, min_distance=0)
+    assert np.array_equal(tried[0].T_xy, found.T_xy)
+    assert tried[0].info.won == found.info.won
+    numbers = sorted(int(match.info.won) for match in tried)
+    assert numbers == list(range(len(found.info.source))) and len(numbers) > 1
+    for match in tried:
+        assert len(match.T_xy) == len(x.vertices) and len(match.T_yx) == len(y.vertices)
+        assert match.info.sources == found.info.sources

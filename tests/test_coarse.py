@@ -102,21 +102,6 @@ def test_a_doubtful_pair_is_matched_by_way_of_its_copies(by_copies):
     assert scores.error_mean < 0.015
 
 
-def test_alternatives_are_the_maps_that_match_chooses_from(by_copies):
-    found, _ = by_copies
-    tried = jfsf.alternatives(X, Y, settings=DOUBTFUL, min_distance=0)
-    assert np.array_equal(tried[0].T_xy, found.T_xy)
-    assert sorted(int(match.info.won) for match in tried) == [0, 1]
-    assert {match.info.start for match in tried} == {"search", "coarse copies"}
-    likely = [float(match.certificate.confidence) for match in tried]
-    assert likely == sorted(likely, reverse=True)
-    for match in tried:
-        assert len(match.T_xy) == len(X.vertices) and len(match.T_yx) == len(Y.vertices)
-    # Both found the one right map.
-    (only,) = jfsf.alternatives(X, Y, settings=DOUBTFUL)
-    assert np.array_equal(only.T_xy, found.T_xy)
-
-
 def test_a_pair_without_doubt_has_no_copies():
     names = []
     settings = Settings(coarse_vertices=1000)
