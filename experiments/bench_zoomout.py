@@ -88,7 +88,9 @@ def recipe(mesh_x, mesh_y):
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, help="folder of meshes; else embedded")
+    parser.add_argument(
+        "--data", type=Path, action="append", help="folder of meshes; else embedded"
+    )
     parser.add_argument("--x", default="man_walk")
     parser.add_argument("--y", default="man_up")
     parser.add_argument("--repeats", type=int, default=5)
@@ -96,7 +98,7 @@ def main() -> None:
         "--out", type=Path, default=Path(__file__).parent / "results/bench_zoomout.json"
     )
     args = parser.parse_args()
-    args.embedded = args.data is None
+    args.embedded, args.pairs, args.within = args.data is None, None, None
     (mesh_x, gt_x, _), (mesh_y, gt_y, _) = (
         datasets.load(args, name) for name in (args.x, args.y)
     )

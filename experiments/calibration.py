@@ -1,7 +1,7 @@
-"""Does the confidence tell right maps from wrong ones? From results of far.py.
+"""Does the confidence tell right maps from wrong ones? From results of match_pairs.py.
 
-A file holds one data set: rows with error and certificate, as match_pairs.py and far.py
-write them; of meshes, since clouds are not bent. Printed are the area under the ROC
+A file holds one data set: rows with error and certificate, as match_pairs.py writes
+them; of meshes, since clouds are not bent. Printed are the area under the ROC
 curve of `certificate.confidence`, the expected calibration error in ten bins, and how
 many maps called very likely right are wrong; then the same for confidences fitted to
 the other files, one file left out at a time, and the constants of a fit to all files
@@ -16,6 +16,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+from protocol import RIGHT
 from scipy.optimize import minimize
 from scipy.special import expit
 from scipy.stats import mannwhitneyu
@@ -23,7 +24,6 @@ from scipy.stats import mannwhitneyu
 from jfsf.cli import LIKELY
 from jfsf.evidence import LEAST_RESIDUAL
 
-RIGHT = 0.1  # mean geodesic error over sqrt(area) below which a map is right
 EVIDENCE = ("orientation", "log_stretch_std", "residual")
 BINS = 10
 RIDGE = 0.3  # on standardised columns: a few hundred pairs need little

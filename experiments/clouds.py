@@ -15,8 +15,9 @@ import damages
 import jax
 import numpy as np
 import results_file
-from damage import PAIRS, RIGHT, summary
+from damage import PAIRS, summary
 from damages import TEMPLATE_POSE
+from protocol import RIGHT
 from scipy.spatial import KDTree
 
 import jfsf
@@ -90,7 +91,7 @@ def _measure(name_x, name_y, side, noise, rng, every) -> dict:
     certificate = found.certificate
     row = {
         **{"side": side, "noise": noise, "x": name_x, "y": name_y},
-        **{"error": error, "mirrored": other < error, "right": error <= RIGHT},
+        **{"error": error, "mirrored": other < error, "right": error < RIGHT},
         "warnings": warnings_of(certificate, "preserve"),
         **{name: float(value) for name, value in certificate.figures().items()},
     }

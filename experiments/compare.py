@@ -90,7 +90,7 @@ def run(
         for name, value in vars(args).items()
         if name not in ("out", "data", "methods", "pairs", "spread")
     }
-    settings["data"] = "embedded" if args.embedded else Path(args.data).name
+    settings["data"] = "embedded" if args.embedded else args.data[0].name
     lines = args.out.with_suffix(".jsonl")
     args.out.parent.mkdir(parents=True, exist_ok=True)
     done = _resume(lines, settings)

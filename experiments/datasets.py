@@ -1,10 +1,9 @@
-"""Shapes with ground truth, and pairs of them: of a data folder, or of the package.
+"""Shapes with ground truth, and pairs of them: of the protocol, or of any folder.
 
-A folder holds NAME.off with corres/NAME.vts (template point -> 1-based vertex) and,
-where there is one, corres/NAME.sym.vts (the left-right mirror image); or NAME.ply in
-one connectivity, whose ground truth is the identity. WKSini_direct/X_Y.map, where there
-is one, is an initial map to refine. Lists have one pair of names a line. --identity
-puts X's own mesh, in Y's pose, in the place of Y.
+`protocol.DataSet` says what a folder holds. `--data FOLDER` takes one that has nothing
+to do with the protocol: its ground truth is named in the list, or it is vts/NAME.vts,
+or corres/NAME.vts, or else the identity. WKSini_direct/X_Y.map, where there is one, is
+an initial map to refine. --identity puts X's own mesh, in Y's pose, in the place of Y.
 """
 
 import argparse
@@ -15,28 +14,116 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse
+from protocol import SETS, DataSet
 from scipy.sparse.linalg import factorized
 
 import jfsf
 from jfsf import data, mapfiles
+from jfsf.mesh import largest_component
 from jfsf.spectral import operators
 from jfsf.types import Mesh
 
 SMOOTHED = 0.1  # weight of the Dirichlet energy, relative to one template point
-LISTS = ("dev_pairs.txt", "test_pairs.txt")
+LISTS = ("dev_pairs.txt", "test_pairs.txt", "pairs.txt")
+MESHES, TRUTHS = (".off", ".ply"), (".vts", ".map", ".txt")  # ends of files
 
 
 class Shape(NamedTuple):
-    """truth, mirror: the vertex of each template point, and of its mirror image."""
+    """truth, mirror: the vertex of each template point, and of its mirror image.
+
+    Of a pair line i of both corresponds.
+    """
 
     mesh: Mesh
     truth: np.ndarray
     mirror: np.ndarray | None
 
 
+class Pair(NamedTuple):
+    """A line of a list.
+
+    x, y: names of the shapes.
+    files: below the folder, where they are named; else empty.
+    truth: files of the ground truth of X and Y, where they are named; else empty.
+    rival: another method's error, if it is known.
+    """
+
+    x: str
+    y: str
+    files: tuple[str, ...] = ()
+    truth: tuple[str, ...] = ()
+    rival: float | None = None
+
+
+def pairs_of(data_set: DataSet) -> list[Pair]:
+    """The pairs of a set, in order, each once."""
+    if data_set.pairs:
+        path = Path(*data_set.folders[:1], data_set.pairs)
+        lines = path.read_text().splitlines()
+        found = [_pair(words) for words in map(str.split, lines) if words]
+    else:
+        found = [Pair(x, y) for x, y in permutations(_names(data_set), 2)]
+    return spread(list(dict.fromkeys(found)), data_set.number)
+
+
+def spread(pairs: list, number: int | None) -> list:
+    """So many of them, evenly spread; all if `number` is 0 or None."""
+    if not number or number >= len(pairs):
+        return pairs
+    at = np.linspace(0, len(pairs) - 1, number).round().astype(int)
+    return [pairs[i] for i in at]
+
+
+def load_pair_of(data_set: DataSet, pair: Pair) -> tuple[Shape, Shape]:
+    """Both shapes, whose ground truth has as many points."""
+    files = pair.files or (pair.x, pair.y)
+    truth = pair.truth or ("", "")
+    x, y = (load_shape(data_set, *names) for names in zip(files, truth, strict=True))
+    if data_set.truth == "landmarks":
+        number = min(len(x.truth), len(y.truth))
+        x, y = (shape._replace(truth=shape.truth[:number]) for shape in (x, y))
+    if data_set.largest:
+        x, y = map(_largest, (x, y))
+        known = (x.truth >= 0) & (y.truth >= 0)
+        x, y = (shape._replace(truth=shape.truth[known]) for shape in (x, y))
+    if len(x.truth) != len(y.truth):
+        raise SystemExit(
+            f"{pair.x} {pair.y}: ground truth of {len(x.truth)} and {len(y.truth)} "
+            "points; lines of both files must correspond"
+        )
+    return x, y
+
+
+def load_shape(data_set: DataSet, name: str, truth: str = "") -> Shape:
+    """A shape by its name, or by its file and that of its ground truth."""
+    if data_set.truth == "package":
+        sample = data.load(name)
+        return Shape(sample.mesh, sample.template_to_vertex, None)
+    path = _file(data_set, name)
+    folder = path.parent.parent if path.parent.name == "off" else path.parent
+    mesh = jfsf.read(path)
+    n = len(mesh.vertices)
+    if data_set.truth == "landmarks":
+        rows = np.loadtxt(folder / "vts" / f"{name}.vts", usecols=0, ndmin=1)
+        return Shape(mesh, rows.astype(int), None)
+    if data_set.truth == "listed":
+        path = Path(*data_set.folders[:1], truth)
+        return Shape(mesh, mapfiles.read_map(path, n_to=n), None)
+    points = folder / "corres" / f"{name}.vts"
+    if data_set.truth == "identity" or not points.exists():
+        return Shape(mesh, np.arange(n), None)
+    mirror = points.with_suffix(".sym.vts")
+    return Shape(
+        mesh,
+        mapfiles.read_map(points, n_to=n),
+        mapfiles.read_map(mirror, n_to=n) if mirror.exists() else None,
+    )
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """The options that choose shapes and pairs."""
-    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
+    folder = "repeat it for shapes in several; default: JFSF_DATA"
+    parser.add_argument("--data", type=Path, action="append", help=folder)
     parser.add_argument("--embedded", action="store_true", help="shapes of the package")
     parser.add_argument("--pairs", type=Path, help="list; default: the folder's own")
     parser.add_argument("--spread", type=int, help="only N pairs, spread over the list")
@@ -49,37 +136,59 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def check_arguments(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
-    """An error in one line if no shapes are named."""
-    if not args.embedded and args.data is None:
+    """Where no folder is given, that of the environment; an error if there is none."""
+    if not args.data and "JFSF_DATA" in os.environ:
+        args.data = [Path(os.environ["JFSF_DATA"])]
+    if not args.embedded and not args.data:
         parser.error("give --data FOLDER, set JFSF_DATA, or pass --embedded")
 
 
+def asked(args: argparse.Namespace) -> DataSet:
+    """The folders and the list of the command line, which are no set of the protocol.
+
+    The embedded shapes are, but with all their pairs.
+    """
+    listed = args.pairs.absolute() if args.pairs else ""
+    if args.embedded:
+        return SETS["embedded"]._replace(pairs=listed, number=0)
+    folders = tuple(folder.absolute() for folder in args.data)
+    there = [name for name in LISTS if (folders[0] / name).exists()]
+    if not listed and not args.within and there:
+        listed = there[0]
+    truth = "landmarks" if (folders[0] / "vts").is_dir() else "template"
+    found = DataSet(folders[0].name, folders, truth, ("report",), "near", listed)
+    if listed and any(pair.truth for pair in pairs_of(found)):
+        return found._replace(truth="listed")
+    return found
+
+
+def chosen(args: argparse.Namespace) -> list[Pair]:
+    """The pairs asked for, in order, each once; all of a list, whatever --spread."""
+    data_set = asked(args)
+    found = pairs_of(data_set)
+    if args.within and not args.pairs:
+        person = {name: i // args.within for i, name in enumerate(_names(data_set))}
+        found = [pair for pair in found if person[pair.x] == person[pair.y]]
+    return found
+
+
 def pairs(args: argparse.Namespace) -> list[tuple[str, str]]:
-    """The pairs asked for, in order, each once."""
-    listed = args.pairs
-    if listed is None and not args.embedded and not args.within:
-        found = [args.data / name for name in LISTS if (args.data / name).exists()]
-        listed = found[0] if found else None
-    if listed is None:
-        names = data.names() if args.embedded else _names(args.data)
-        chosen = list(permutations(names, 2))
-        if args.within:
-            person = {name: i // args.within for i, name in enumerate(names)}
-            chosen = [(x, y) for x, y in chosen if person[x] == person[y]]
-    else:
-        lines = listed.read_text().splitlines()
-        chosen = [(w[0], w[1]) for w in map(str.split, lines) if w]
-    chosen = list(dict.fromkeys(chosen))
-    if args.spread and args.spread < len(chosen):
-        at = np.linspace(0, len(chosen) - 1, args.spread).round().astype(int)
-        chosen = [chosen[i] for i in at]
-    return chosen
+    """The names of the pairs asked for, in order, each once."""
+    names = list(dict.fromkeys((pair.x, pair.y) for pair in chosen(args)))
+    return spread(names, args.spread)
 
 
 def load_pair(args: argparse.Namespace, x: str, y: str) -> tuple[Shape, Shape]:
     """Both shapes by their names."""
-    one, two = load(args, x), load(args, y)
+    data_set = asked(args)
+    known = [pair for pair in pairs_of(data_set) if (pair.x, pair.y) == (x, y)]
+    one, two = load_pair_of(data_set, known[0] if known else Pair(x, y))
     return one, posed(one, two) if args.identity else two
+
+
+def load(args: argparse.Namespace, name: str) -> Shape:
+    """One shape by its name."""
+    return load_shape(asked(args), name)
 
 
 def posed(x: Shape, y: Shape) -> Shape:
@@ -98,31 +207,46 @@ def posed(x: Shape, y: Shape) -> Shape:
     return Shape(Mesh(points, x.mesh.faces), x.truth, None)
 
 
-def load(args: argparse.Namespace, name: str) -> Shape:
-    """One shape by its name."""
-    if args.embedded:
-        sample = data.load(name)
-        return Shape(sample.mesh, sample.template_to_vertex, None)
-    path = args.data / f"{name}.off"
-    if not path.exists():
-        path = args.data / f"{name}.ply"
-    mesh = jfsf.read(path)
-    n, corres = len(mesh.vertices), args.data / "corres"
-    truth, mirror = corres / f"{name}.vts", corres / f"{name}.sym.vts"
-    return Shape(
-        mesh,
-        mapfiles.read_map(truth, n_to=n) if truth.exists() else np.arange(n),
-        mapfiles.read_map(mirror, n_to=n) if mirror.exists() else None,
-    )
-
-
 def initial_map(args: argparse.Namespace, x: str, y: str) -> np.ndarray | None:
     """The folder's T_xy to refine, (n_x,), or None."""
     if args.embedded or args.identity:
         return None
-    path = args.data / "WKSini_direct" / f"{x}_{y}.map"
+    path = args.data[0] / "WKSini_direct" / f"{x}_{y}.map"
     return mapfiles.read_map(path) if path.exists() else None
 
 
-def _names(folder: Path) -> list[str]:
-    return sorted(p.stem for ext in ("off", "ply") for p in folder.glob(f"*.{ext}"))
+def _pair(words: list[str]) -> Pair:
+    """Of the words of a line."""
+    x, y, *rest = words
+    name_x, name_y = (Path(w).stem if w.endswith(MESHES) else w for w in (x, y))
+    files = () if (x, y) == (name_x, name_y) else (x, y)
+    if len(rest) > 1 and rest[0].endswith(TRUTHS):
+        return Pair(name_x, name_y, files, (rest[0], rest[1]))
+    return Pair(name_x, name_y, files, rival=float(rest[0]) if rest else None)
+
+
+def _largest(shape: Shape) -> Shape:
+    """Its largest component; truth off it is -1."""
+    part = largest_component(shape.mesh)
+    local = np.full(len(shape.mesh.vertices), -1)
+    local[part.index] = np.arange(len(part.index))
+    return Shape(part.mesh, local[shape.truth], None)
+
+
+def _file(data_set: DataSet, name: str) -> Path:
+    names = name, f"{name}.off", f"off/{name}.off", f"{name}.ply"
+    for path in (Path(folder, one) for folder in data_set.folders for one in names):
+        if path.is_file():
+            return path
+    folders = ", ".join(map(str, data_set.folders))
+    raise SystemExit(f"no {name}.off, off/{name}.off or {name}.ply in {folders}")
+
+
+def _names(data_set: DataSet) -> list[str]:
+    if data_set.truth == "package":
+        return list(data.names())
+    folders = [Path(folder) for folder in data_set.folders]
+    folders += [folder / "off" for folder in folders]
+    return sorted(
+        p.stem for f in folders for ext in ("off", "ply") for p in f.glob(f"*.{ext}")
+    )

@@ -1,18 +1,20 @@
 """Six pairs of bodies of different proportions: each Y, and X coloured by its map.
 
-The pairs are evenly spread over a list, neither chosen nor sorted by how well they are
-matched. Folders and list are as for `far.py`.
+The pairs are evenly spread over the list of the set "creatures" of the protocol,
+neither chosen nor sorted by how well they are matched.
 
-    python experiments/figure_far.py --data FOLDER --pairs FILE --out FIGURE.png
+    python experiments/figure_far.py --data ROOT --out FIGURE.png
 """
 
 import argparse
+import os
 from pathlib import Path
 
-import far
+import datasets
 import jax
 import matplotlib.pyplot as plt
 import numpy as np
+import protocol
 import results_file
 
 import jfsf
@@ -26,27 +28,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, action="append", required=True)
-    parser.add_argument("--pairs", type=Path, required=True)
+    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
     parser.add_argument("--every", type=int, default=20, help="points of truth: 1 in N")
     parser.add_argument("--out", type=Path, required=True, help="PNG; JSON beside it")
     args = parser.parse_args()
-    lines = [line.split() for line in args.pairs.read_text().splitlines() if line]
-    spread = np.linspace(0, len(lines) - 1, ROWS * COLUMNS).round().astype(int)
+    if args.data is None:
+        parser.error("give --data ROOT or set JFSF_DATA")
+    creatures = protocol.below(protocol.SETS["creatures"], args.data)
+    pairs = datasets.spread(datasets.pairs_of(creatures), ROWS * COLUMNS)
     rows, pictures = [], []
-    for name_x, name_y, *_ in (lines[i] for i in spread):
-        x, y, truth = far.load_pair(args.data, name_x, name_y)
+    for pair in pairs:
+        (x, gt_x, _), (y, gt_y, _) = datasets.load_pair_of(creatures, pair)
         found = jax.block_until_ready(jfsf.match(x, y))
-        options = {"truth": truth, "every": args.every, "only": ("error",)}
+        options = {"truth": (gt_x, gt_y), "every": args.every, "only": ("error",)}
         error = float(evaluate(found, x, y, **options).error_mean)
         confidence = float(found.certificate.confidence)
         label = f"error {error:.2f}, confidence {confidence:.2f}"
         drawn = draw_maps(x, y, {label: np.asarray(found.T_xy)})
         pictures.append(picture_of(drawn))
-        rows.append(
-            {"x": name_x, "y": name_y, "error": error, "confidence": confidence}
-        )
-        print(rows[-1], flush=True)
+        row = {"x": pair.x, "y": pair.y, "error": error, "confidence": confidence}
+        rows.append(row)
+        print(row, flush=True)
 
     figure, axes = plt.subplots(ROWS, COLUMNS, figsize=(12, 7))
     for axis, picture in zip(axes.flat, pictures, strict=True):

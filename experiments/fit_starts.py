@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import results_file
+from protocol import RIGHT
 
 from jfsf.convert import nearest
 from jfsf.evaluate import evaluate
@@ -30,7 +31,6 @@ from jfsf.initial import (
 from jfsf.spectral import embeddings, features, spectrum
 
 SETTINGS = SearchSettings()
-RIGHT = 0.1  # a start with a lower mean error is right, if rough
 # Name, loss, scale, weight of orthogonality, steps at most.
 FITS = (
     ("linear", None, 0.0, 0.0, 0),

@@ -1,86 +1,215 @@
-"""Match every listed pair of a data folder from its raw meshes; report the errors.
+"""Match pairs from their raw meshes: errors, and the evidence of every attempt.
 
-What a folder holds is in datasets.py. For the embedded shapes: --embedded.
+Sets of the protocol (`protocol.py`) by name, by role, or all; each writes
+results/match_SET.json:
 
-    python experiments/match_pairs.py --data FOLDER --pairs FILE --out RESULT.json
+    python experiments/match_pairs.py faust_r topkids_low --data ROOT
+    python experiments/match_pairs.py report --data ROOT
+
+Or the pairs of any folder of the forms that `datasets.py` reads, into one file:
+
+    python experiments/match_pairs.py --data FOLDER [--pairs FILE] --out RESULT.json
+
+The JSON has for each pair the error, what the list says of a rival, the certificate of
+the match, and for each attempt its source, error and certificate; `won` is the number
+of the attempt that is the match. Further starts are attempted only for pairs in doubt;
+--exhaustive attempts them for all, so that there are wrong maps to learn from, and
+writes results/match_SET_exhaustive.json. Parts are matched as such, once.
 """
 
 import argparse
+import os
 import time
 from pathlib import Path
 
 import datasets
 import jax
 import numpy as np
+import protocol
 import results_file
 
 import jfsf
-from jfsf.evaluate import evaluate
+from jfsf.geometry import GeodesicSolver
+from jfsf.mesh import surface_area
+from jfsf.report import LIKELY
+from jfsf.types import Match
 
-LOST = 0.06  # a mean error above this is a wrong map, not an imprecise one
+POINTS, SEED = 250, 0  # of ground truth, at most, chosen at random
+FURTHER = 3  # starts beside the first that --exhaustive attempts
+UNSURE = 0.7  # a right map below this confidence is one too many that people doubt
+RESULTS = Path(__file__).parent / "results"
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("sets", nargs="*", help="of the protocol; a role; all")
     datasets.add_arguments(parser)
-    parser.add_argument("--every", type=int, default=5, help="template points: 1 in N")
+    parser.add_argument("--every", type=int, help="points of ground truth: 1 in N")
     parser.add_argument("--exact", action="store_true", help="exact geodesics, slow")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--step", type=int, default=1, help="only every Nth pair")
+    attempts = parser.add_mutually_exclusive_group()
+    attempts.add_argument("--first", action="store_true", help="no second attempt")
+    attempts.add_argument(
+        "--exhaustive", action="store_true", help="further attempts for every pair"
+    )
+    parser.add_argument("--out", type=Path, help="JSON, or of sets their folder")
     args = parser.parse_args()
+    if args.sets:
+        _check_sets(parser, args)
+        root = Path(args.data[0] if args.data else os.environ.get("JFSF_DATA", "."))
+        ending = "_exhaustive" if args.exhaustive else "_first" if args.first else ""
+        for data_set in protocol.named(args.sets):
+            path = (args.out or RESULTS) / f"match_{data_set.name}{ending}.json"
+            own = protocol.below(data_set, root)
+            _run(own, datasets.pairs_of(own), args, path)
+        return
     datasets.check_arguments(parser, args)
-    pairs = datasets.pairs(args)
-    rows = []
-    for x, y in pairs:
-        shapes = datasets.load_pair(args, x, y)
-        row = {"x": x, "y": y, **_measure(*shapes, args)}
+    _run(datasets.asked(args), datasets.chosen(args), args, args.out)
+
+
+def _check_sets(parser: argparse.ArgumentParser, args: argparse.Namespace) -> None:
+    try:
+        chosen = protocol.named(args.sets)
+    except ValueError as error:
+        parser.error(str(error))
+    if args.embedded or args.pairs or args.within or args.identity:
+        parser.error("--embedded, --pairs, --within, --identity are for no set")
+    if args.out and args.out.suffix:
+        parser.error("--out of sets is a folder")
+    if args.data and len(args.data) > 1:
+        parser.error("sets lie below one --data")
+    known = args.data or "JFSF_DATA" in os.environ
+    if any(data_set.folders for data_set in chosen) and not known:
+        parser.error("give --data ROOT or set JFSF_DATA")
+
+
+def _run(
+    data_set: protocol.DataSet, pairs: list[datasets.Pair], args, out: Path | None
+) -> None:
+    """Match the pairs of a set; the file is written anew after each of them."""
+    settings = jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
+    if args.exhaustive:
+        settings = jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
+    points = f"1 in {args.every}" if args.every else f"{POINTS} at most, seed {SEED}"
+    how = {
+        **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},
+        **{"points": points, "exact": args.exact, "exhaustive": args.exhaustive},
+        "match_settings": settings.as_record(),
+    }
+    with_role = [(pair, data_set.role(i)) for i, pair in enumerate(pairs)]
+    with_role = datasets.spread(with_role[:: args.step], args.spread)
+    rows, summary = [], {}
+    print(f"{data_set.name}: {len(with_role)} pairs", flush=True)
+    for pair, role in with_role:
+        x, y = datasets.load_pair_of(data_set, pair)
+        if args.identity:
+            y = datasets.posed(x, y)
+        row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
+        row |= measure(x, y, settings, data_set.kind == "part", args)
         rows.append(row)
-        mirrored = f" mirrored {row['mirrored']:.4f}" if "mirrored" in row else ""
+        tried = " ".join(
+            f"{one['source']} {one['error']:.3f}/{one['confidence']:.2f}"
+            for one in row["attempts"]
+        )
         print(
-            f"{len(rows):4d}/{len(pairs)} {x} {y} error {row['error']:.4f}{mirrored} "
-            f"orientation {row['orientation']:+.2f} {row['seconds']:.2f} s",
+            f"{len(rows):4d}/{len(with_role)} {pair.x} {pair.y} "
+            f"error {row['error']:.4f} confidence {row['confidence']:.2f} "
+            f"{row['seconds']:.1f} s ({tried})",
             flush=True,
         )
-    summary = _summary(rows)
-    print(summary)
-    if args.out:
-        settings = {"every": args.every, "exact": args.exact, "lost": LOST}
-        results_file.write(args.out, settings=settings, summary=summary, pairs=rows)
+        summary = summaries(rows)
+        if out:
+            results_file.write(out, settings=how, summary=summary, pairs=rows)
+    for name, figures in summary.items():
+        print(name, figures, flush=True)
 
 
-def _measure(x, y, args) -> dict:
-    (mesh_x, gt_x, _), (mesh_y, gt_y, sym_y) = x, y
+def measure(
+    x: datasets.Shape, y: datasets.Shape, settings: jfsf.Settings, part: bool, args
+) -> dict:
+    """One row: sizes, seconds, and error and evidence of the match and all attempts."""
     start = time.perf_counter()
-    found = jax.block_until_ready(jfsf.match(mesh_x, mesh_y))
+    if part:
+        found = jfsf.match(x.mesh, y.mesh, partial=True, settings=settings)
+        tried, won = [("parts", jax.block_until_ready(found))], 0
+    else:
+        options = {"min_distance": 0.0, "settings": settings}
+        matches = jfsf.alternatives(x.mesh, y.mesh, **options)
+        jax.block_until_ready(matches)
+        infos = [(m.info.won, m.info.start, m) for m in matches if m.info is not None]
+        won = int(infos[0][0])  # the first is the match itself
+        tried = [one[1:] for one in sorted(infos, key=lambda one: int(one[0]))]
     seconds = time.perf_counter() - start
-    options = {"every": args.every, "exact": args.exact, "only": ("error",)}
+    at = _points(len(x.truth), args.every)
+    solver = GeodesicSolver(y.mesh, exact=args.exact)
+    distances = solver.rows(y.truth[at]) / np.sqrt(surface_area(y.mesh))
+    attempts = [
+        {
+            "source": source,
+            "error": _mean(distances, match, x.truth[at]),
+            **{k: float(v) for k, v in match.certificate.figures().items()},
+        }
+        for source, match in tried
+    ]
+    row = {"n_x": len(x.mesh.vertices), "n_y": len(y.mesh.vertices)}
+    row |= {"seconds": seconds, "points": len(at), "won": won}
+    row |= {name: value for name, value in attempts[won].items() if name != "source"}
+    if y.mirror is not None:
+        mirrored = solver.rows(y.mirror[at]) / np.sqrt(surface_area(y.mesh))
+        row["mirrored"] = _mean(mirrored, tried[won][1], x.truth[at])
+    return {**row, "attempts": attempts}
 
-    def error(gt):
-        truth = gt_x, gt
-        return evaluate(found, mesh_x, mesh_y, truth=truth, **options).error_mean
 
-    row = {"error": error(gt_y), "seconds": seconds}
-    if sym_y is not None:
-        row["mirrored"] = error(sym_y)
-    row.update({k: float(v) for k, v in found.certificate.figures().items()})
-    return row
+def summaries(rows: list[dict]) -> dict[str, dict]:
+    """Of all rows, and of those of each role if there are several."""
+    roles = sorted({row["role"] for row in rows})
+    parts = roles if len(roles) > 1 else []
+    found = {"all": summary(rows)}
+    return found | {r: summary([o for o in rows if o["role"] == r]) for r in parts}
 
 
-def _summary(rows: list[dict]) -> dict:
+def summary(rows: list[dict]) -> dict:
+    """Errors, and how well the confidence tells right from wrong."""
     errors = np.array([row["error"] for row in rows])
-    seconds = np.array([row["seconds"] for row in rows])
-    summary = {
+    likely = np.array([row["confidence"] for row in rows])
+    wrong = np.array([not protocol.is_right(error) for error in errors])
+    found = {
+        "role": ", ".join(sorted({row["role"] for row in rows})),
         "pairs": len(rows),
         "mean": float(errors.mean()),
         "median": float(np.median(errors)),
         "max": float(errors.max()),
-        "lost": int((errors > LOST).sum()),
-        "seconds_median": float(np.median(seconds)),
-        "seconds_first": float(seconds[0]),
+        "wrong": int(wrong.sum()),
+        "sure": int((likely >= LIKELY).sum()),
+        "wrong_sure": int((wrong & (likely >= LIKELY)).sum()),
+        "right_unsure": int((~wrong & (likely < UNSURE)).sum()),
+        "attempts": sum(len(row["attempts"]) for row in rows),
+        "seconds_median": float(np.median([row["seconds"] for row in rows])),
+        "seconds_first": rows[0]["seconds"],
     }
-    if all("mirrored" in row for row in rows):
-        flipped = [row["mirrored"] < row["error"] for row in rows]
-        summary["mirrored_below_direct"] = int(sum(flipped))
-    return summary
+    rivals = [(row["error"], row["rival"]) for row in rows if row["rival"] is not None]
+    if rivals:
+        found["rival_mean"] = float(np.mean([theirs for _, theirs in rivals]))
+        found["below_rival"] = sum(ours < theirs for ours, theirs in rivals)
+    flipped = [row["mirrored"] < row["error"] for row in rows if "mirrored" in row]
+    if flipped:
+        found["mirrored_below_direct"] = sum(flipped)
+    return found
+
+
+def _points(number: int, every: int | None) -> np.ndarray:
+    """Which points of the ground truth count."""
+    if every:
+        return np.arange(0, number, every)
+    return np.random.default_rng(SEED).permutation(number)[:POINTS]
+
+
+def _mean(distances: np.ndarray, match: Match, at_x: np.ndarray) -> float:
+    """Mean distance of the images of points of X; a row of distances a point."""
+    images = np.asarray(match.T_xy)[at_x]
+    return float(distances[np.arange(len(images)), images].mean())
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 import results_file
 from bench_zoomout import recipe
+from protocol import RIGHT
 from scipy.spatial import KDTree
 
 import jfsf
@@ -36,7 +37,6 @@ from jfsf.spectral import embeddings, spectrum, wks
 
 METHODS = ("jfsf", "whole", "zoomout", "pyfm")
 KS = tuple(range(20, 101, 5))
-RIGHT = 0.1  # mean error of a right map, at most
 NEAR = 0.05  # a vertex of Y so near to the image of a rival's map is in its region
 
 
@@ -145,14 +145,14 @@ def summary(rows: list[dict]) -> list[dict]:
             "pairs": len(these),
             "mean": float(errors.mean()),
             "median": float(np.median(errors)),
-            "wrong": int((errors > RIGHT).sum()),
+            "wrong": int((errors >= RIGHT).sum()),
             "iou": float(np.mean([r["iou"] for r in these])),
             "seconds_median": float(np.median([r["seconds"] for r in these])),
         }
         if "confidence" in these[0]:
             sure = np.array([r["confidence"] >= 0.7 for r in these])
-            row["wrong_in_silence"] = int(((errors > RIGHT) & sure).sum())
-            row["right_with_warning"] = int(((errors <= RIGHT) & ~sure).sum())
+            row["wrong_in_silence"] = int(((errors >= RIGHT) & sure).sum())
+            row["right_with_warning"] = int(((errors < RIGHT) & ~sure).sum())
         found.append(row)
     return found
 

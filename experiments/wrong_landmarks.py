@@ -1,19 +1,20 @@
 """Five landmarks at extremities, two of them exchanged: is that found, does it harm?
 
-Data as for far.py, with a template as ground truth. Landmarks are template points that
-are geodesically far apart on X; of each pair, other two are exchanged on Y.
+Folders and list are as for match_pairs.py, with a template as ground truth. Landmarks
+are template points that are geodesically far apart on X; of each pair, other two are
+exchanged on Y.
 
-    python experiments/wrong_landmarks.py --data FOLDER --pairs FILE --out FILE
+    python experiments/wrong_landmarks.py --data FOLDER [--pairs FILE] --out FILE
 """
 
 import argparse
 from itertools import combinations
 from pathlib import Path
 
+import datasets
 import jax
 import numpy as np
 import results_file
-from far import load_pair
 
 import jfsf
 from jfsf.evaluate import evaluate
@@ -28,17 +29,17 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--data", type=Path, action="append", required=True)
-    parser.add_argument("--pairs", type=Path, required=True)
+    datasets.add_arguments(parser)
     parser.add_argument("--every", type=int, default=40, help="points of truth: 1 in N")
     parser.add_argument("--step", type=int, default=1, help="only every Nth pair")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
-    lines = [line.split() for line in args.pairs.read_text().splitlines() if line]
+    datasets.check_arguments(parser, args)
     exchanges = list(combinations(range(NUM), 2))
     rows = []
-    for i, (name_x, name_y, *_) in enumerate(lines[:: args.step]):
-        x, y, truth = load_pair(args.data, name_x, name_y)
+    for i, (name_x, name_y) in enumerate(datasets.pairs(args)[:: args.step]):
+        (x, gt_x, _), (y, gt_y, _) = datasets.load_pair(args, name_x, name_y)
+        truth = gt_x, gt_y
         at = _far_apart(x, truth[0])
         known = np.stack([truth[0][at], truth[1][at]], 1)
         exchanged = list(exchanges[i % len(exchanges)])

@@ -47,7 +47,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jfsf.attempt import match_spectra
     from jfsf.initial import SearchSettings
-    from jfsf.matching import basis, check_matchable, match, symmetry
+    from jfsf.matching import alternatives, basis, check_matchable, match, symmetry
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
     from jfsf.parts import PartSettings
@@ -71,6 +71,7 @@ __all__ = [
     "Settings",
     "Spectrum",
     "ZoomOutSettings",
+    "alternatives",
     "basis",
     "check",
     "check_matchable",
@@ -87,7 +88,7 @@ __version__ = "0.2.0"
 _HOMES = {
     "attempt": ("match_spectra",),
     "initial": ("SearchSettings",),
-    "matching": ("basis", "check_matchable", "match", "symmetry"),
+    "matching": ("alternatives", "basis", "check_matchable", "match", "symmetry"),
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
     "refine": ("ArapSettings", "ZoomOutSettings"),

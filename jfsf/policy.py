@@ -107,8 +107,8 @@ class PairState:
         self.attempts.append(attempt)
         self.shares.append(share)
 
-    def result(self) -> Match:
-        """The best match, its rivals counted, with `Match.info`."""
+    def results(self) -> list[Match]:
+        """The match of each attempt, its rivals counted, with `Match.info`."""
         confidence = [attempt.confidence for attempt in self.attempts]
         info = MatchInfo(
             np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
@@ -116,12 +116,20 @@ class PairState:
             np.array(self.won, np.int32),
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
-        evidence, share = self.best.certificate, self.shares[self.won]
-        if not np.isnan(share):
-            share = jnp.asarray(share, evidence.confidence.dtype)
-            likely = evidence.confidence * share
-            evidence = evidence._replace(share=share, confidence=likely)
-        return self.best._replace(certificate=evidence, info=info)
+        matches = []
+        for attempt, share in zip(self.attempts, self.shares, strict=True):
+            evidence = attempt.match.certificate
+            if not np.isnan(share):
+                share = jnp.asarray(share, evidence.confidence.dtype)
+                likely = evidence.confidence * share
+                evidence = evidence._replace(share=share, confidence=likely)
+            own = info._replace(won=np.array(len(matches), np.int32))
+            matches.append(attempt.match._replace(certificate=evidence, info=own))
+        return matches
+
+    def result(self) -> Match:
+        """The best match."""
+        return self.results()[self.won]
 
 
 class Source(NamedTuple):

@@ -154,6 +154,22 @@ def test_pairs_in_doubt_are_gathered():
     assert [len(match.info.source) for match in matches] == [1, 2, 1, 3, 1]
 
 
+def test_the_match_of_each_attempt_is_kept():
+    pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
+    runner = Scripted([0.2], [[0.1, 0.4]])
+    (best,) = policy.match_pairs([pair], runner, settings=HALF)
+    tried = pair.results()
+    likely = [float(match.certificate.confidence) for match in tried]
+    np.testing.assert_allclose(likely, [0.2, 0.1, 0.4])
+    assert [int(match.info.won) for match in tried] == [0, 1, 2]
+    starts = [match.info.start for match in tried]
+    assert starts == ["search", "nonisometric", "nonisometric"]
+    assert best.info.won == pair.won == 2
+    assert best.certificate.confidence == 0.4
+    for match in tried:
+        np.testing.assert_allclose(match.info.confidence, likely)
+
+
 def test_without_a_policy_there_is_one_attempt():
     once = Settings(retry_below=0)
     runner = Scripted([0.0, 0.0])

@@ -57,7 +57,8 @@ def test_what_it_writes_is_a_folder_of_shapes_with_their_truth(tmp_path, monkeyp
     asked = ["man_up", "--vertices", "6000", "--out", str(tmp_path)]
     monkeypatch.setattr("sys.argv", ["upsample.py", *asked])
     script.main()
-    args = SimpleNamespace(embedded=False, data=tmp_path)
+    monkeypatch.syspath_prepend(FOLDER)  # scripts import each other
+    args = SimpleNamespace(embedded=False, data=[tmp_path], pairs=None, within=None)
     shape = load("datasets").load(args, "man_up")
     assert len(shape.mesh.vertices) == 6000
     assert np.array_equal(shape.truth, data.load("man_up").template_to_vertex)

@@ -2,9 +2,16 @@
 
 Read in this order:
 
-- `_match`: checks and spectra, then the policy: `match`, `symmetry`, `basis`
+- `_match`: checks and spectra, then the policy: `match`, `alternatives`,
+  `symmetry`, `basis`
 """
 
-from jfsf.matching._match import basis, check_matchable, match, symmetry
+from jfsf.matching._match import (
+    alternatives,
+    basis,
+    check_matchable,
+    match,
+    symmetry,
+)
 
-__all__ = ["basis", "check_matchable", "match", "symmetry"]
+__all__ = ["alternatives", "basis", "check_matchable", "match", "symmetry"]

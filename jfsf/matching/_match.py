@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Float, Int
 from threadpoolctl import threadpool_limits
 
@@ -21,6 +22,7 @@ from jfsf.arguments import (
     padded_inputs,
 )
 from jfsf.convert import HasMaps
+from jfsf.evidence import landmark_distances
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
     MeshError,
@@ -107,17 +109,60 @@ def match(
             )
         host = _Host(cache, cache, progress)
         return _partial(meshes, orientation_sign(orientation), settings, host)
-    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
-    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
-    if not all(len(shape.surface.faces) for shape in shapes.values()):
-        orientation = "any"
-    inputs = MatchInputs(
-        checked_landmarks(landmarks, sizes),
-        checked_descriptors(descriptors, sizes),
-        checked_initial(initial, sizes),
-        orientation_sign(orientation),
-    )
-    return _match(shapes, inputs, settings, _Host(cache, cache, progress))
+    given = _given(meshes, orientation, landmarks, descriptors, initial)
+    return _match(*given, settings, _Host(cache, cache, progress))
+
+
+def alternatives(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    orientation: Orientation = "preserve",
+    landmarks: Int[ArrayLike, "l 2"] | None = None,
+    descriptors: tuple[Float[ArrayLike, "n_x d"], Float[ArrayLike, "n_y d"]]
+    | None = None,
+    min_distance: float = 0.1,
+    settings: Settings = Settings(),
+    cache: bool = True,
+    progress: Callable[[str], object] | None = None,
+) -> list[Match]:
+    """The maps that `match` chooses from, the most confident first.
+
+    `match` attempts further starts only while it is in doubt, so a sure pair has one
+    map. `Settings(retry_below=1)` has further starts attempted for every pair, and
+    `nonisometric_attempts` says how many. This takes as long as `match` with the same
+    settings.
+
+    Args:
+        mesh_x, mesh_y, orientation, landmarks, descriptors, settings, cache, progress:
+            as `match`.
+        min_distance: a map is left out if its images lie nearer than this to those of
+            a more confident one: the mean spectral distance on Y, relative to the mean
+            distance of two random vertices. 0 keeps the maps of all attempts.
+
+    Returns:
+        The match of each attempt, as `match` returns it, that of `match` itself first.
+        `Match.info` says of each which attempt it is (`won`) and where its start came
+        from (`start`).
+
+    Raises:
+        MeshError, ValueError: as `match`.
+    """
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    given = _given(meshes, orientation, landmarks, descriptors, None)
+    pair = _attempted(*given, settings, _Host(cache, cache, progress))
+    matches = pair.results()
+    confidence = [float(match.certificate.confidence) for match in matches]
+    order = np.argsort(-np.nan_to_num(confidence, nan=-1.0), kind="stable").tolist()
+    order.remove(pair.won)
+    kept = [matches[pair.won]]
+    for match in (matches[i] for i in order):
+        apart = (_distance(match, other, pair, settings) for other in kept)
+        if min_distance <= 0 or min(apart) >= min_distance:
+            kept.append(match)
+    return [_cut(match, *meshes.values()) for match in kept]
 
 
 def symmetry(
@@ -228,15 +273,54 @@ def _shape(mesh: Mesh) -> _Shape:
     return _Shape(surface, whole if len(surface.faces) else None)
 
 
+def _given(
+    meshes: Mapping[str, Mesh], orientation, landmarks, descriptors, initial
+) -> tuple[dict[str, _Shape], MatchInputs]:
+    """Both shapes, and what was given with them, checked."""
+    size_x, size_y = (len(mesh.vertices) for mesh in meshes.values())
+    shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
+    if not all(len(shape.surface.faces) for shape in shapes.values()):
+        orientation = "any"
+    inputs = MatchInputs(
+        checked_landmarks(landmarks, (size_x, size_y)),
+        checked_descriptors(descriptors, (size_x, size_y)),
+        checked_initial(initial, (size_x, size_y)),
+        orientation_sign(orientation),
+    )
+    return shapes, inputs
+
+
 def _match(
     shapes: Mapping[str, _Shape], inputs: MatchInputs, settings: Settings, host: _Host
 ) -> Match:
     """Of the first shape and the last, which may be one."""
+    surfaces = [shape.surface for shape in shapes.values()]
+    best = _attempted(shapes, inputs, settings, host).result()
+    return _cut(best, surfaces[0], surfaces[-1])
+
+
+def _cut(match: Match, mesh_x: Mesh, mesh_y: Mesh) -> Match:
+    """Without padding."""
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    return match._replace(T_xy=match.T_xy[:n_x], T_yx=match.T_yx[:n_y])
+
+
+def _distance(one: Match, other: Match, pair: PairState, settings: Settings) -> float:
+    """Mean distance on Y of the images of X, relative to that of random vertices."""
+    spec_x, spec_y = pair.spectra
+    pairs = settings.distance_pairs
+    apart = landmark_distances(one.T_xy, other.T_xy, spec_y, distance_pairs=pairs)
+    return float(np.average(apart, weights=spec_x.mass))
+
+
+def _attempted(
+    shapes: Mapping[str, _Shape], inputs: MatchInputs, settings: Settings, host: _Host
+) -> PairState:
+    """All attempts of the first shape and the last, which may be one; padded."""
     host.say("spectra")
     started = perf_counter()
     surfaces = [shape.surface for shape in shapes.values()]
-    n_x, n_y = len(surfaces[0].vertices), len(surfaces[-1].vertices)
-    k = settings.eigenpairs(min(n_x, n_y))
+    k = settings.eigenpairs(min(len(mesh.vertices) for mesh in surfaces))
     sizes = padded_shapes(k, [(len(m.vertices), len(m.faces)) for m in surfaces])
     given = padded_inputs(inputs, sizes)
     # Threads for the spectra, and two that compile. The limit is set around all: one
@@ -262,8 +346,8 @@ def _match(
     pair.seconds["spectra"] = perf_counter() - started
 
     runner = OneByOne(host.keep_programs, host.progress)
-    (match,) = match_pairs([pair], runner, settings=settings)
-    return match._replace(T_xy=match.T_xy[:n_x], T_yx=match.T_yx[:n_y])
+    match_pairs([pair], runner, settings=settings)
+    return pair
 
 
 def _basis(
