@@ -293,6 +293,10 @@ class Match(NamedTuple):
     certificate: evidence of how good the maps are.
     matched_x, matched_y: the vertices of each shape that the other has too; None if the
         shapes were matched as wholes.
+    confidence_x, confidence_y: for each vertex, the probability that its image is
+        within 0.05 of its true partner, geodesically, in sqrt(area)
+        (`jfsf.evidence.vertex_confidence`); nan where the shapes were not bent onto
+        each other, 0 on padding. None for parts.
     info: which starts were attempted, and how long it took; None for a single attempt
         (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
         stack matches, leave it out (`_replace(info=None)`).
@@ -304,4 +308,15 @@ class Match(NamedTuple):
     certificate: Certificate
     matched_x: Bool[Array, " n_x"] | None = None
     matched_y: Bool[Array, " n_y"] | None = None
+    confidence_x: Float[Array, " n_x"] | None = None
+    confidence_y: Float[Array, " n_y"] | None = None
     info: MatchInfo | None = None
+
+    def without_padding(self, n_x: int, n_y: int) -> "Match":
+        """That of the first n_x vertices of X and n_y of Y."""
+        sizes = {
+            **dict.fromkeys(("T_xy", "matched_x", "confidence_x"), n_x),
+            **dict.fromkeys(("T_yx", "matched_y", "confidence_y"), n_y),
+        }
+        known = [name for name in sizes if getattr(self, name) is not None]
+        return self._replace(**{n: getattr(self, n)[: sizes[n]] for n in known})

@@ -5,6 +5,7 @@ Read in this order:
 - `_bending`: how well shapes bent onto each other coincide
 - `_landmarks`: whether it agrees with landmarks, and features without those it misses
 - `_confidence`: the probability that a map is right
+- `_vertices`: the probability that a vertex is mapped right
 - `_certificate`: all the evidence that `match` returns
 """
 
@@ -17,14 +18,24 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
+from jfsf.evidence._vertices import (
+    VERTEX_EVIDENCE,
+    WITHIN,
+    vertex_confidence,
+    vertex_evidence,
+)
 
 __all__ = [
     "LEAST_RESIDUAL",
     "MISSED",
+    "VERTEX_EVIDENCE",
+    "WITHIN",
     "Landmarks",
     "bending_residual",
     "certify",
     "confidence",
     "kept_landmarks",
     "landmark_distances",
+    "vertex_confidence",
+    "vertex_evidence",
 ]

@@ -91,11 +91,11 @@ def match(
         progress: called with the name of each stage as it begins.
 
     Returns:
-        T_xy, T_yx, C_yx and the certificate, in jax's default precision, and which
-        starts were attempted (`jfsf.types.MatchInfo`). With `partial` matched_x and
-        matched_y in place of the latter; the certificate is that of the overlap, its
-        gap and confidence also count the rivals that were found. A vertex that is not
-        matched has the image nearest to it after bending.
+        T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
+        default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
+        With `partial` matched_x and matched_y in place of the last two; the certificate
+        is that of the overlap, its gap and confidence also count the rivals that were
+        found. A vertex that is not matched has the image nearest to it after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -278,7 +278,7 @@ def _match(
     further = [Source("coarse copies", coarse)] if large else []
     runner = OneByOne(host.keep_programs, host.progress)
     (match,) = match_pairs([pair], runner, settings=settings, further=further)
-    return match._replace(T_xy=match.T_xy[:n_x], T_yx=match.T_yx[:n_y])
+    return match.without_padding(n_x, n_y)
 
 
 def _coarse_start(
