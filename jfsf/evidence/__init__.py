@@ -19,6 +19,7 @@ from jfsf.evidence._landmarks import (
     landmark_distances,
 )
 from jfsf.evidence._vertices import (
+    SURE,
     VERTEX_EVIDENCE,
     WITHIN,
     vertex_confidence,
@@ -28,6 +29,7 @@ from jfsf.evidence._vertices import (
 __all__ = [
     "LEAST_RESIDUAL",
     "MISSED",
+    "SURE",
     "VERTEX_EVIDENCE",
     "WITHIN",
     "Landmarks",

@@ -13,6 +13,7 @@ scores on data that they were not (experiments/calibrate_vertices.py).
 """
 
 import json
+import math
 from importlib.resources import files
 
 import jax
@@ -25,7 +26,7 @@ from jfsf.types import Aligned, Filtered, Maps, Spectrum
 
 # Each is larger where the map is worse, and smoothed over the surface; the number is
 # added before the logarithm is taken: what is smaller says nothing.
-LEAST = {"normal_gap": 0.002, "strain": 0.03, "partner_strain": 0.03, "return": 0.01}
+LEAST = {"normal_gap": 0.002, "strain": 0.03, "turn": 0.02, "return": 0.01}
 VERTEX_EVIDENCE = tuple(LEAST)
 # Heat that flows for this time, in units of the area, spreads evidence over some 0.08
 # of sqrt(area), with as many eigenfunctions.
@@ -70,8 +71,9 @@ def vertex_confidence(
     weights = [FACTORS[name] for name in VERTEX_EVIDENCE]
 
     def side(evidence, mass):
-        logit = matmul(evidence, jnp.asarray(weights, evidence.dtype)) + constant
-        return jnp.where(mass > 0, jax.nn.sigmoid(logit), 0).astype(evidence.dtype)
+        dtype = evidence.dtype
+        logit = matmul(evidence, jnp.asarray(weights, dtype)) + constant.astype(dtype)
+        return jnp.where(mass > 0, jax.nn.sigmoid(logit), 0)
 
     both = vertex_evidence(maps, aligned, pair)
     x, y = (side(one, spec.mass) for one, spec in zip(both, pair, strict=True))
@@ -87,13 +89,15 @@ def vertex_evidence(
     With a vertex i of X, its image j and the other direction likewise:
 
     - normal_gap: distance of i, when X is bent onto Y, from the tangent plane of Y at j
-    - strain: root of the sum of the squared logarithms of the two stretches that the
-      bending has there, mean over the faces around i
-    - partner_strain: that of j, when Y is bent onto X
+    - strain: of the bending of X at i and of Y at j, the mean of both. That of a vertex
+      is the root mean square, over the faces around it, of the length of the vector of
+      the logarithms of the two stretches
+    - turn: 1 - n . m, n the normal of X at i when it is bent onto Y, m that of Y at j;
+      n . -m where the map mirrors
     - return: distance of i from the place of j when Y is bent onto X
 
-    All in sqrt(area), smoothed by the heat kernel of the shape, plus `LEAST`; of the
-    sum the logarithm is taken.
+    Lengths are in sqrt(area). Each is smoothed by the heat kernel of the shape; the
+    column is the logarithm of it plus `LEAST`.
 
     Args:
         maps, aligned, pair: as `vertex_confidence`.
@@ -123,8 +127,11 @@ def vertex_evidence(
 def _evidence(spec, other, moved, other_moved, T, strain, other_strain):
     outward = normals(other.vertices, other.faces)[T]
     apart = jnp.abs(jnp.sum((moved - other.vertices[T]) * outward, 1))
-    back = jnp.sqrt(jnp.sum((spec.vertices - other_moved[T]) ** 2, 1))
-    columns = jnp.stack([apart, strain, other_strain[T], back], 1)
+    alike = jnp.sum(normals(moved, spec.faces) * outward, 1)
+    mirrors = matmul(spec.mass, jnp.where(spec.mass > 0, alike, 0)) < 0
+    turn = 1 - jnp.where(mirrors, -alike, alike)
+    back = _root(jnp.sum((spec.vertices - other_moved[T]) ** 2, 1))
+    columns = jnp.stack([apart, (strain + other_strain[T]) / 2, turn, back], 1)
     least = jnp.asarray(list(LEAST.values()), columns.dtype)
     return jnp.log(jnp.maximum(_smoothed(columns, spec), 0) + least[None])
 
@@ -151,13 +158,18 @@ def _strain(spec: Spectrum, moved):
     # The squared stretches are the eigenvalues of metric(rest)^-1 metric(bent).
     half = safe_divide(G * e - 2 * F * f + E * g, rest) / 2
     product = safe_divide(bent, rest)
-    larger = half + jnp.sqrt(jnp.maximum(half**2 - product, 0))
+    larger = half + _root(half**2 - product)
     smaller = safe_divide(product, larger)
-    low, high = jnp.exp(-2 * MOST_STRETCH), jnp.exp(2 * MOST_STRETCH)
+    low, high = math.exp(-2 * MOST_STRETCH), math.exp(2 * MOST_STRETCH)
     logs = [jnp.log(jnp.clip(s, low, high)) / 2 for s in (smaller, larger)]
-    weight = jnp.where(rest > 0, jnp.sqrt(jnp.where(rest > 0, rest, 1)), 0)
+    weight = _root(rest)
     both = jnp.stack([weight * (logs[0] ** 2 + logs[1] ** 2), weight], 1)
     n = len(spec.mass)
     total = jnp.zeros((n, 2), both.dtype).at[spec.faces].add(both[:, None])
-    mean = safe_divide(total[:, 0], total[:, 1])
-    return jnp.sqrt(jnp.where(mean > 0, mean, 0))
+    return _root(safe_divide(total[:, 0], total[:, 1]))
+
+
+def _root(values):
+    """Square roots, 0 where there is none; their derivative there is 0, not nan."""
+    positive = values > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, values, 1)), 0)
