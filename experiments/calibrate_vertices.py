@@ -70,7 +70,8 @@ def main() -> None:
 
 def text_of(paths: Sequence[Path]) -> str:
     """What the file of constants holds, fitted to these results."""
-    return json.dumps(calibrate({path.stem: read(path) for path in paths}), indent=1)
+    sets = {path.stem.removeprefix("vertices_"): read(path) for path in paths}
+    return json.dumps(calibrate(sets), indent=1) + "\n"
 
 
 def read(path: Path) -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 A map that is right on the whole is wrong in places: at a hand that was closed, where a
 limb is glued to the body, at fingers that are exchanged. There the bent shapes stay
-apart, or are stretched, or the two maps do not lead back.
+apart, or are turned, or stretched.
 
     p_i = 1 / (1 + exp(-z_i)),  z_i = b_0 + sum_f b_f e_if + b_likely log(c / (1 - c))
 
@@ -24,13 +24,16 @@ from jfsf.array import map_sides, matmul, safe_divide
 from jfsf.geometry import normals
 from jfsf.types import Aligned, Filtered, Maps, Spectrum
 
-# Each is larger where the map is worse, and smoothed over the surface; the number is
-# added before the logarithm is taken: what is smaller says nothing.
-LEAST = {"normal_gap": 0.002, "strain": 0.03, "turn": 0.02, "return": 0.01}
+# The pieces of evidence. The number is added before the logarithm is taken: what is
+# smaller says nothing.
+LEAST = {"strain": 0.03, "misfit": 0.02}
 VERTEX_EVIDENCE = tuple(LEAST)
 # Heat that flows for this time, in units of the area, spreads evidence over some 0.08
 # of sqrt(area), with as many eigenfunctions.
 TIME, EIGENPAIRS = 0.003, 60
+# In sqrt(area): bent vertices this far from their image count as much as normals at a
+# right angle.
+APART = 0.5
 MOST_STRETCH = 2.0  # of the logarithm; a face that collapses has an infinite one
 WITHIN = 0.05  # of sqrt(area): a vertex whose error is less is right
 SURE = 0.99  # the confidence of a whole map counts up to here, and down to 1 - SURE
@@ -88,16 +91,16 @@ def vertex_evidence(
 
     With a vertex i of X, its image j and the other direction likewise:
 
-    - normal_gap: distance of i, when X is bent onto Y, from the tangent plane of Y at j
     - strain: of the bending of X at i and of Y at j, the mean of both. That of a vertex
       is the root mean square, over the faces around it, of the length of the vector of
       the logarithms of the two stretches
-    - turn: 1 - n . m, n the normal of X at i when it is bent onto Y, m that of Y at j;
-      n . -m where the map mirrors
-    - return: distance of i from the place of j when Y is bent onto X
+    - misfit: 1 - n . m + |p - y| / `APART`, n and p normal and place of i when X is bent
+      onto Y, m and y those of j at rest; n . -m where the map mirrors
 
-    Lengths are in sqrt(area). Each is smoothed by the heat kernel of the shape; the
-    column is the logarithm of it plus `LEAST`.
+    Each is smoothed by the heat kernel of the shape; the column is the logarithm of it
+    plus `LEAST`. The plan's entropy, the way there and back, the distance along the
+    normal alone and the roughness of the map were tried beside these, and add nothing
+    on sets that the factors were not fitted to.
 
     Args:
         maps, aligned, pair: as `vertex_confidence`.
@@ -117,21 +120,20 @@ def vertex_evidence(
     strain_x, strain_y = map_sides(_strain, *sides)
     x, y = map_sides(
         _evidence,
-        (spec_x, spec_y, moved[0], moved[1], maps.T_xy, strain_x, strain_y),
-        (spec_y, spec_x, moved[1], moved[0], maps.T_yx, strain_y, strain_x),
+        (spec_x, spec_y, moved[0], maps.T_xy, strain_x, strain_y),
+        (spec_y, spec_x, moved[1], maps.T_yx, strain_y, strain_x),
     )
     surfaces = jnp.any(spec_x.faces) & jnp.any(spec_y.faces)
     return jnp.where(surfaces, x, jnp.nan), jnp.where(surfaces, y, jnp.nan)
 
 
-def _evidence(spec, other, moved, other_moved, T, strain, other_strain):
+def _evidence(spec, other, moved, T, strain, other_strain):
     outward = normals(other.vertices, other.faces)[T]
-    apart = jnp.abs(jnp.sum((moved - other.vertices[T]) * outward, 1))
+    apart = _root(jnp.sum((moved - other.vertices[T]) ** 2, 1))
     alike = jnp.sum(normals(moved, spec.faces) * outward, 1)
     mirrors = matmul(spec.mass, jnp.where(spec.mass > 0, alike, 0)) < 0
-    turn = 1 - jnp.where(mirrors, -alike, alike)
-    back = _root(jnp.sum((spec.vertices - other_moved[T]) ** 2, 1))
-    columns = jnp.stack([apart, (strain + other_strain[T]) / 2, turn, back], 1)
+    misfit = 1 - jnp.where(mirrors, -alike, alike) + apart / APART
+    columns = jnp.stack([(strain + other_strain[T]) / 2, misfit], 1)
     least = jnp.asarray(list(LEAST.values()), columns.dtype)
     return jnp.log(jnp.maximum(_smoothed(columns, spec), 0) + least[None])
 
