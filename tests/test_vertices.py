@@ -126,9 +126,9 @@ def test_a_damaged_map_is_doubted_just_there():
     spec = testing.blob_spectrum(0, K, 3)
     n, points = len(spec.mass), np.asarray(spec.vertices)
     away = np.linalg.norm(points - points[7], axis=1)
-    there = away < 0.15
+    there = away < 0.1
     T = np.arange(n)
-    T[there] = np.random.default_rng(1).permutation(np.flatnonzero(away > 0.8))[
+    T[there] = np.random.default_rng(1).permutation(np.flatnonzero(away > 0.4))[
         : there.sum()
     ]
     maps = Maps(jnp.asarray(T), jnp.arange(n))

@@ -94,8 +94,8 @@ def vertex_evidence(
     - strain: of the bending of X at i and of Y at j, the mean of both. That of a vertex
       is the root mean square, over the faces around it, of the length of the vector of
       the logarithms of the two stretches
-    - misfit: 1 - n . m + |p - y| / `APART`, n and p normal and place of i when X is bent
-      onto Y, m and y those of j at rest; n . -m where the map mirrors
+    - misfit: 1 - n . m + |p - y| / `APART`, n and p the normal and the place of i when
+      X is bent onto Y, m and y those of j at rest; n . -m where the map mirrors
 
     Each is smoothed by the heat kernel of the shape; the column is the logarithm of it
     plus `LEAST`. The plan's entropy, the way there and back, the distance along the
