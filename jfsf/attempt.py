@@ -23,7 +23,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import map_sides
 from jfsf.convert import HasMaps, maps_of
-from jfsf.evidence import Landmarks, certify, kept_landmarks
+from jfsf.evidence import Landmarks, certify, kept_landmarks, vertex_confidence
 from jfsf.initial import (
     Orientation,
     SearchSamples,
@@ -261,7 +261,9 @@ def finish(
     evidence = certify(
         maps, aligned, C_yx, pair, samples, sign, landmarks, settings=settings
     )
-    return Match(*maps_of(maps), C_yx, evidence._replace(gap=start.gap))
+    likely = vertex_confidence(maps_of(maps), aligned, pair, evidence.confidence)
+    match = Match(*maps_of(maps), C_yx, evidence._replace(gap=start.gap))
+    return match._replace(confidence_x=likely[0], confidence_y=likely[1])
 
 
 def check_search(settings: Settings) -> None:

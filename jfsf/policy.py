@@ -32,7 +32,7 @@ from jfsf.attempt import (
     shape_samples,
 )
 from jfsf.coarse import coarse_copy, padded_copies
-from jfsf.evidence import kept_landmarks, share_among
+from jfsf.evidence import kept_landmarks, of_certificate, share_among
 from jfsf.initial import Start, best_start, nonisometric_starts
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
@@ -52,9 +52,10 @@ class Attempt(NamedTuple):
     match: Match
 
     @property
-    def confidence(self):
-        """Of the match, its rivals not counted."""
-        return self.match.certificate.confidence
+    def log_odds(self) -> float:
+        """Of the match, by its own evidence; -inf where they are unknown."""
+        odds = float(self.match.certificate.log_odds)
+        return -np.inf if np.isnan(odds) else odds
 
 
 StartAndShare = tuple[Start, float]
@@ -97,19 +98,27 @@ class PairState:
         # The landmark is wrong, or the map: another is made to see.
         missed = np.any(np.asarray(evidence.landmarks) > settings.evidence.missed)
         # Not so with nan: there is nothing to compare.
-        doubtful = bool(evidence.confidence < settings.retry_below)
+        doubtful = bool(jax.nn.sigmoid(evidence.log_odds) < settings.retry_below)
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
     def keep(self, attempt: Attempt, share: float = np.nan) -> None:
         """Note an attempt."""
-        if self.attempts and attempt.confidence > self.attempts[self.won].confidence:
+        if self.attempts and attempt.log_odds > self.attempts[self.won].log_odds:
             self.won = len(self.attempts)
         self.attempts.append(attempt)
         self.shares.append(share)
 
-    def results(self) -> list[Match]:
+    def results(self, settings: Settings) -> list[Match]:
         """The match of each attempt, its rivals counted, with `Match.info`."""
-        confidence = [attempt.confidence for attempt in self.attempts]
+        told = bool(self.inputs.sign != 0)
+        certificates = []
+        for attempt, share in zip(self.attempts, self.shares, strict=True):
+            evidence = attempt.match.certificate
+            share = jnp.asarray(share, evidence.confidence.dtype)
+            evidence = evidence._replace(share=share)
+            likely = of_certificate(evidence, told, settings=settings.evidence)
+            certificates.append(evidence._replace(confidence=likely))
+        confidence = [evidence.confidence for evidence in certificates]
         info = MatchInfo(
             np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
             np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
@@ -117,19 +126,14 @@ class PairState:
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
         matches = []
-        for attempt, share in zip(self.attempts, self.shares, strict=True):
-            evidence = attempt.match.certificate
-            if not np.isnan(share):
-                share = jnp.asarray(share, evidence.confidence.dtype)
-                likely = evidence.confidence * share
-                evidence = evidence._replace(share=share, confidence=likely)
+        for attempt, evidence in zip(self.attempts, certificates, strict=True):
             own = info._replace(won=np.array(len(matches), np.int32))
             matches.append(attempt.match._replace(certificate=evidence, info=own))
         return matches
 
-    def result(self) -> Match:
+    def result(self, settings: Settings) -> Match:
         """The best match."""
-        return self.results()[self.won]
+        return self.results(settings)[self.won]
 
 
 class Source(NamedTuple):
@@ -138,10 +142,12 @@ class Source(NamedTuple):
     name: one of `jfsf.types.SOURCES`.
     make: a list of starts for each of the pairs, the best first, each with its share
         (`PairState.shares`).
+    always: it is asked for pairs without doubt, too.
     """
 
     name: str
     make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
+    always: bool = False
 
 
 def match_pairs(
@@ -159,7 +165,9 @@ def match_pairs(
     """
     _describe(pairs, runner, settings)
     for source in _sources(pairs[0].inputs, settings):
-        open_pairs = [pair for pair in pairs if pair.in_doubt(settings)]
+        open_pairs = [
+            pair for pair in pairs if source.always or pair.in_doubt(settings)
+        ]
         starts = source.make(open_pairs, runner, settings) if open_pairs else []
         for turn in range(max(map(len, starts), default=0)):
             tried = [
@@ -169,7 +177,7 @@ def match_pairs(
             ]
             if tried:
                 _attempt(source.name, tried, runner, settings)
-    return [pair.result() for pair in pairs]
+    return [pair.result(settings) for pair in pairs]
 
 
 def compile_first_attempt(
@@ -191,7 +199,9 @@ def compile_first_attempt(
 def _sources(inputs: MatchInputs, settings: Settings) -> list[Source]:
     """In the order in which they are asked."""
     if inputs.initial is not None:
-        return [Source("given", _given)]
+        # Another map may fit as well as the given one, however well that fits.
+        others = [Source("coarse copies", _rivals_of_given, always=True)]
+        return [Source("given", _given), *(others if settings.retry_below else [])]
     check_search(settings)
     if not settings.retry_below:
         return [Source("search", partial(_search, landmarks=True))]
@@ -215,19 +225,29 @@ def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[StartAndSh
     return [[(s, np.nan)] for s in _timed(runner, "search", stage, pairs, inputs)]
 
 
+def _rivals_of_given(pairs, runner, settings) -> list[list[StartAndShare]]:
+    """No starts: the given map is kept. But its share is known."""
+    _from_copies(pairs, runner, settings)
+    return [[] for _ in pairs]
+
+
 def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
-    """The maps of coarse copies that are most confident there, as starts."""
+    """The maps of coarse copies that are most likely there, as starts."""
     started = perf_counter()
     copies = [_copied(pair, settings) for pair in pairs]
     _describe(copies, runner, settings)
     inputs = _search_inputs(copies, [copy.samples for copy in copies])
     stage = partial(nonisometric_starts, settings=settings.search)
     stacked = _timed(runner, "further starts", stage, copies, inputs)
+    first: list[list[Start]] = [[] for _ in pairs]
+    if pairs[0].inputs.initial is not None:
+        stage = partial(best_start, settings=settings.search)
+        first = [[s] for s in _timed(runner, "search", stage, copies, inputs)]
     tried = []
-    for pair, copy, starts in zip(pairs, copies, stacked, strict=True):
+    for pair, copy, starts, found in zip(pairs, copies, stacked, first, strict=True):
         # The best so far is a rival: of the copies, too.
         known = pair.attempts[pair.won]
-        own = [known.start._replace(C_yx=known.match.C_yx), *_unstacked(starts)]
+        own = [known.start._replace(C_yx=known.match.C_yx), *found, *_unstacked(starts)]
         size = min(len(start.C_yx) for start in own)
         tried += [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for s in own]
     matches = _matches(tried, runner, settings, at_a_time=2)
@@ -238,7 +258,7 @@ def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
         own = [attempt.match for attempt in copy.attempts]
         shares = share_among(own, copy.spectra[1], settings=settings)
         pair.shares[pair.won] = float(shares[0])
-        ranked = np.argsort([-float(a.confidence) for a in copy.attempts[1:]]) + 1
+        ranked = np.argsort([-a.log_odds for a in copy.attempts[1:]]) + 1
         best = ranked[: settings.nonisometric_attempts]
         size = len(copy.attempts[0].start.C_yx)
         found.append([(_of_copies(copy.attempts[i], size), shares[i]) for i in best])

@@ -208,13 +208,19 @@ class Certificate(NamedTuple):
     log_stretch_std: standard deviation of the logarithm of its stretch: how unevenly it
         stretches (`jfsf.initial.log_stretch_std`); likewise.
     residual: distance left between shapes that were bent onto each other, in sqrt(area)
-        (`jfsf.evidence.bending_residual`); nan if they were not.
+        (`jfsf.evidence.bending`); nan if they were not. Likewise
+    shear: how much triangles are sheared by it where they are sheared most,
+    area_std: how unevenly they grow, and
+    normal_gap: how far the normals of the bent shapes differ from those at the images.
+    log_odds: of a map that is right, by its own evidence (`jfsf.evidence.log_odds`);
+        nan without a surface.
     share: of the odds of the map in those of all distinct maps that were compared with
         it (`jfsf.evidence.share_among`): 0.5 if there is another one that fits as well.
-        nan where none was: the first map was likely enough, or only one was made.
-    confidence: probability that the mean geodesic error is below 0.1 of sqrt(area), see
-        `jfsf.evidence.confidence`; less if the map misses landmarks; nan without
-        samples.
+        nan if none were: the first map was likely enough, or only one was made.
+    confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
+        from log_odds and share (`jfsf.evidence.confidence`). Less if the map misses
+        landmarks; half where left and right cannot be told. nan for point clouds
+        without a surface, and for parts: it is not fitted to these.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
         `jfsf.evidence.MISSED` the map misses it. Empty without landmarks.
@@ -235,6 +241,10 @@ class Certificate(NamedTuple):
     energy: Float[Array, ""]
     log_stretch_std: Float[Array, ""]
     residual: Float[Array, ""]
+    shear: Float[Array, ""]
+    area_std: Float[Array, ""]
+    normal_gap: Float[Array, ""]
+    log_odds: Float[Array, ""]
     share: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
@@ -295,6 +305,10 @@ class Match(NamedTuple):
     certificate: evidence of how good the maps are.
     matched_x, matched_y: the vertices of each shape that the other has too; None if the
         shapes were matched as wholes.
+    confidence_x, confidence_y: for each vertex, the probability that its image is
+        within 0.05 of its true partner, geodesically, in sqrt(area)
+        (`jfsf.evidence.vertex_confidence`); nan where the shapes were not bent onto
+        each other, 0 on padding. None for parts.
     info: which starts were attempted, and how long it took; None for a single attempt
         (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
         stack matches, leave it out (`_replace(info=None)`).
@@ -306,4 +320,15 @@ class Match(NamedTuple):
     certificate: Certificate
     matched_x: Bool[Array, " n_x"] | None = None
     matched_y: Bool[Array, " n_y"] | None = None
+    confidence_x: Float[Array, " n_x"] | None = None
+    confidence_y: Float[Array, " n_y"] | None = None
     info: MatchInfo | None = None
+
+    def without_padding(self, n_x: int, n_y: int) -> "Match":
+        """That of the first n_x vertices of X and n_y of Y."""
+        sizes = {
+            **dict.fromkeys(("T_xy", "matched_x", "confidence_x"), n_x),
+            **dict.fromkeys(("T_yx", "matched_y", "confidence_y"), n_y),
+        }
+        known = [name for name in sizes if getattr(self, name) is not None]
+        return self._replace(**{n: getattr(self, n)[: sizes[n]] for n in known})

@@ -56,7 +56,9 @@ def seen(monkeypatch):
             assert np.array_equal(mine, theirs)
         options.update(given)
         there = (np.arange(N) + 5) % N
-        return Match(there, np.argsort(there), jnp.eye(3), GOOD)
+        likely = jnp.linspace(0, 1, N)
+        match = Match(there, np.argsort(there), jnp.eye(3), GOOD)
+        return match._replace(confidence_x=likely, confidence_y=likely[::-1])
 
     monkeypatch.setattr("jfsf.matching.match", match)
     return options
@@ -83,6 +85,10 @@ def test_match_repair_maps_between_all_vertices(folder, seen):
     assert np.array_equal(found.T_xy[3 : N + 3], there + 3)
     assert np.array_equal(found.T_yx[there + 3], np.arange(N) + 3)
     assert np.array_equal(found.T_xy[-2:], there[X.faces[0, :2]] + 3)
+    likely = np.linspace(0, 1, N)
+    assert np.allclose(found.confidence_x[3 : N + 3], likely)
+    assert np.allclose(found.confidence_x[-2:], likely[X.faces[0, :2]])
+    assert np.allclose(found.confidence_y[3 : N + 3], likely[::-1])
     # Flakes and strays have images too.
     assert found.T_xy.min() >= 3 and found.T_xy.max() < N + 3
 

@@ -186,6 +186,24 @@ def test_normals_are_those_of_the_faces(exported):
     assert ((found.vertex_normals[X.faces[:, 0]] * normals).sum(1) > 0).mean() > 0.98
 
 
+def test_the_confidence_is_an_attribute_of_the_vertices(tmp_path):
+    likely = np.random.default_rng(1).uniform(size=N_X).astype("f4")
+    for suffix in (".ply", ".glb", ".obj"):
+        path = tmp_path / f"x{suffix}"
+        export_map(path, X, Y, T_XY, confidence=likely)
+        np.testing.assert_array_equal(read(path).faces, X.faces)
+    found = meshio.read(tmp_path / "x.ply").point_data["confidence"]
+    np.testing.assert_array_equal(found, likely)
+    gltf, blob = gltf_of(tmp_path / "x.glb")
+    accessor = gltf.accessors[gltf.meshes[0].primitives[0].attributes._CONFIDENCE]
+    start = gltf.bufferViews[accessor.bufferView].byteOffset
+    assert accessor.type == "SCALAR" and accessor.count == N_X
+    np.testing.assert_array_equal(np.frombuffer(blob, "<f4", N_X, start), likely)
+    for bad in (likely[1:], likely + 1, np.full(N_X, np.nan)):
+        with pytest.raises(ValueError, match="export_mesh: confidence"):
+            export_mesh(tmp_path / "bad.ply", X, confidence=bad)
+
+
 def test_own_texture_coordinates_are_carried(tmp_path):
     uv_y = np.random.default_rng(1).uniform(size=(N_Y, 2))
     export_map(tmp_path / "x.glb", X, Y, T_XY, uv_y=uv_y)

@@ -34,7 +34,7 @@ def text(folder, content, name="a.map"):
     return path
 
 
-def match(n_x=6, n_y=4):
+def match(n_x=6, n_y=4, **fields):
     numbers = {name: jnp.asarray(0.5) for name in Certificate._fields}
     certificate = Certificate(
         **numbers
@@ -43,7 +43,7 @@ def match(n_x=6, n_y=4):
     )
     T_xy, T_yx = jnp.arange(n_x) % n_y, jnp.arange(n_y) + n_x - n_y
     C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(3, 2)), jnp.float32)
-    return Match(T_xy, T_yx, C_yx, certificate)
+    return Match(T_xy, T_yx, C_yx, certificate, **fields)
 
 
 def refused(sentence):
@@ -119,6 +119,29 @@ def test_ground_truth(tmp_path):
     short = text(tmp_path, "9\n8\n", "short.vts")
     with refused(r"short\.vts: has 2 template points, .*x\.vts has 3"):
         read_ground_truth(x, short)
+
+
+def test_the_confidence_of_vertices_is_written_and_read(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match())
+    assert read_match(path).confidence_x is None
+    known = {
+        "confidence_x": jnp.linspace(0, 1, 6, dtype="f4"),
+        "confidence_y": jnp.array([0.1, np.nan, 0.3, 1]),
+    }
+    write_match(path, match(**known))
+    found = read_match(path)
+    for name, values in known.items():
+        np.testing.assert_array_equal(getattr(found, name), values)
+        assert getattr(found, name).dtype == values.dtype
+    for bad, sentence in (
+        (known["confidence_x"][1:], r"float32 \(5,\), expected probabilities \(6,\)"),
+        (jnp.arange(6), "expected probabilities"),
+        (2 * known["confidence_x"], "from 0 to 2"),
+    ):
+        write_match(path, match(confidence_x=bad))
+        with refused(sentence):
+            read_match(path)
 
 
 def test_match_round_trip(tmp_path):

@@ -26,6 +26,7 @@ from jfsf.evaluate import (
     geodesic_error,
     laplacian_commutativity,
     orthogonality,
+    reliability,
     smoothness,
     spectral_chamfer,
     zoomout_energy,
@@ -440,3 +441,22 @@ def nearest_in_blocks(queries, points):
     offset = (points**2).sum(1) / 2
     blocks = np.array_split(queries, 8)
     return np.concatenate([(block @ points.T - offset).argmax(1) for block in blocks])
+
+
+def test_reliability_compares_probabilities_with_what_came():
+    found = reliability([0.1, 0.15, 0.9, 1.0], [False, True, True, True])
+    assert np.array_equal(np.flatnonzero(found.weight), [1, 9])
+    np.testing.assert_allclose(found.probability[[1, 9]], [0.125, 0.95])
+    np.testing.assert_allclose(found.share[[1, 9]], [0.5, 1])
+    assert found.calibration_error == pytest.approx((0.375 + 0.05) / 2)
+    assert np.isnan(found.share[0])
+    weighed = reliability([0.1, 0.9], [False, False], weights=[3, 1], bins=2)
+    assert weighed.calibration_error == pytest.approx(0.75 * 0.1 + 0.25 * 0.9)
+    rng = np.random.default_rng(0)
+    p = rng.uniform(size=50_000)
+    assert reliability(p, rng.uniform(size=len(p)) < p).calibration_error < 0.01
+    for bad in ([], [1.1], [np.nan], [[0.5]]):
+        with pytest.raises(ValueError, match="reliability: prob"):
+            reliability(bad, [True] * len(bad))
+    with pytest.raises(ValueError, match=r"right \(2,\)"):
+        reliability([0.5], [True, True])

@@ -304,7 +304,6 @@ def test_every_number_is_read():
     "wrong, message",
     [
         ({"partners": 0}, "partners is 0; give 1 or more"),
-        ({"rival_margin": 0.0}, "rival_margin is 0.0; give more than 0"),
         ({"scales": ()}, r"scales is \(\); give one or more above 0"),
         ({"ball_radii": (0.2, 0.1)}, r"ball_radii is \(0.2, 0.1\); let them increase"),
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),

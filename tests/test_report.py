@@ -55,7 +55,11 @@ def pair():
     """Two embedded shapes, and a match that is the ground truth."""
     x, y = map(load, PAIR)
     maps = true_map(x, y), true_map(y, x)
-    return x, y, Match(*maps, np.eye(40), GOOD)
+    likely = {
+        f"confidence_{side}": np.linspace(0.5, 1, len(own.mesh.vertices))
+        for side, own in (("x", x), ("y", y))
+    }
+    return x, y, Match(*maps, np.eye(40), GOOD, **likely)
 
 
 def write(path, **options):
@@ -151,9 +155,16 @@ def test_page_says_how_sure_and_what_was_measured(page):
     assert [f["name"] for f in record["scene"]["figures"]] == [
         "error",
         "there and back",
+        "doubt",
     ]
+    likely = pair()[2].confidence_x
+    doubt = record["scene"]["figures"][2]
+    steps = np.clip((1 - likely) / doubt["top"], 0, 1) * 254
+    assert np.array_equal(unpacked(doubt["steps"], "u1"), np.rint(steps))
+    assert record["pictures"]["reliability"].startswith("data:image/png")
     truth = {name: value for name, value, _ in record["truth"]}
     assert float(truth["mean error"]) < 0.01
+    assert float(truth["calibration error"]) == pytest.approx(0.25, abs=0.03)
     assert record["seconds"]["matching"] == 1.5
     assert {"figures", "candidates", "page"} < set(record["seconds"])
     assert record["settings"]["k"] == 128 and "jax" in record["versions"]
@@ -175,13 +186,15 @@ def test_page_without_ground_truth_or_known_figures(tmp_path):
             tmp_path / "a.html",
             Side(x.mesh, "X", np.arange(len(x.mesh.vertices)) + 3),
             Side(y.mesh, "Y"),
-            found._replace(certificate=nothing),
+            found._replace(certificate=nothing, confidence_x=None),
             up="y",
         )
     record = record_of(tmp_path / "a.html")
     assert record["verdict"]["confidence"] is None and record["truth"] == []
     assert record["verdict"]["level"] == "unknown" and record["candidates"] == []
-    assert "errors" not in record["pictures"]
+    assert not {"errors", "reliability"} & set(record["pictures"])
+    names = [figure["name"] for figure in record["scene"]["figures"]]
+    assert names == ["there and back"]
     numbers = unpacked(record["scene"]["x"]["numbers"], "<u4")
     assert numbers[0] == 3 and len(numbers) == len(x.mesh.vertices)
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.data import load
+from jfsf.evaluate import reliability
 from jfsf.plot import (
     Panel,
     coordinate_colours,
@@ -19,6 +20,7 @@ from jfsf.plot import (
     draw_functional_map,
     draw_maps,
     draw_pair,
+    draw_reliability,
     draw_shape,
     draw_texture,
     picture_of,
@@ -265,6 +267,15 @@ def test_error_curves_end_where_all_points_are_within():
     assert a.get_label() == "a (mean 0.100)" and np.asarray(b.get_ydata())[-1] == 100
     with pytest.raises(ValueError, match="limit is 0"):
         draw_error_curves({"a": [0.1]}, limit=0)
+
+
+def test_reliability_has_a_point_for_each_bin_that_is_not_empty():
+    found = reliability([0.1, 0.1, 0.95], [False, True, True])
+    fig = draw_reliability({"a": found})
+    diagonal, line = fig.axes[0].lines
+    assert np.array_equal(diagonal.get_xdata(), diagonal.get_ydata())
+    np.testing.assert_allclose(line.get_data(), [[0.1, 0.95], [0.5, 1]])
+    assert line.get_label() == "a (off by 0.283)"
 
 
 def test_convergence_has_a_point_for_each_value(tmp_path):

@@ -61,7 +61,10 @@ def convert(
 
     inputs = (padded(x, y) for x, y in zip(embs_x, embs_y, strict=True))
     maps = map_pairs(_convert, inputs, converter=converter, **sharding)
-    return [_cut(one, *n) for one, n in zip(maps, sizes, strict=True)]
+    return [
+        Maps(T_xy[:n_x], T_yx[:n_y])
+        for (T_xy, T_yx), (n_x, n_y) in zip(maps, sizes, strict=True)
+    ]
 
 
 def refine(
@@ -172,7 +175,10 @@ def match_spectra(
             states = [PairState(jax.tree.map(place, p), inputs) for p in given]
             found = match_pairs(states, runner, settings=settings)
         host = (jax.tree.map(np.asarray, match) for match in found)
-        matches += [_cut(match, *sizes[i]) for i, match in zip(some, host, strict=True)]
+        matches += [
+            match.without_padding(*sizes[i])
+            for i, match in zip(some, host, strict=True)
+        ]
     return matches
 
 
@@ -184,10 +190,6 @@ def _with_marginal(emb, size):
     emb = np.asarray(emb)
     real = (np.arange(size) < len(emb)) / emb.dtype.type(len(emb))
     return with_rows(emb, size), real
-
-
-def _cut(maps, n_x, n_y):
-    return maps._replace(T_xy=maps.T_xy[:n_x], T_yx=maps.T_yx[:n_y])
 
 
 def _sizes(function, **lists):

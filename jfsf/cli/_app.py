@@ -27,6 +27,7 @@ from jfsf.cli._files import (
     can_export,
     can_write,
     can_write_in,
+    known_confidence,
     matchable,
     need_matplotlib,
     read_landmarks,
@@ -165,7 +166,8 @@ def match(
         typer.Option(
             metavar="FILE",
             help="X in the colours of Y, for MeshLab, Blender and the like: .ply, .obj "
-            "or .glb. May be given several times.",
+            "or .glb. PLY and GLB hold the confidence of each vertex too. May be given "
+            "several times.",
         ),
     ] = None,
     checker: Annotated[
@@ -223,8 +225,9 @@ def match(
     """Map two meshes to each other, both ways.
 
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
-    counted from 0), C_yx (the functional map), certificate_* (evidence of quality) and
-    info_* (which starts were attempted, and how long it took).
+    counted from 0), C_yx (the functional map), certificate_* (evidence of quality),
+    confidence_x and confidence_y (how likely each vertex is mapped right) and info_*
+    (which starts were attempted, and how long it took).
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
@@ -266,7 +269,8 @@ def match(
             draw_pair(mesh_x, mesh_y, T_xy, path=png, up=axis)
         for path in exports:
             pair = mesh_x, mesh_y, np.asarray(matched.T_xy)
-            export_map(path, *pair, up=axis, checker=checker)
+            likely = known_confidence(matched)
+            export_map(path, *pair, up=axis, checker=checker, confidence=likely)
         if report is not None:
             write_report(
                 report,

@@ -169,7 +169,18 @@ def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
             matched_x=match.matched_x[nearest_kept(x.file, x.repaired)],
             matched_y=match.matched_y[nearest_kept(y.file, y.repaired)],
         )
+    if match.confidence_x is not None and match.confidence_y is not None:
+        match = match._replace(
+            confidence_x=match.confidence_x[nearest_kept(x.file, x.repaired)],
+            confidence_y=match.confidence_y[nearest_kept(y.file, y.repaired)],
+        )
     write_match(path, match)
+
+
+def known_confidence(match: Match) -> np.ndarray | None:
+    """confidence_x, where it is known at every vertex."""
+    values = match.confidence_x
+    return None if values is None or np.isnan(values).any() else np.asarray(values)
 
 
 def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:

@@ -4,6 +4,7 @@ Read in this order:
 
 - `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
 - `_functional_metrics`: orthogonality, commutativity and energy of a functional map
+- `_reliability`: whether probabilities hold
 - `_evaluate`: all figures of one map in one call
 """
 
@@ -22,10 +23,12 @@ from jfsf.evaluate._map_metrics import (
     geodesic_error,
     smoothness,
 )
+from jfsf.evaluate._reliability import Reliability, reliability
 
 __all__ = [
     "MEASURED",
     "Figures",
+    "Reliability",
     "auc",
     "bijectivity",
     "coverage",
@@ -34,6 +37,7 @@ __all__ = [
     "geodesic_error",
     "laplacian_commutativity",
     "orthogonality",
+    "reliability",
     "smoothness",
     "spectral_chamfer",
     "zoomout_energy",

@@ -2,16 +2,24 @@
 
 Read in this order:
 
-- `_bending`: how well shapes bent onto each other coincide
+- `_bending`: how well shapes bent onto each other coincide, and at what cost
 - `_landmarks`: whether it agrees with landmarks, and features without those it misses
 - `_confidence`: the probability that a map is right
 - `_rivals`: how a map stands among others that fit nearly as well
+- `_vertices`: the probability that a vertex is mapped right
 - `_certificate`: all the evidence that `match` returns
 """
 
-from jfsf.evidence._bending import bending_residual
+from jfsf.evidence._bending import Bending, bending
 from jfsf.evidence._certificate import certify
-from jfsf.evidence._confidence import LEAST_RESIDUAL, confidence
+from jfsf.evidence._confidence import (
+    COMPARED,
+    FACTORS,
+    column,
+    confidence,
+    log_odds,
+    of_certificate,
+)
 from jfsf.evidence._landmarks import (
     MISSED,
     Landmarks,
@@ -19,15 +27,32 @@ from jfsf.evidence._landmarks import (
     landmark_distances,
 )
 from jfsf.evidence._rivals import share_among
+from jfsf.evidence._vertices import (
+    SURE,
+    VERTEX_EVIDENCE,
+    WITHIN,
+    vertex_confidence,
+    vertex_evidence,
+)
 
 __all__ = [
-    "LEAST_RESIDUAL",
+    "COMPARED",
+    "FACTORS",
     "MISSED",
+    "SURE",
+    "VERTEX_EVIDENCE",
+    "WITHIN",
     "Landmarks",
-    "bending_residual",
+    "Bending",
+    "bending",
+    "column",
+    "log_odds",
+    "of_certificate",
     "certify",
     "confidence",
     "kept_landmarks",
     "landmark_distances",
     "share_among",
+    "vertex_confidence",
+    "vertex_evidence",
 ]

@@ -9,8 +9,8 @@ from jaxtyping import Array, Float, Int
 from jfsf.array import matmul
 from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
-from jfsf.evidence._bending import bending_residual
-from jfsf.evidence._confidence import confidence
+from jfsf.evidence._bending import Bending, bending
+from jfsf.evidence._confidence import log_odds, of_certificate
 from jfsf.evidence._landmarks import Landmarks, landmark_distances, rms_distance
 from jfsf.initial import SamplePair, SearchSamples, energies, log_stretch_std
 from jfsf.settings import Settings
@@ -37,7 +37,7 @@ def certify(
         aligned: the embeddings that were converted, and the deformed shapes.
         C_yx: the functional map of maps.T_xy.
         pair: the spectra of X and Y; faces wound outward, or none.
-        samples: both shapes at samples, for energy, log_stretch_std and confidence.
+        samples: both shapes at samples, for energy and log_stretch_std.
         sign: of the wanted orientation, 0 for any; for the confidence.
         landmarks: vertices of X and their partners on Y; for the confidence too.
         settings: `evidence`, `search`, `distance_pairs`, `features`.
@@ -63,23 +63,19 @@ def certify(
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
     energy, stretch = _at_samples(C_yx, samples, settings)
-    residual = unknown
+    bent = Bending(unknown, unknown, unknown, unknown)
     if aligned.moved_x is not None and aligned.moved_y is not None:
         moved = aligned.moved_x, aligned.moved_y
         rounding = settings.evidence.rounding
-        residual = bending_residual(maps_of(maps), *moved, *pair, rounding=rounding)
-        residual = residual.astype(dtype)
-    agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
-    likely = confidence(agrees, energy, stretch, residual)
+        bent = bending(maps_of(maps), *moved, *pair, rounding=rounding)
+        bent = Bending(*(figure.astype(dtype) for figure in bent))
     pairs = settings.distance_pairs
     missed = jnp.zeros(0, dtype)
     if landmarks is not None:
         at_x, at_y = landmarks
         missed = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
         missed = missed.astype(dtype)
-        share = jnp.mean((missed > settings.evidence.missed).astype(dtype))
-        likely **= 1 + settings.evidence.missed_weight * share
-    return Certificate(
+    evidence = Certificate(
         marginal_error=error,
         empty=empty,
         coverage_xy=_reached(T_xy, spec_x.mass, spec_y.mass),
@@ -94,11 +90,18 @@ def certify(
         finite=finite,
         energy=energy,
         log_stretch_std=stretch,
-        residual=residual,
+        **bent._asdict(),
+        log_odds=unknown,
         share=unknown,
-        confidence=likely,
+        confidence=unknown,
         landmarks=missed,
     )
+    agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
+    odds = log_odds(**{**evidence.figures(), "orientation": agrees})
+    evidence = evidence._replace(log_odds=odds.astype(dtype))
+    told = jnp.asarray(sign) != 0
+    likely = of_certificate(evidence, told, settings=settings.evidence)
+    return evidence._replace(confidence=likely.astype(dtype))
 
 
 def _at_samples(

@@ -1,68 +1,120 @@
-"""How likely a map is right, from evidence that needs no ground truth."""
+"""How likely a map is right, from evidence that needs no ground truth.
+
+Two logistic regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their
+factors stand in confidence.json beside this file, with the data they were fitted to and
+the scores on data that they were not (experiments/calibration.py).
+
+Of a map alone, with the evidence e_f of `Certificate`, in the form of `COLUMNS`:
+
+    p = 1 / (1 + exp(-z)),  z = b_constant + sum_f b_f e_f
+
+Of a map that was compared with others of the same pair (`share_among`), with s its
+share of their odds:
+
+    p = 1 / (1 + exp(-z')),
+    z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m)
+"""
+
+import json
+from importlib.resources import files
+from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-# Logistic regressions of "the mean geodesic error is below 0.1 of sqrt(area)" on first
-# maps of FAUST, TOSCA, MakeHuman, its creatures and SHREC'07
-# (experiments/calibration.py). The orientation counts less than in such a fit: wrong
-# maps often mirror if they are first maps, seldom if they come from further starts.
-BENT = {
-    "constant": -18.0,
-    "orientation": 3.0,
-    "log_stretch_std": -4.0,
-    "residual": -3.5,
-}
-NOT_BENT = {
-    "constant": 8.2,
-    "orientation": 6.1,
-    "energy": -2.9,
-    "log_stretch_std": -16.7,
-}
-# What a map without an orientation, of a cloud without a surface, counts as having.
-UNKNOWN_ORIENTATION = 0.9
-# Added to a residual, in sqrt(area): smaller ones say nothing.
-LEAST_RESIDUAL = 1e-3
+from jfsf.types import Certificate
+
+# Added before a logarithm is taken: smaller numbers say nothing.
+LEAST = 1e-3
+# The form in which a figure of the certificate is read.
+_AS_IT_IS = ("orientation", "nn_agreement")
+# Shares beyond this, and below 1 minus this, count as this.
+MOST_SHARE = 0.999
+
+
+def read_constants() -> dict[str, Any]:
+    """All that experiments/calibration.py has written."""
+    return json.loads((files("jfsf.evidence") / "confidence.json").read_text())
+
+
+_CONSTANTS = read_constants()
+FACTORS: dict[str, float] = _CONSTANTS["alone"]
+COMPARED: dict[str, float] = _CONSTANTS["compared"]
+
+
+def column(name: str, value: Float[Array, "..."] | float) -> Float[Array, "..."]:
+    """A figure of the certificate as the regression reads it.
+
+    Orientation and `nn_agreement` as they are, of others log(value + `LEAST`).
+    """
+    value = jnp.asarray(value)
+    return value if name in _AS_IT_IS else jnp.log(jnp.maximum(value, 0) + LEAST)
+
+
+def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
+    """z of a map alone, log(p / (1 - p)).
+
+    Args:
+        figures: of the certificate, by name, more than are needed; the orientation
+            times the sign that was asked for.
+
+    Returns:
+        nan where a figure that is needed is nan: without a surface there is none.
+    """
+    factors = dict(FACTORS)
+    z = factors.pop("constant")
+    return z + sum(b * column(name, figures[name]) for name, b in factors.items())
 
 
 def confidence(
-    orientation: Float[Array, "..."] | float,
-    energy: Float[Array, "..."] | float,
-    log_stretch_std: Float[Array, "..."] | float,
-    residual: Float[Array, "..."] | float = jnp.nan,
+    log_odds: Float[Array, "..."],
+    share: Float[Array, "..."] | float = jnp.nan,
+    missed: Float[Array, "..."] | float = 0.0,
+    left_and_right: Bool[Array, "..."] | bool = True,
+    *,
+    missed_weight: float = 3.0,
 ) -> Float[Array, "..."]:
     """Probability that the mean geodesic error is below 0.1 of sqrt(area).
 
-    p = 1 / (1 + exp(-z)), a logistic regression with the factors b of `BENT` for shapes
-    that were bent onto each other, and of `NOT_BENT` for others:
-
-        z = b_constant + b_orientation s + b_log_stretch_std u + b_residual log(r + e)
-        z = b_constant + b_orientation s + b_energy E + b_log_stretch_std u
-
-    s is the orientation (`UNKNOWN_ORIENTATION` if nan), u log_stretch_std, r the
-    residual, e `LEAST_RESIDUAL` and E the energy.
-
     Args:
-        orientation: the score, times the sign that was asked for; nan if there is none.
-        energy, log_stretch_std: of the final map, see `jfsf.types.Certificate`; the
-            energy is read where shapes were not bent.
-        residual: likewise; nan for shapes that were not bent.
+        log_odds: see there.
+        share: of the odds of all distinct maps that were compared, see
+            `jfsf.evidence.share_among`; nan if none were.
+        missed: share of the landmarks that the map misses.
+        left_and_right: whether these can be told. If not, a map and its mirror image
+            are equally likely, and the probability is half of it.
+        missed_weight: see `jfsf.settings.EvidenceSettings`.
 
     Returns:
-        In [0, 1]; nan where energy or log_stretch_std is nan and was read.
+        In [0, 1]; nan where `log_odds` is nan.
     """
-    known = jnp.where(jnp.isnan(orientation), UNKNOWN_ORIENTATION, orientation)
-    close = jnp.log(jnp.nan_to_num(residual) + LEAST_RESIDUAL)
-    bent = _logit(
-        BENT, orientation=known, log_stretch_std=log_stretch_std, residual=close
-    )
-    not_bent = _logit(
-        NOT_BENT, orientation=known, energy=energy, log_stretch_std=log_stretch_std
-    )
-    return jax.nn.sigmoid(jnp.where(jnp.isnan(residual), not_bent, bent))
+    known = jnp.clip(jnp.nan_to_num(share, nan=0.5), 1 - MOST_SHARE, MOST_SHARE)
+    margin = jnp.minimum(jnp.log(known / (1 - known)), COMPARED["most_margin"])
+    compared = COMPARED["constant"] + COMPARED["log_odds"] * log_odds
+    compared += COMPARED["margin"] * margin
+    likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
+    likely **= 1 + missed_weight * missed
+    return jnp.where(left_and_right, likely, likely / 2)
 
 
-def _logit(factors: dict[str, float], **evidence):
-    products = [factors[name] * value for name, value in evidence.items()]
-    return factors["constant"] + sum(products)
+def of_certificate(
+    evidence: Certificate, left_and_right: Any, *, settings: Any
+) -> Float[Array, ""]:
+    """The confidence of a map with this evidence.
+
+    Args:
+        evidence: `log_odds`, `share` and `landmarks` are read.
+        left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
+        settings: `jfsf.settings.EvidenceSettings`.
+    """
+    missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
+    missed = jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
+    told = left_and_right | (evidence.landmarks.size > 0)
+    return confidence(
+        evidence.log_odds,
+        evidence.share,
+        missed,
+        told,
+        missed_weight=settings.missed_weight,
+    )

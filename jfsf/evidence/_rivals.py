@@ -3,7 +3,9 @@
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import expit, logsumexp
 
+from jfsf.evidence._confidence import COMPARED
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
@@ -14,19 +16,20 @@ def share_among(
 ) -> np.ndarray:
     """Share of the odds of each match in those of all distinct ones.
 
-        share_i = o_i / (o_i + sum_j o_j),  o = p / (1 - p),  p the confidence,
+        share_i = o_i / (o_i + sum_j o_j),  o = exp(c z),  z the log odds,
 
-    over the matches j that differ from i, the most likely of each group of near copies.
+    c = COMPARED["scale"], over the matches j that differ from i, the most likely of
+    each group of near copies.
     Two matches differ if their images are `EvidenceSettings.distinct` apart in the
     mean, in biharmonic distance relative to that of two random vertices.
 
     Args:
-        matches: of one pair, each with its own confidence; nan counts as 0.
+        matches: of one pair; log odds of nan count as impossible.
         spec_y: of the target.
         settings: `evidence`, `distance_pairs`.
 
     Returns:
-        (m,) numbers in [0, 1]; 1 where nothing differs, or nothing is likely at all.
+        (m,) numbers in [0, 1]; 1 where nothing differs.
     """
     points = np.asarray(biharmonic(spec_y, settings.distance_pairs))
     mass = np.asarray(spec_y.mass)
@@ -37,8 +40,8 @@ def share_among(
         [[np.linalg.norm(a - b, axis=1).mean() for b in images] for a in images]
     )
     differ = apart > settings.evidence.distinct * np.sqrt(mean_square)
-    likely = np.nan_to_num([float(match.certificate.confidence) for match in matches])
-    odds = likely / np.maximum(1 - likely, np.finfo(likely.dtype).eps)
+    odds = np.nan_to_num([float(m.certificate.log_odds) for m in matches], nan=-np.inf)
+    odds = COMPARED["scale"] * odds
     order = np.argsort(-odds, kind="stable")
     shares = []
     for i, own in enumerate(odds):
@@ -46,6 +49,7 @@ def share_among(
         for j in order:
             if differ[i, j] and all(differ[j, other] for other in rivals):
                 rivals.append(j)
-        total = own + odds[rivals].sum()
-        shares.append(own / total if total > 0 else 1.0)
+        known = np.isfinite(own) and len(rivals)
+        margin = own - logsumexp(odds[rivals]) if known else np.inf
+        shares.append(expit(margin))
     return np.array(shares)

@@ -7,7 +7,7 @@ Vertices and faces keep their numbers.
 
 Read in this order:
 
-- `_paint`: what a file shows beside the shape: colours, texture coordinates
+- `_paint`: what a file has beside the shape: colours, texture coordinates, confidence
 - `_texture`: the checker, as a PNG
 - `_ply`: PLY
 - `_obj`: OBJ

@@ -35,6 +35,7 @@ def export_map(
     up: Up | None = None,
     checker: bool = False,
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
+    confidence: Float[ArrayLike, " n_x"] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
@@ -51,6 +52,7 @@ def export_map(
             multiply it with the colours, or show it alone.
         uv_y: texture coordinates of Y for it; by default a projection from the front,
             with `TILES` squares along the longer side.
+        confidence: of each vertex of X, `Match.confidence_x`; see `export_mesh`.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -75,7 +77,7 @@ def export_map(
                 f"{np.shape(uv_y)}"
             )
         uv = pull_back(uv_y, T_xy)
-    export_mesh(path, mesh_x, colours=colours, uv=uv)
+    export_mesh(path, mesh_x, colours=colours, uv=uv, confidence=confidence)
 
 
 def export_mesh(
@@ -84,6 +86,7 @@ def export_mesh(
     *,
     colours: Float[ArrayLike, "n 3"] | None = None,
     uv: Float[ArrayLike, "n 2"] | None = None,
+    confidence: Float[ArrayLike, " n"] | None = None,
 ) -> None:
     """Write a mesh with colours or a checker on it; vertex i stays vertex i.
 
@@ -97,16 +100,19 @@ def export_mesh(
         colours: sRGB in [0, 1].
         uv: texture coordinates, u to the right and v up, for a checker of two by two
             squares that repeats at whole numbers. Not for PLY.
+        confidence: in [0, 1], for other programs to read: the vertex property
+            `confidence` of PLY, the attribute `_CONFIDENCE` of GLB. OBJ has no
+            attributes, so there it is left out.
 
     Raises:
-        ValueError: another suffix; colours or uv that are not one row a vertex; uv of
-            PLY or of a point cloud.
+        ValueError: another suffix; colours, uv or confidence that are not one row a
+            vertex; uv of PLY or of a point cloud.
         MeshError: no mesh.
         OSError: the folder cannot be written.
     """
     path = Path(path)
     check_path(path, checker=uv is not None)
-    shape = painted(mesh, colours, uv)
+    shape = painted(mesh, colours, uv, confidence)
     texture = None if uv is None else checker_png()
     suffix = path.suffix.lower()
     if suffix == ".ply":

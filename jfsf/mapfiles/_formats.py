@@ -4,19 +4,18 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from jfsf.types import Certificate, Match
+from jfsf.types import Certificate
 
 # The first index of each format, by convention.
 BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
 MATCHED_KEYS = ["matched_x", "matched_y"]  # of a partial match only
+VERTEX_KEYS = ["confidence_x", "confidence_y"]  # where the match has them
 # Those of its info, where it is known.
 INFO_KEYS = [
     *("info_sources", "info_confidence", "info_won", "info_stages", "info_seconds")
 ]
-MATCH_KEYS = [
-    n for n in Match._fields if n not in ("certificate", "info", *MATCHED_KEYS)
-]
+MATCH_KEYS = ["T_xy", "T_yx", "C_yx"]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
 # Figures that files of version 0.2 lack, or have under another name.
 LATER_KEYS = {

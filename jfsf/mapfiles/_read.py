@@ -12,6 +12,7 @@ from jfsf.mapfiles._formats import (
     LATER_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    VERTEX_KEYS,
     Arrays,
     MapFileError,
     first_index,
@@ -120,9 +121,11 @@ def read_match(path: str | Path) -> Match:
         fields[name] = to_indices(
             f"{path}[{name}]", fields[name], None, sizes[other], 0
         )
-    for name, map_name in zip(MATCHED_KEYS, ("T_xy", "T_yx"), strict=True):
-        if name in arrays:
-            fields[name] = _matched(f"{path}[{name}]", arrays[name](), sizes[map_name])
+    for keys, checked in ((MATCHED_KEYS, _matched), (VERTEX_KEYS, _confidence)):
+        for name, map_name in zip(keys, ("T_xy", "T_yx"), strict=True):
+            if name in arrays:
+                where, values = f"{path}[{name}]", arrays[name]()
+                fields[name] = checked(where, values, sizes[map_name])
     fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
     for key, before in LATER_KEYS.items():
         unknown = lambda: np.asarray(np.nan)
@@ -167,6 +170,20 @@ def _matched(where: str, values, n: int) -> np.ndarray:
         raise MapFileError(
             f"{where}: is {values.dtype} {values.shape}, expected bool ({n},); write "
             "it with write_match"
+        )
+    return values
+
+
+def _confidence(where: str, values, n: int) -> np.ndarray:
+    if values.dtype.kind != "f" or values.shape != (n,):
+        raise MapFileError(
+            f"{where}: is {values.dtype} {values.shape}, expected probabilities "
+            f"({n},); write it with write_match"
+        )
+    if ((values < 0) | (values > 1)).any():
+        raise MapFileError(
+            f"{where}: runs from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}, "
+            "and probabilities from 0 to 1; match the pair again"
         )
     return values
 

@@ -11,6 +11,7 @@ from jfsf.mapfiles._formats import (
     INFO_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    VERTEX_KEYS,
     MapFileError,
     first_index,
 )
@@ -80,8 +81,9 @@ def write_match(
     """Write a Match as `.npz`: T_xy, T_yx (int32, 0-based), C_yx, certificate_*.
 
     Where the match has `info`, the file has info_sources and info_stages (names),
-    info_confidence, info_won and info_seconds. A partial match also has matched_x and
-    matched_y (bool). The file appears complete or not at all.
+    info_confidence, info_won and info_seconds; likewise confidence_x and confidence_y,
+    a probability a vertex. A partial match has matched_x and matched_y (bool). The file
+    appears complete or not at all.
 
     Args:
         path: `.npz`.
@@ -110,9 +112,9 @@ def write_match(
                 f"write_match: {name} is {arrays[name].shape}, expected one match (n,)"
             )
         arrays[name] = arrays[name].astype(np.int32)
-    for name in MATCHED_KEYS:
-        if (matched := getattr(match, name)) is not None:
-            arrays[name] = np.asarray(matched)
+    for name in (*MATCHED_KEYS, *VERTEX_KEYS):
+        if (values := getattr(match, name)) is not None:
+            arrays[name] = np.asarray(values)
     if (info := match.info) is not None:
         # Names, not their numbers: a later version may have others.
         values = info.sources, info.confidence, info.won, STAGES, info.seconds

@@ -5,6 +5,7 @@ This file is long because the public functions explain all that they take.
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -25,11 +26,13 @@ from jfsf.convert import HasMaps
 from jfsf.evidence import landmark_distances
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
+    MAX_UNCLEAR,
     MeshError,
     boundary_edges,
     denoised,
     orient,
     reconstruct,
+    unclear_winding,
     validate,
     without_holes,
 )
@@ -87,11 +90,11 @@ def match(
         progress: called with the name of each stage as it begins.
 
     Returns:
-        T_xy, T_yx, C_yx and the certificate, in jax's default precision, and which
-        starts were attempted (`jfsf.types.MatchInfo`). With `partial` matched_x and
-        matched_y in place of the latter; the certificate is that of the overlap, its
-        gap and confidence also count the rivals that were found. A vertex that is not
-        matched has the image nearest to it after bending.
+        T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
+        default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
+        With `partial` matched_x and matched_y in place of the last two; the certificate
+        is that of the overlap, its gap and confidence also count the rivals that were
+        found. A vertex that is not matched has the image nearest to it after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -153,7 +156,7 @@ def alternatives(
         check_matchable(mesh, name=name, settings=settings)
     given = _given(meshes, orientation, landmarks, descriptors, None)
     pair = _attempted(*given, settings, _Host(cache, cache, progress))
-    matches = pair.results()
+    matches = pair.results(settings)
     confidence = [float(match.certificate.confidence) for match in matches]
     order = np.argsort(-np.nan_to_num(confidence, nan=-1.0), kind="stable").tolist()
     order.remove(pair.won)
@@ -273,13 +276,18 @@ def _shape(mesh: Mesh) -> _Shape:
     return _Shape(surface, whole if len(surface.faces) else None)
 
 
+def _tells_left_from_right(shape: _Shape) -> bool:
+    faces = len(shape.surface.faces) > 0
+    return faces and unclear_winding(shape.surface) <= MAX_UNCLEAR
+
+
 def _given(
     meshes: Mapping[str, Mesh], orientation, landmarks, descriptors, initial
 ) -> tuple[dict[str, _Shape], MatchInputs]:
     """Both shapes, and what was given with them, checked."""
     size_x, size_y = (len(mesh.vertices) for mesh in meshes.values())
     shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
-    if not all(len(shape.surface.faces) for shape in shapes.values()):
+    if not all(_tells_left_from_right(shape) for shape in shapes.values()):
         orientation = "any"
     inputs = MatchInputs(
         checked_landmarks(landmarks, (size_x, size_y)),
@@ -295,14 +303,13 @@ def _match(
 ) -> Match:
     """Of the first shape and the last, which may be one."""
     surfaces = [shape.surface for shape in shapes.values()]
-    best = _attempted(shapes, inputs, settings, host).result()
+    best = _attempted(shapes, inputs, settings, host).result(settings)
     return _cut(best, surfaces[0], surfaces[-1])
 
 
 def _cut(match: Match, mesh_x: Mesh, mesh_y: Mesh) -> Match:
     """Without padding."""
-    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
-    return match._replace(T_xy=match.T_xy[:n_x], T_yx=match.T_yx[:n_y])
+    return match.without_padding(len(mesh_x.vertices), len(mesh_y.vertices))
 
 
 def _distance(one: Match, other: Match, pair: PairState, settings: Settings) -> float:
@@ -386,7 +393,7 @@ def _partial(
         parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
         own = host._replace(keep_spectra=False, progress=None)
-        return _match(parts, inputs, settings, own)
+        return _match(parts, inputs, replace(settings, retry_below=0.0), own)
 
     host.say("regions")
     x, y = meshes.values()

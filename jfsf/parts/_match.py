@@ -231,11 +231,10 @@ def _result(state: _State, sides: _Sides, margin: float) -> Parts:
     x = _scaled(sides.x.mesh, state.scale)
     _, inside = covered_by(state.bent, x, sides.onto, sides.sign)
     certificate = state.match.certificate
-    sure = certificate.confidence / (1 + np.exp(-margin / sides.settings.rival_margin))
     gap = np.asarray(np.expm1(max(margin, 0)), certificate.gap.dtype)
-    certificate = certificate._replace(
-        confidence=np.asarray(sure, certificate.confidence.dtype), gap=gap
-    )
+    # It is fitted to whole shapes.
+    unknown = np.full_like(np.asarray(certificate.confidence), np.nan)
+    certificate = certificate._replace(confidence=unknown, gap=gap)
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),

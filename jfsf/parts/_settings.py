@@ -128,8 +128,6 @@ class PartSettings:
     refinements: of the best map; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
-    rival_margin: unit of the score by which the best map leads. The confidence is
-        halved for a lead of 0, and has 0.73 of its value for a lead of this.
     """
 
     samples_of_part: int = 80
@@ -187,7 +185,6 @@ class PartSettings:
     max_score_difference: float = 0.8
     refinements: int = 2
     min_vertices: int = 160
-    rival_margin: float = 0.05
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
@@ -204,7 +201,7 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("uncovered_weight", "curvature_scale_step", "rival_margin"),
+            *("uncovered_weight", "curvature_scale_step"),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(

@@ -10,7 +10,7 @@ geometry tells (`Frame`). Read in this order:
 - `_shading`: shapes as the viewer sees them, turned and lit
 - `_layout`: shapes beside each other on one page
 - `_pictures`: shapes and maps by colour, by texture and by error
-- `_charts`: error curves, convergence, a functional map as a matrix
+- `_charts`: error curves, convergence, reliability, a functional map as a matrix
 """
 
 from jfsf.plot._charts import (
@@ -19,6 +19,7 @@ from jfsf.plot._charts import (
     draw_curves,
     draw_error_curves,
     draw_functional_map,
+    draw_reliability,
 )
 from jfsf.plot._colours import (
     Up,
@@ -54,6 +55,7 @@ __all__ = [
     "draw_functional_map",
     "draw_maps",
     "draw_pair",
+    "draw_reliability",
     "draw_shape",
     "draw_texture",
     "error_colours",

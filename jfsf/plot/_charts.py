@@ -1,4 +1,4 @@
-"""Charts in one look: error curves, convergence, a functional map as a matrix."""
+"""Charts in one look: errors, convergence, reliability, functional maps as matrices."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jfsf.evaluate import error_curve
+from jfsf.evaluate import Reliability, error_curve
 from jfsf.plot._colours import diverging
 from jfsf.plot._page import INK, LINES, PALE, check_png, new_figure, save, style
 from jfsf.types import ArrayLike
@@ -172,6 +172,34 @@ def draw_convergence(
         for name, row in values.items()
     }
     return draw_curves([Panel(curves, x, y, log=log)], path=path, title=title)
+
+
+def draw_reliability(
+    found: Mapping[str, Reliability],
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+) -> "Figure":
+    """Draw the share that is right against its probability; the diagonal is perfect.
+
+    Args:
+        found: label -> `jfsf.evaluate.reliability`.
+        path, title: as in `draw_curves`.
+
+    Returns:
+        As `draw_curves`; a label has the calibration error behind it.
+
+    Raises:
+        ImportError, ValueError: as `draw_curves`.
+    """
+    curves = {"perfect": (np.linspace(0, 1, 51), np.linspace(0, 1, 51))}
+    for name, one in found.items():
+        known = one.weight > 0
+        label = f"{name} (off by {one.calibration_error:.3f})"
+        curves[label] = one.probability[known], one.share[known]
+    axes = "probability", "share that is right"
+    panel = Panel(curves, *axes, top=1.02, legend="upper left")
+    return draw_curves([panel], path=path, title=title)
 
 
 def draw_functional_map(

@@ -6,7 +6,16 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
+from jfsf.evaluate import (
+    Reliability,
+    auc,
+    bijectivity,
+    error_curve,
+    evaluate,
+    geodesic_error,
+    reliability,
+)
+from jfsf.evidence import WITHIN
 from jfsf.types import ArrayLike, Match, Mesh
 
 SOURCES = 500  # geodesics are measured from about so many vertices,
@@ -24,6 +33,9 @@ class Measured(NamedTuple):
     back: (n_x,) distance from x to T_yx[T_xy[x]]; mean of those measured nearby.
     error: (n_x,) error likewise; None without ground truth.
     errors: (p,) at the points of the ground truth that were measured.
+    doubt: (n_x,) 1 minus the confidence of each vertex; None where it is not known.
+    reliability: of the confidence at these points: whether as many are within `WITHIN`
+        as it says.
     """
 
     rows: list[tuple[str, str, str]]
@@ -31,6 +43,8 @@ class Measured(NamedTuple):
     back: Float[np.ndarray, " n_x"] | None
     error: Float[np.ndarray, " n_x"] | None
     errors: Float[np.ndarray, " p"] | None
+    doubt: Float[np.ndarray, " n_x"] | None = None
+    reliability: Reliability | None = None
 
 
 def measure(
@@ -81,8 +95,14 @@ def measure(
         ),
         ("orthogonality", f"{figures.orthogonality:.2f}", "|C^T C - I|; 0 keeps areas"),
     ]
+    likely = doubt = None
+    if found.confidence_x is not None and np.isfinite(found.confidence_x).all():
+        likely = np.asarray(found.confidence_x, float)
+        doubt = 1 - likely
+        meaning = f"share of X within {WITHIN} of its partner, by the confidence"
+        rows.append(("vertices expected right", f"{likely.mean():.1%}", meaning))
     if truth is None or not small:
-        return Measured(rows, [], back, None, None)
+        return Measured(rows, [], back, None, None, doubt)
     at_x, at_y = (np.asarray(side) for side in truth)
     some = _spread(len(at_x), n_y)
     errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
@@ -98,8 +118,18 @@ def measure(
         ),
         ("points measured", f"{len(some)} of {len(at_x)}", ""),
     ]
+    held = None
+    if likely is not None:
+        sure = likely[at_x[some]]
+        held = reliability(sure, errors < WITHIN)
+        worst = errors[sure <= np.quantile(sure, 0.1)].mean()
+        truth_rows += [
+            ("expected", f"{sure.mean():.1%}", f"within {WITHIN}, by the confidence"),
+            ("calibration error", f"{held.calibration_error:.3f}", "of the confidence"),
+            ("mean error of the least sure tenth", f"{worst:.4f}", ""),
+        ]
     error = _everywhere(mesh_x, at_x[some], errors)
-    return Measured(rows, truth_rows, back, error, errors)
+    return Measured(rows, truth_rows, back, error, errors, doubt, held)
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:

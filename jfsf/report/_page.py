@@ -21,6 +21,7 @@ from jfsf.plot import (
     body_colours,
     draw_error_curves,
     draw_functional_map,
+    draw_reliability,
     draw_shape,
     find_frames,
     frame,
@@ -142,7 +143,14 @@ def write_report(
     if measured.errors is not None:
         curves = draw_error_curves({"the map": measured.errors})
         pictures["errors"] = data_url(curves, _LARGE)
-    figures = {"error": measured.error, "there and back": measured.back}
+    if measured.reliability is not None:
+        chart = draw_reliability({"the vertices": measured.reliability})
+        pictures["reliability"] = data_url(chart, _LARGE)
+    figures = {
+        "error": measured.error,
+        "there and back": measured.back,
+        "doubt": measured.doubt,
+    }
     record = {
         "title": f"{x.name} to {y.name}",
         "x": {"name": x.name, "vertices": len(x.mesh.vertices)},

@@ -65,6 +65,8 @@ function fillTexts() {
   byId("functional_map").src = record.pictures.functional_map;
   if (record.pictures.errors) byId("errors").src = record.pictures.errors;
   else byId("truth-card").remove();
+  if (record.pictures.reliability) byId("reliability").src = record.pictures.reliability;
+  else byId("reliability")?.remove();
   if (!record.candidates.length) byId("candidates-card").remove();
 }
 
@@ -151,7 +153,8 @@ function startViewer() {
     byId("scale").hidden = !figure;
     if (figure) {
       byId("scale-top").textContent = figure.top.toPrecision(2);
-      byId("scale-name").textContent = `${figure.name}, on X: geodesic distance / √area, of the map found`;
+      const meaning = figure.name === "doubt" ? "1 − the confidence of a vertex" : "geodesic distance / √area";
+      byId("scale-name").textContent = `${figure.name}, on X: ${meaning}, of the map found`;
       const stops = [0, 63, 127, 190, 254].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
       byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;
     }

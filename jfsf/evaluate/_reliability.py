@@ -1,0 +1,66 @@
+"""Whether probabilities hold: as many are right as they say."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jfsf.types import ArrayLike
+
+BINS = 10
+
+
+class Reliability(NamedTuple):
+    """Probabilities in bins of equal width; a bin without any is nan, its weight 0.
+
+    probability: mean of a bin.
+    share: of those that are right.
+    weight: of a bin, they sum to 1.
+    """
+
+    probability: Float[np.ndarray, " b"]
+    share: Float[np.ndarray, " b"]
+    weight: Float[np.ndarray, " b"]
+
+    @property
+    def calibration_error(self) -> float:
+        """The expected calibration error: mean gap between probability and share."""
+        gap = np.abs(self.probability - self.share)
+        return float(np.nansum(self.weight * gap))
+
+
+def reliability(
+    probability: ArrayLike,
+    right: ArrayLike,
+    *,
+    weights: ArrayLike | None = None,
+    bins: int = BINS,
+) -> Reliability:
+    """Compare probabilities (p,) with what came of them.
+
+    Args:
+        probability: in [0, 1].
+        right: whether each came true.
+        weights: of each, not negative; equal ones when absent.
+        bins: of equal width, from 0 to 1.
+
+    Raises:
+        ValueError: no vectors of one length, or numbers outside [0, 1], or nan.
+    """
+    p, right = np.asarray(probability, np.float64), np.asarray(right, np.float64)
+    w = np.ones_like(p) if weights is None else np.asarray(weights, np.float64)
+    if p.ndim != 1 or not len(p) or not p.shape == right.shape == w.shape:
+        raise ValueError(
+            f"reliability: probability is {p.shape}, right {right.shape} and weights "
+            f"{w.shape}; pass (p,) of each, p > 0"
+        )
+    if not ((p >= 0) & (p <= 1)).all():
+        raise ValueError(
+            f"reliability: probabilities run from {p.min():g} to {p.max():g}, expected "
+            "numbers in [0, 1]"
+        )
+    at = np.minimum((p * bins).astype(int), bins - 1)
+    total = np.bincount(at, w, bins)
+    sums = [np.bincount(at, w * values, bins) for values in (p, right)]
+    known = np.where(total > 0, total, np.nan)
+    return Reliability(sums[0] / known, sums[1] / known, total / total.sum())
