@@ -143,11 +143,13 @@ class Source(NamedTuple):
     make: a list of starts for each of the pairs, the best first, each with its share
         (`PairState.shares`).
     always: it is asked for pairs without doubt, too.
+    refined: its maps are refined already: they are bent at once.
     """
 
     name: str
     make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
     always: bool = False
+    refined: bool = False
 
 
 def match_pairs(
@@ -176,7 +178,7 @@ def match_pairs(
                 if turn < len(own) and pair.in_doubt(settings)
             ]
             if tried:
-                _attempt(source.name, tried, runner, settings)
+                _attempt(source, tried, runner, settings)
     return [pair.result(settings) for pair in pairs]
 
 
@@ -209,7 +211,7 @@ def _sources(inputs: MatchInputs, settings: Settings) -> list[Source]:
     sources = [Source("search", partial(_search, landmarks=False))]
     if inputs.landmarks is not None:
         sources.append(Source("landmarks", partial(_search, landmarks=True)))
-    return [*sources, Source("coarse copies", _from_copies)]
+    return [*sources, Source("coarse copies", _from_copies, refined=True)]
 
 
 def _given(pairs, runner, settings) -> list[list[StartAndShare]]:
@@ -260,8 +262,7 @@ def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
         pair.shares[pair.won] = float(shares[0])
         ranked = np.argsort([-a.log_odds for a in copy.attempts[1:]]) + 1
         best = ranked[: settings.nonisometric_attempts]
-        size = len(copy.attempts[0].start.C_yx)
-        found.append([(_of_copies(copy.attempts[i], size), shares[i]) for i in best])
+        found.append([(_of_copies(copy.attempts[i]), shares[i]) for i in best])
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds["coarse copies"] = share
@@ -273,20 +274,25 @@ def _copied(pair: PairState, settings: Settings) -> PairState:
     return PairState(*padded_copies(both, pair.inputs))
 
 
-def _of_copies(attempt: Attempt, size: int) -> Start:
+def _of_copies(attempt: Attempt) -> Start:
     """The map of an attempt on copies, as a start for the whole shapes."""
-    C_yx = attempt.match.C_yx[:size, :size]
-    score = attempt.match.certificate.orientation
-    return attempt.start._replace(C_yx=C_yx, orientation=score)
+    match = attempt.match
+    score = match.certificate.orientation
+    return attempt.start._replace(C_yx=match.C_yx, orientation=score)
 
 
 def _attempt(
-    source: str, tried: list[tuple[PairState, Start, float]], runner, settings
+    source: Source, tried: list[tuple[PairState, Start, float]], runner, settings
 ) -> None:
     """Attempt each start of a pair, and keep its match there."""
-    matches = _matches([(pair, start) for pair, start, _ in tried], runner, settings)
+    starts = [(pair, start) for pair, start, _ in tried]
+    if source.refined:
+        maps = [start.C_yx for _, start in starts]
+        matches = _finished(starts, maps, runner, settings)
+    else:
+        matches = _matches(starts, runner, settings)
     for (pair, start, share), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source, start, match), share)
+        pair.keep(Attempt(source.name, start, match), share)
 
 
 def _matches(
@@ -310,6 +316,13 @@ def _matches(
     inputs = [(own, start) for (_, start), own in zip(tried, features, strict=True)]
     stage = partial(refine_start, settings=settings)
     maps = _timed(runner, "refinement", stage, pairs, inputs, at_a_time)
+    return _finished(tried, maps, runner, settings, at_a_time)
+
+
+def _finished(
+    tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
+) -> list[Match]:
+    """`jfsf.attempt.finish` of each refined map."""
     inputs = [
         (
             pair.spectra,
@@ -322,6 +335,7 @@ def _matches(
         for (pair, start), C_yx in zip(tried, maps, strict=True)
     ]
     stage = partial(finish, settings=settings)
+    pairs = [pair for pair, _ in tried]
     return _timed(runner, "bending and conversion", stage, pairs, inputs, at_a_time)
 
 
