@@ -99,9 +99,9 @@ _HOMES = {
 }
 _ROOMS = (
     *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
-    *("evidence", "stages", "arguments", "policy", "mapfiles", "interop"),
-    *("batch", "baselines", "data", "plot", "export", "report", "testing", "cli"),
-    "guide",
+    *("evidence", "stages", "arguments", "coarse", "policy", "mapfiles"),
+    *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
+    *("cli", "guide"),
     *_HOMES,
 )
 

@@ -1,18 +1,21 @@
-"""Starts are attempted until one is confident: which, in which order, and how many.
+"""Starts are attempted until one is likely: which, in which order, and how many.
 
 The runner of these tests makes up the results of the stages from numbers: a start has
-the confidence of its match in `gap`. Stages for real: test_match.py, test_batch.py.
+the probability of its match in `gap`. Copies are made up, too. Stages for real:
+test_match.py, test_coarse.py, test_batch.py.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.special import expit, logit
 
 from jfsf import Settings, policy
 from jfsf.arguments import MatchInputs
+from jfsf.evidence import confidence
 from jfsf.initial import Start
-from jfsf.policy import PairState, Source
+from jfsf.policy import PairState, _sources
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
@@ -26,6 +29,12 @@ class Side(NamedTuple):
     refinement: int
 
 
+class Copy(NamedTuple):
+    """The copy of a shape, for its spectrum."""
+
+    of: int
+
+
 def starts(values):
     values = np.asarray(values, float)
     return Start(values[..., None, None], values, values, values)
@@ -34,24 +43,25 @@ def starts(values):
 def match_of(start, missed=0.0, landmarks=None):
     figures = dict.fromkeys(Certificate._fields, np.zeros(()))
     missed = np.full(0 if landmarks is None else 1, missed)
-    figures |= {"confidence": start.gap, "landmarks": missed}
+    figures |= {"log_odds": logit(start.gap), "landmarks": missed}
     return Match(np.zeros(2, int), np.zeros(2, int), start.C_yx, Certificate(**figures))
 
 
 class Scripted:
-    """A runner whose pairs, told apart by their spectra, have such confidences.
+    """A runner whose pairs, told apart by their spectra, are so likely right.
 
-    first: of each pair's first start.
-    others: of those for other proportions, `screened` likewise; they are attempted in
-        the order of the latter.
+    first: for each pair, of its first start.
+    others: of those for other proportions.
+    on_copies: of the same on the copies, which say what is attempted, and in which
+        order; there a first start is as likely as on the whole.
     guided: of the start that landmarks lead to.
     missed: how far landmarks end from their partners.
     """
 
-    def __init__(self, first, others=(), screened=None, guided=None, missed=0.0):
+    def __init__(self, first, others=(), on_copies=None, guided=None, missed=0.0):
         self.first, self.others, self.guided = first, others, guided
-        self.screened, self.missed = screened or others, missed
-        self.calls, self.rounds = [], []
+        self.on_copies, self.missed = on_copies or others, missed
+        self.calls = []
 
     def map(self, name, stage, inputs, at_a_time=1):
         self.calls.append((name, len(inputs)))
@@ -60,8 +70,12 @@ class Scripted:
     def features(self, spec, descriptors, landmarks, self_map):
         return Side((spec, landmarks is not None), spec)
 
-    def search(self, x, y, sign, self_map):
+    def search(self, x, y, *options):
+        if len(options) == 1:  # the map that is given
+            return starts(self.first[x])
         spec, knows_landmarks = x
+        if isinstance(spec, Copy):
+            return starts(self.guided)
         return starts(self.guided if knows_landmarks else self.first[spec])
 
     def kept_landmarks(self, pair, features, start, landmarks):
@@ -71,85 +85,115 @@ class Scripted:
         return np.zeros((3, 3))
 
     def further_starts(self, x, y, sign, self_map):
-        return starts(self.others[x[0]])
+        assert isinstance(x[0], Copy)
+        return starts(self.others[x[0].of])
 
-    def screening(self, pair, samples, C_yx, start, rounds, sign, landmarks):
-        assert C_yx.shape == (3, 3) and rounds == Settings().screening_rounds
-        at = list(self.others[pair[0]]).index(float(start.gap))
-        return match_of(starts(self.screened[pair[0]][at]))
-
-    def bending_and_conversion(
-        self, pair, samples, C_yx, start, rounds, sign, landmarks
-    ):
-        assert rounds == Settings().bend_rounds
+    def bending_and_conversion(self, pair, samples, C_yx, start, sign, landmarks):
+        spec = pair[0]
+        if isinstance(spec, Copy) and start.gap in self.others[spec.of]:
+            at = list(self.others[spec.of]).index(float(start.gap))
+            return match_of(start._replace(gap=self.on_copies[spec.of][at]))
+        if not isinstance(spec, Copy) and not np.isnan(start.gap):
+            # Maps of the copies are refined already.
+            refined = start.gap in (*self.first, self.guided)
+            assert C_yx.shape == ((3, 3) if refined else (1, 1))
         return match_of(start, self.missed, landmarks)
 
     def count(self, name):
         return sum(number for called, number in self.calls if called == name)
 
 
-def run(runner, pairs=1, *, settings=HALF, landmarks=None, **options):
-    inputs = MatchInputs(landmarks=landmarks)
-    some = [PairState((i, i), inputs) for i in range(pairs)]  # type: ignore[arg-type]
-    return policy.match_pairs(some, runner, settings=settings, **options)
+def shares_of(likely):
+    """As if all maps differed."""
+    odds = np.nan_to_num(np.exp(logit(np.asarray(likely, float))))
+    return odds / odds.sum()
+
+
+@pytest.fixture(autouse=True)
+def scripted_copies(monkeypatch):
+    def padded_copies(copies, inputs):
+        return tuple(copies), inputs._replace(initial=None)
+
+    def share_among(matches, spec_y, *, settings):
+        assert isinstance(spec_y, Copy)
+        return shares_of([expit(m.certificate.log_odds) for m in matches])
+
+    monkeypatch.setattr(_sources, "coarse_copy", lambda spec, settings: Copy(spec))
+    monkeypatch.setattr(_sources, "padded_copies", padded_copies)
+    monkeypatch.setattr(_sources, "share_among", share_among)
+
+
+def run(runner, pairs=1, *, settings=HALF, **inputs):
+    own = MatchInputs(**inputs)
+    some = [PairState((i, i), own) for i in range(pairs)]  # type: ignore[arg-type]
+    return policy.match_pairs(some, runner, settings=settings)
+
+
+def likely(match):
+    return float(expit(match.certificate.log_odds))
 
 
 @pytest.mark.parametrize(
-    ("first", "others", "chosen", "tried"),
+    ("first", "others", "on_copies", "chosen", "tried"),
     [
-        (0.9, [1.0, 0.8], 0.9, 1),  # confident: nothing else is tried
-        (0.5, [1.0, 0.8], 0.5, 1),
-        (0.2, [0.6, 0.9, 0.1], 0.6, 2),  # the first that is confident
-        (0.3, [0.1, 0.4], 0.4, 3),  # none is: the most confident
-        (0.3, [0.1, 0.2], 0.3, 3),
-        (0.3, [np.nan, 0.4], 0.4, 3),
-        (0.0, [0.0], 0.0, 2),
-        (np.nan, [0.9], np.nan, 1),  # there is nothing to compare
+        (0.9, [0.99, 0.8], None, 0.9, 1),  # likely: nothing else is tried
+        (0.5, [0.99, 0.8], None, 0.5, 1),
+        (0.2, [0.6, 0.9, 0.1], None, 0.9, 2),  # the first that is likely
+        (0.2, [0.6, 0.9, 0.1], [0.3, 0.2, 0.1], 0.6, 2),
+        (0.3, [0.1, 0.4], None, 0.4, 3),  # none is: the likeliest
+        (0.3, [0.1, 0.2], None, 0.3, 3),
+        (0.3, [np.nan, 0.4], None, 0.4, 3),
+        (0.01, [0.02], None, 0.02, 2),
+        (np.nan, [0.9], None, np.nan, 1),  # there is nothing to compare
     ],
 )
-def test_the_most_confident_attempt_is_kept(first, others, chosen, tried):
-    # As many starts as are tried: they are not screened.
+def test_the_likeliest_attempt_is_kept(first, others, on_copies, chosen, tried):
     settings = Settings(retry_below=0.5, nonisometric_attempts=3)
-    runner = Scripted([first], [others])
+    runner = Scripted([first], [others], on_copies and [on_copies])
     (match,) = run(runner, settings=settings)
-    np.testing.assert_equal(float(match.certificate.confidence), chosen)
-    assert runner.count("refinement") == runner.count("bending and conversion") == tried
-    assert runner.count("screening") == 0
+    np.testing.assert_allclose(likely(match), chosen)
     assert len(match.info.source) == tried
-    np.testing.assert_equal(match.info.confidence[match.info.won], chosen)
+    on_copies = 0 if tried == 1 else 1 + len(others)
+    assert runner.count("refinement") == 1 + on_copies
+    assert runner.count("bending and conversion") == tried + on_copies
+    evidence = match.certificate
+    np.testing.assert_equal(match.info.confidence[match.info.won], evidence.confidence)
 
 
 @pytest.mark.parametrize(
-    ("screened", "order"),
+    ("on_copies", "order"),
     [
         ([0.1, 0.7, 0.3], [0.2, 0.3]),
         ([np.nan, 0.2, 0.2], [0.2, 0.3]),  # ties: the earlier first
-        ([np.nan, np.nan, 0.0], [0.3, 0.1]),
+        ([np.nan, np.nan, 0.1], [0.3, 0.1]),
     ],
 )
-def test_the_starts_that_screening_likes_best_are_attempted(screened, order):
-    runner = Scripted([0.0], [[0.1, 0.2, 0.3]], [screened])
-    (match,) = run(runner)
-    np.testing.assert_allclose(match.info.confidence, [0.0, *order])
-    assert match.info.sources == ["search", "nonisometric", "nonisometric"]
-    assert runner.count("screening") == 3
+def test_the_maps_that_are_likeliest_on_the_copies_are_attempted(on_copies, order):
+    pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
+    runner = Scripted([0.01], [[0.1, 0.2, 0.3]], [on_copies])
+    settings = Settings(retry_below=0.5, nonisometric_attempts=2)
+    (match,) = policy.match_pairs([pair], runner, settings=settings)
+    np.testing.assert_allclose(
+        list(map(likely, pair.results(settings))), [0.01, *order]
+    )
+    assert match.info.sources == ["search", "coarse copies", "coarse copies"]
 
 
 def test_pairs_in_doubt_are_gathered():
     first = [0.9, 0.1, 0.7, 0.2, 0.6]
-    others = {1: [0.3, 0.8, 0.2], 3: [0.1, 0.3, 0.4]}
-    screened = {1: [0.0, 0.9, 0.5], 3: [0.5, 0.6, 0.7]}
-    runner = Scripted(first, others, screened)
-    matches = run(runner, 5)
-    confidence = [float(match.certificate.confidence) for match in matches]
-    np.testing.assert_allclose(confidence, [0.9, 0.8, 0.7, 0.4, 0.6])
+    others = {1: [0.3, 0.8, 0.22], 3: [0.11, 0.35, 0.4]}
+    on_copies = {1: [0.05, 0.9, 0.5], 3: [0.5, 0.6, 0.7]}
+    runner = Scripted(first, others, on_copies)
+    settings = Settings(retry_below=0.5, nonisometric_attempts=2)
+    matches = run(runner, 5, settings=settings)
+    np.testing.assert_allclose(list(map(likely, matches)), [0.9, 0.8, 0.7, 0.4, 0.6])
     # All first attempts together, the doubtful ones together, then the last alone.
     assert runner.calls == [
         *(("features", 10), ("search", 5)),
         *(("refinement", 5), ("bending and conversion", 5)),
-        *(("further starts", 2), ("screening", 6)),
-        *(("refinement", 2), ("bending and conversion", 2)),
-        *(("refinement", 1), ("bending and conversion", 1)),
+        *(("features", 4), ("further starts", 2)),
+        *(("refinement", 8), ("bending and conversion", 8)),
+        *(("bending and conversion", 2), ("bending and conversion", 1)),
     ]
     assert [len(match.info.source) for match in matches] == [1, 2, 1, 3, 1]
 
@@ -157,35 +201,63 @@ def test_pairs_in_doubt_are_gathered():
 def test_the_match_of_each_attempt_is_kept():
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.2], [[0.1, 0.4]])
-    (best,) = policy.match_pairs([pair], runner, settings=HALF)
-    tried = pair.results()
-    likely = [float(match.certificate.confidence) for match in tried]
-    np.testing.assert_allclose(likely, [0.2, 0.1, 0.4])
+    settings = Settings(retry_below=0.5, nonisometric_attempts=2)
+    (best,) = policy.match_pairs([pair], runner, settings=settings)
+    tried = pair.results(settings)
+    np.testing.assert_allclose(list(map(likely, tried)), [0.2, 0.4, 0.1])
     assert [int(match.info.won) for match in tried] == [0, 1, 2]
-    starts = [match.info.start for match in tried]
-    assert starts == ["search", "nonisometric", "nonisometric"]
-    assert best.info.won == pair.won == 2
-    assert best.certificate.confidence == 0.4
+    assert [match.info.start for match in tried] == best.info.sources
+    assert best.info.sources == ["search", "coarse copies", "coarse copies"]
+    assert best.info.won == pair.won == 1
     for match in tried:
-        np.testing.assert_allclose(match.info.confidence, likely)
+        np.testing.assert_equal(match.info.confidence, best.info.confidence)
+
+
+def test_the_rivals_of_a_map_count():
+    pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
+    runner = Scripted([0.2], [[0.1, 0.4]], [[0.3, 0.5]])
+    policy.match_pairs([pair], runner, settings=HALF)
+    tried = pair.results(HALF)
+    # In the order of the attempts: first, then the likeliest of the copies.
+    shares = shares_of([0.2, 0.3, 0.5])[[0, 2]]
+    np.testing.assert_allclose([m.certificate.share for m in tried], shares)
+    for match, share in zip(tried, shares, strict=True):
+        wanted = confidence(match.certificate.log_odds, share)
+        np.testing.assert_allclose(match.certificate.confidence, wanted)
+
+
+def test_a_map_without_doubt_has_no_rivals():
+    (match,) = run(Scripted([0.9]))
+    assert np.isnan(match.certificate.share)
+    np.testing.assert_allclose(match.certificate.confidence, 0.9)
+
+
+def test_left_and_right_that_cannot_be_told_halve_the_confidence():
+    (match,) = run(Scripted([0.9]), sign=np.int32(0))
+    np.testing.assert_allclose(match.certificate.confidence, 0.45)
+    (match,) = run(Scripted([0.9]), sign=np.int32(0), landmarks=LANDMARKS)
+    np.testing.assert_allclose(match.certificate.confidence, 0.9)
 
 
 def test_without_a_policy_there_is_one_attempt():
     once = Settings(retry_below=0)
-    runner = Scripted([0.0, 0.0])
+    runner = Scripted([0.01, 0.01])
     run(runner, 2, settings=once)
     assert runner.count("refinement") == 2 and runner.count("further starts") == 0
     # Then the search reads the landmarks.
-    (match,) = run(Scripted([0.0], guided=0.3), settings=once, landmarks=LANDMARKS)
-    assert match.certificate.confidence == 0.3
+    (match,) = run(Scripted([0.01], guided=0.3), settings=once, landmarks=LANDMARKS)
+    np.testing.assert_allclose(likely(match), 0.3)
 
 
 @pytest.mark.parametrize(("other", "chosen"), [(0.6, 0.7), (0.9, 0.9)])
 def test_a_missed_landmark_asks_for_another_map(other, chosen):
-    runner = Scripted([0.7], [[1.0]], guided=other, missed=1.0)
+    runner = Scripted([0.7], [[0.99]], guided=other, missed=1.0)
     (match,) = run(runner, landmarks=LANDMARKS)
-    assert match.certificate.confidence == chosen
-    np.testing.assert_allclose(match.info.confidence, [0.7, other])
+    np.testing.assert_allclose(likely(match), chosen)
+    # Less confident than it is likely by itself.
+    weight = HALF.evidence.missed_weight
+    wanted = np.power([0.7, other], 1 + weight)
+    np.testing.assert_allclose(match.info.confidence, wanted)
     assert match.info.sources == ["search", "landmarks"]
     assert match.info.start == ("search" if chosen == 0.7 else "landmarks")
 
@@ -195,33 +267,32 @@ def test_a_landmark_that_is_met_asks_for_nothing():
     assert run(runner, landmarks=LANDMARKS)[0].info.sources == ["search"]
 
 
-def test_an_initial_map_is_the_only_start():
-    runner = Scripted([0.0])
-    runner.search = lambda *args: starts(0.2)
-    pair = PairState((0, 0), MatchInputs(initial=np.eye(3)))  # type: ignore[arg-type]
-    (match,) = policy.match_pairs([pair], runner, settings=HALF)
+@pytest.mark.parametrize("first", [0.05, 0.95])
+def test_a_given_map_is_kept_and_compared(first):
+    runner = Scripted([first], [[0.6, 0.7]], guided=0.8)
+    (match,) = run(runner, initial=np.eye(3))
     assert match.info.sources == ["given"]
+    np.testing.assert_allclose(likely(match), first)
+    # With all starts of the copies, that of their search included.
+    share = shares_of([first, 0.8, 0.6, 0.7])[0]
+    np.testing.assert_allclose(match.certificate.share, share)
+    wanted = confidence(match.certificate.log_odds, share)
+    np.testing.assert_allclose(match.certificate.confidence, wanted)
+    assert runner.count("refinement") == 1 + 4
 
 
-@pytest.mark.parametrize("has_copies", [True, False])
-def test_copies_are_asked_first_and_replace_the_other_starts(has_copies):
-    def copies(pairs, *_):
-        return [[starts(0.3)] if has_copies else [] for _ in pairs]
-
-    further = [Source("coarse copies", copies)]
-    runner = Scripted([0.1], [[0.2, 0.4]])
-    (match,) = run(runner, further=further)
-    others = ["coarse copies"] if has_copies else ["nonisometric"] * 2
-    assert match.info.sources == ["search", *others]
-    assert match.info.start == others[-1]
+def test_a_given_map_is_compared_on_request_only():
+    runner = Scripted([0.05])
+    (match,) = run(runner, settings=Settings(retry_below=0), initial=np.eye(3))
+    assert runner.count("refinement") == 1 and np.isnan(match.certificate.share)
 
 
 def test_seconds_are_shared_by_the_pairs_of_a_stage():
     one, other = run(Scripted([0.9, 0.1], {1: [0.2]}), 2)
     seconds = dict(zip(STAGES, one.info.seconds, strict=True))
-    assert seconds["search"] >= 0 and np.isnan(seconds["further starts"])
+    assert seconds["search"] >= 0 and np.isnan(seconds["coarse copies"])
     more = dict(zip(STAGES, other.info.seconds, strict=True))
-    assert more["search"] == seconds["search"] and more["further starts"] >= 0
+    assert more["search"] == seconds["search"] and more["coarse copies"] >= 0
 
 
 def test_retry_below_is_a_probability():
@@ -231,4 +302,4 @@ def test_retry_below_is_a_probability():
 
 def test_a_refinement_that_begins_above_the_search_needs_an_initial_map():
     with pytest.raises(ValueError, match="ks begins at 50, .* finds maps of 40"):
-        run(Scripted([0.0]), settings=Settings(ks=(50, 60)))
+        run(Scripted([0.5]), settings=Settings(ks=(50, 60)))

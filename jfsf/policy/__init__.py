@@ -1,0 +1,26 @@
+"""Which starts are attempted, and when it ends: for one pair or many. Host side.
+
+An attempt (`jfsf.attempt`) makes a match of a start, and says how likely it is right.
+Sources of starts are asked in turn, for all pairs that are still in doubt: below
+`Settings.retry_below`, or after a first map that misses a landmark. So the first
+attempts of all pairs are made together, then the doubtful pairs are gathered, and pairs
+without doubt cost nothing more. The most confident match of a pair is kept.
+
+The last source, of starts for other proportions, tries all of them on coarse copies
+(`jfsf.coarse`), which takes little time. Only the best maps of these go on to the whole
+shapes. Those that differ and are nearly as likely are counted as its rivals: a map that
+cannot be told from another one is not certain.
+
+Read in this order:
+
+- `_pairs`: a pair on the way, its attempts, and the best of them
+- `_stages`: the stages of an attempt, run for many pairs
+- `_sources`: where starts come from: the search, landmarks, coarse copies
+- `_match`: the sources in turn, for the pairs in doubt
+"""
+
+from jfsf.policy._match import compile_first_attempt, match_pairs
+from jfsf.policy._pairs import Attempt, PairState
+from jfsf.policy._sources import Source
+
+__all__ = ["Attempt", "PairState", "Source", "compile_first_attempt", "match_pairs"]

@@ -1,0 +1,71 @@
+"""The sources of starts in turn, for all pairs that are still in doubt."""
+
+from collections.abc import Sequence
+
+from jfsf.initial import Start
+from jfsf.policy._pairs import Attempt, PairState
+from jfsf.policy._sources import Source, sources_of
+from jfsf.policy._stages import describe, finish_maps, match_starts
+from jfsf.runtime import Runner
+from jfsf.settings import Settings
+from jfsf.types import Match
+
+
+def match_pairs(
+    pairs: Sequence[PairState], runner: Runner, *, settings: Settings
+) -> list[Match]:
+    """Match pairs, and try those in doubt again.
+
+    Args:
+        pairs: all with landmarks or all without; likewise an initial map.
+        runner: of the stages.
+        settings: of all stages, and of further attempts.
+
+    Raises:
+        ValueError: arrays that do not fit each other, or settings that do not.
+    """
+    describe(pairs, runner, settings)
+    for source in sources_of(pairs[0].inputs, settings):
+        open_pairs = [
+            pair for pair in pairs if source.always or pair.in_doubt(settings)
+        ]
+        starts = source.make(open_pairs, runner, settings) if open_pairs else []
+        for turn in range(max(map(len, starts), default=0)):
+            tried = [
+                (pair, *own[turn])
+                for pair, own in zip(open_pairs, starts, strict=True)
+                if turn < len(own) and pair.in_doubt(settings)
+            ]
+            if tried:
+                _attempt(source, tried, runner, settings)
+    return [pair.result(settings) for pair in pairs]
+
+
+def compile_first_attempt(
+    pair: PairState, runner: Runner, *, settings: Settings
+) -> None:
+    """Have the programs compiled that every pair needs; few pairs need others.
+
+    Args:
+        pair: of shapes and types in place of arrays.
+        runner: `jfsf.runtime.CompileOnly`.
+        settings: of all stages.
+    """
+    describe([pair], runner, settings)
+    source = sources_of(pair.inputs, settings)[0]
+    ((start,),) = source.make([pair], runner, settings)
+    match_starts([(pair, start[0])], runner, settings)
+
+
+def _attempt(
+    source: Source, tried: list[tuple[PairState, Start, float]], runner, settings
+) -> None:
+    """Attempt each start of a pair, and keep its match there."""
+    starts = [(pair, start) for pair, start, _ in tried]
+    if source.refined:
+        maps = [start.C_yx for _, start in starts]
+        matches = finish_maps(starts, maps, runner, settings)
+    else:
+        matches = match_starts(starts, runner, settings)
+    for (pair, start, share), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source.name, start, match), share)

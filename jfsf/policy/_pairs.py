@@ -1,0 +1,109 @@
+"""A pair on the way: what was attempted, and which match is the best so far."""
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jfsf.arguments import MatchInputs
+from jfsf.attempt import SamplesPair
+from jfsf.evidence import of_certificate
+from jfsf.initial import Start
+from jfsf.settings import Settings
+from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
+
+
+class Attempt(NamedTuple):
+    """A match and where it comes from.
+
+    source: of its start, one of `jfsf.types.SOURCES`.
+    start: the map it began with.
+    match: as `jfsf.attempt.finish` returns it.
+    """
+
+    source: str
+    start: Start
+    match: Match
+
+    @property
+    def log_odds(self) -> float:
+        """Of the match, by its own evidence; -inf where they are unknown."""
+        odds = float(self.match.certificate.log_odds)
+        return -np.inf if np.isnan(odds) else odds
+
+
+@dataclass(eq=False)
+class PairState:
+    """A pair on the way.
+
+    spectra: of X and Y, padded.
+    inputs: padded, too.
+    samples: of both shapes, made without landmarks.
+    landmark_samples: made with them; the same where there are none.
+    attempts: in their order.
+    shares: for each of them, how it stands among the maps of the coarse copies
+        (`jfsf.evidence.share_among`); nan if it was not compared with these.
+    won: the number of the most confident attempt.
+    seconds: by stage; its share where a stage ran for several pairs.
+    """
+
+    spectra: tuple[Spectrum, Spectrum]
+    inputs: MatchInputs
+    samples: SamplesPair | Any = None
+    landmark_samples: SamplesPair | Any = None
+    attempts: list[Attempt] = field(default_factory=list)
+    shares: list[float] = field(default_factory=list)
+    won: int = 0
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def best(self) -> Match:
+        """The most confident match."""
+        return self.attempts[self.won].match
+
+    def in_doubt(self, settings: Settings) -> bool:
+        """Whether another start is to be attempted."""
+        if not self.attempts:
+            return True
+        evidence = self.best.certificate
+        # The landmark is wrong, or the map: another is made to see.
+        missed = np.any(np.asarray(evidence.landmarks) > settings.evidence.missed)
+        # Not so with nan: there is nothing to compare.
+        doubtful = bool(jax.nn.sigmoid(evidence.log_odds) < settings.retry_below)
+        return doubtful or (len(self.attempts) == 1 and bool(missed))
+
+    def keep(self, attempt: Attempt, share: float = np.nan) -> None:
+        """Note an attempt."""
+        if self.attempts and attempt.log_odds > self.attempts[self.won].log_odds:
+            self.won = len(self.attempts)
+        self.attempts.append(attempt)
+        self.shares.append(share)
+
+    def results(self, settings: Settings) -> list[Match]:
+        """The match of each attempt, its rivals counted, with `Match.info`."""
+        told = bool(self.inputs.sign != 0)
+        certificates = []
+        for attempt, share in zip(self.attempts, self.shares, strict=True):
+            evidence = attempt.match.certificate
+            share = jnp.asarray(share, evidence.confidence.dtype)
+            evidence = evidence._replace(share=share)
+            likely = of_certificate(evidence, told, settings=settings.evidence)
+            certificates.append(evidence._replace(confidence=likely))
+        confidence = [evidence.confidence for evidence in certificates]
+        info = MatchInfo(
+            np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
+            np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
+            np.array(self.won, np.int32),
+            np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
+        )
+        matches = []
+        for attempt, evidence in zip(self.attempts, certificates, strict=True):
+            own = info._replace(won=np.array(len(matches), np.int32))
+            matches.append(attempt.match._replace(certificate=evidence, info=own))
+        return matches
+
+    def result(self, settings: Settings) -> Match:
+        """The best match."""
+        return self.results(settings)[self.won]

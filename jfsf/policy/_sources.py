@@ -1,0 +1,127 @@
+"""Where starts come from: a given map, the search, landmarks, coarse copies."""
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from time import perf_counter
+from typing import NamedTuple
+
+import jax
+import numpy as np
+
+from jfsf.arguments import MatchInputs
+from jfsf.attempt import check_search, given_start
+from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.evidence import share_among
+from jfsf.initial import Start, best_start, nonisometric_starts
+from jfsf.policy._pairs import Attempt, PairState
+from jfsf.policy._stages import describe, match_starts, run_stage, search_inputs
+from jfsf.runtime import Runner
+from jfsf.settings import Settings
+
+StartAndShare = tuple[Start, float]
+
+
+class Source(NamedTuple):
+    """A source of starts.
+
+    name: one of `jfsf.types.SOURCES`.
+    make: a list of starts for each of the pairs, the best first, each with its share
+        (`PairState.shares`).
+    always: it is asked for pairs without doubt, too.
+    refined: its maps are refined already: they are bent at once.
+    """
+
+    name: str
+    make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
+    always: bool = False
+    refined: bool = False
+
+
+def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
+    """In the order in which they are asked."""
+    if inputs.initial is not None:
+        # Another map may fit as well as the given one, however well that fits.
+        others = [Source("coarse copies", _rivals_of_given, always=True)]
+        return [Source("given", _given), *(others if settings.retry_below else [])]
+    check_search(settings)
+    if not settings.retry_below:
+        return [Source("search", partial(_search, landmarks=True))]
+    # The first search does not know the landmarks, so it cannot be misled by them.
+    sources = [Source("search", partial(_search, landmarks=False))]
+    if inputs.landmarks is not None:
+        sources.append(Source("landmarks", partial(_search, landmarks=True)))
+    return [*sources, Source("coarse copies", _from_copies, refined=True)]
+
+
+def _given(pairs, runner, settings) -> list[list[StartAndShare]]:
+    inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
+    stage = partial(given_start, settings=settings)
+    return [[(s, np.nan)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+
+
+def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[StartAndShare]]:
+    sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
+    inputs = search_inputs(pairs, sides)
+    stage = partial(best_start, settings=settings.search)
+    return [[(s, np.nan)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+
+
+def _rivals_of_given(pairs, runner, settings) -> list[list[StartAndShare]]:
+    """No starts: the given map is kept. But its share is known."""
+    _from_copies(pairs, runner, settings)
+    return [[] for _ in pairs]
+
+
+def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
+    """The maps of coarse copies that are most likely there, as starts."""
+    started = perf_counter()
+    copies = [_copied(pair, settings) for pair in pairs]
+    describe(copies, runner, settings)
+    inputs = search_inputs(copies, [copy.samples for copy in copies])
+    stage = partial(nonisometric_starts, settings=settings.search)
+    stacked = run_stage(runner, "further starts", stage, copies, inputs)
+    first: list[list[Start]] = [[] for _ in pairs]
+    if pairs[0].inputs.initial is not None:
+        stage = partial(best_start, settings=settings.search)
+        first = [[s] for s in run_stage(runner, "search", stage, copies, inputs)]
+    tried = []
+    for pair, copy, starts, found in zip(pairs, copies, stacked, first, strict=True):
+        # The best so far is a rival: of the copies, too.
+        known = pair.attempts[pair.won]
+        own = [known.start._replace(C_yx=known.match.C_yx), *found, *_unstacked(starts)]
+        size = min(len(start.C_yx) for start in own)
+        tried += [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for s in own]
+    matches = match_starts(tried, runner, settings, at_a_time=2)
+    for (copy, start), match in zip(tried, matches, strict=True):
+        copy.keep(Attempt("coarse copies", start, match))
+    found = []
+    for pair, copy in zip(pairs, copies, strict=True):
+        own = [attempt.match for attempt in copy.attempts]
+        shares = share_among(own, copy.spectra[1], settings=settings)
+        pair.shares[pair.won] = float(shares[0])
+        ranked = np.argsort([-a.log_odds for a in copy.attempts[1:]]) + 1
+        best = ranked[: settings.nonisometric_attempts]
+        found.append([(_of_copies(copy.attempts[i]), shares[i]) for i in best])
+    share = (perf_counter() - started) / max(len(pairs), 1)
+    for pair in pairs:
+        pair.seconds["coarse copies"] = share
+    return found
+
+
+def _copied(pair: PairState, settings: Settings) -> PairState:
+    both = [coarse_copy(spec, settings=settings) for spec in pair.spectra]
+    return PairState(*padded_copies(both, pair.inputs))
+
+
+def _of_copies(attempt: Attempt) -> Start:
+    """The map of an attempt on copies, as a start for the whole shapes."""
+    match = attempt.match
+    score = match.certificate.orientation
+    return attempt.start._replace(C_yx=match.C_yx, orientation=score)
+
+
+def _unstacked(starts: Start) -> list[Start]:
+    # By numpy: operations on jax arrays would compile for each size.
+    host = jax.device_get(starts)
+    one = lambda i: jax.tree.map(lambda values: np.asarray(values[i]), host)
+    return [one(i) for i in range(len(host.gap))]
