@@ -18,6 +18,7 @@ import results_file
 import jfsf
 from jfsf import policy
 from jfsf.arguments import MatchInputs
+from jfsf.initial import nonisometric_starts
 from jfsf.runtime import PaddedShape, large_jit, spectrum_like
 
 
@@ -81,8 +82,8 @@ def main() -> None:
     spec = spectrum_like(PaddedShape(settings.k, args.vertices, 2 * args.vertices))
     pair, runner = policy.PairState((spec, spec), MatchInputs()), Compiling()
     policy.compile_first_attempt(pair, runner, settings=settings)
-    # Of a pair in doubt. Screening and further attempts need no other programs.
-    stage = partial(policy.nonisometric_starts, settings=settings.search)
+    # Of a pair in doubt: of its coarse copies.
+    stage = partial(nonisometric_starts, settings=settings.search)
     x, y = pair.samples
     runner.one(stage, (x.search, y.search, pair.inputs.sign, pair.inputs.self_map))
     rows = runner.rows

@@ -73,21 +73,6 @@ def oriented(energy, score, sign, half, wrong):
     return energy + (wrong if s < 0 else half * (1 - s))
 
 
-def confidence(orientation, energy, log_stretch_std, residual, factors, unknown, least):
-    """p = 1 / (1 + exp(-z)); factors are those of bent shapes, and of others."""
-    bent, not_bent = factors
-    s = unknown if math.isnan(orientation) else orientation
-    if math.isnan(residual):
-        z = not_bent["constant"] + not_bent["orientation"] * s
-        z += not_bent["energy"] * energy
-        z += not_bent["log_stretch_std"] * log_stretch_std
-    else:
-        z = bent["constant"] + bent["orientation"] * s
-        z += bent["log_stretch_std"] * log_stretch_std
-        z += bent["residual"] * math.log(residual + least)
-    return 1 / (1 + math.exp(-z))
-
-
 def log_stretch_std(C, x, y, d_x, d_y, near, collapsed):
     """The lesser of both ways; x and y are (phi, mass)."""
     (phi_x, mass_x), (phi_y, mass_y) = x, y

@@ -164,18 +164,6 @@ def test_float32_agrees():
         np.testing.assert_allclose(ours, truth, atol=2e-3)
 
 
-def test_rounds_that_are_not_made_change_nothing():
-    spec_x = testing.blob_spectrum(0, K)
-    pair = spec_x, posed(spec_x)
-    few = jax.jit(partial(run, *pair, rough(spec_x)))
-    for rounds in (1, 2, 3):
-        expected = run(*pair, rough(spec_x), rounds=rounds)
-        found = few(active_rounds=rounds)
-        for ours, truth in zip(found, expected, strict=True):
-            np.testing.assert_allclose(ours, truth, atol=1e-12)
-    assert few._cache_size() == 1
-
-
 def test_the_gradient_is_that_of_small_steps():
     spec_x = pad(testing.blob_spectrum(0, K), N + 3, 330)
     spec_y, maps = (

@@ -8,7 +8,7 @@ import numpy as np
 
 from jfsf import testing
 from jfsf.convert import nearest, sinkhorn
-from jfsf.evidence import certify, confidence
+from jfsf.evidence import Bending, certify, confidence, log_odds
 from jfsf.runtime import pad
 from jfsf.spectral import embeddings, functional_map, uniform
 from jfsf.types import Aligned, Maps
@@ -83,22 +83,53 @@ def test_agreement_counts_what_nearest_neighbour_says():
     assert np.isclose(evidence(SPEC, other, C).nn_agreement, share)
 
 
-def test_confidence_follows_the_evidence():
-    right, wrong = confidence(jnp.asarray([0.95, 0.3]), 0.5, jnp.asarray([0.5, 0.9]))
-    assert right > 0.9 and wrong < 0.1
-    values = jnp.linspace(0.3, 1, 8)
-    assert np.all(np.diff(confidence(values, 0.6, 0.6)) > 0)
-    assert np.all(np.diff(confidence(0.9, values, 0.6)) < 0)
-    assert np.all(np.diff(confidence(0.9, 0.6, values)) < 0)
+@jax.jit
+def bent_evidence(moved_x, moved_y, spec_x, spec_y, sign, landmarks=None):
+    maps = Maps(jnp.arange(N), jnp.arange(N))
+    emb = jnp.zeros((N, 1))
+    C = functional_map(maps.T_xy, spec_x, spec_y)
+    aligned = Aligned(emb, emb, moved_x, moved_y)
+    return certify(maps, aligned, C, (spec_x, spec_y), None, sign, landmarks)
 
 
-def test_confidence_without_evidence():
-    assert 0 < confidence(jnp.nan, 0.5, 0.5) < 1  # a point cloud
-    assert np.isnan(confidence(0.9, jnp.nan, 0.5))
-    values = jnp.linspace(0.1, 0.9, 9)
-    bent = partial(confidence, energy=jnp.nan, log_stretch_std=0.55)
-    assert np.all(np.diff(bent(0.9, residual=values / 100)) < 0)
-    assert np.all(np.diff(bent(values, residual=0.003)) > 0)
-    assert bent(0.95, residual=0.001) > 0.9 > 0.1 > bent(0.5, residual=0.02)
-    found = evidence(SPEC, SPEC, jnp.eye(K))  # without samples
-    assert np.isnan(found.confidence) and np.isnan(found.log_stretch_std)
+def test_the_confidence_is_read_from_the_bent_shapes():
+    points = SPEC.vertices
+    found = bent_evidence(points, points, SPEC, SPEC, 1)
+    noise = 0.1 * jnp.asarray(np.random.default_rng(0).normal(size=(N, 3)))
+    worse = bent_evidence(points + noise, points - noise, SPEC, SPEC, 1)
+    for name in Bending._fields:
+        assert getattr(found, name) < getattr(worse, name)
+    for one in (found, worse):
+        figures = one.figures()
+        np.testing.assert_allclose(one.log_odds, log_odds(**figures), rtol=1e-9)
+        np.testing.assert_allclose(one.confidence, confidence(one.log_odds), rtol=1e-9)
+        assert np.isnan(one.share)  # nothing was compared
+    assert worse.confidence < found.confidence
+
+
+def test_the_orientation_that_is_asked_for_counts():
+    points = SPEC.vertices
+    kept, swapped, any_ = (
+        bent_evidence(points, points, SPEC, SPEC, sign) for sign in (1, -1, 0)
+    )
+    assert kept.orientation == swapped.orientation == any_.orientation > 0.9
+    assert swapped.log_odds < kept.log_odds == any_.log_odds
+    # Which is wanted is not known, unless a landmark says it.
+    np.testing.assert_allclose(any_.confidence, kept.confidence / 2)
+    at = jnp.asarray([3])
+    told = bent_evidence(points, points, SPEC, SPEC, 0, (at, at))
+    np.testing.assert_allclose(told.confidence, kept.confidence)
+    far = jnp.argmax(jnp.sum((points - points[3]) ** 2, 1))[None]
+    missed = bent_evidence(points, points, SPEC, SPEC, 1, (at, far))
+    assert missed.log_odds == kept.log_odds and missed.confidence < kept.confidence
+
+
+def test_there_is_no_confidence_without_bent_surfaces():
+    found = evidence(SPEC, SPEC, jnp.eye(K))  # not bent
+    unknown = found.log_odds, found.share, found.confidence, found.log_stretch_std
+    assert np.isnan(
+        [*unknown, *(getattr(found, name) for name in Bending._fields)]
+    ).all()
+    cloud = SPEC._replace(faces=SPEC.faces[:0])
+    found = bent_evidence(SPEC.vertices, SPEC.vertices, SPEC, cloud, 1)
+    assert np.isnan([found.shear, found.log_odds, found.confidence]).all()

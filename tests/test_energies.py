@@ -1,8 +1,7 @@
-"""What ranks maps and says how sure they are, against dense oracles."""
+"""What ranks maps, against dense oracles."""
 
 from functools import cache, partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 import oracles_search as oracles
@@ -11,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.evidence import LEAST_RESIDUAL, _confidence, confidence
 from jfsf.initial import (
     SamplePair,
     SearchSettings,
@@ -138,24 +136,3 @@ def test_log_stretch_std(dtype, rtol):
     ]
     assert ours.dtype == dtype
     np.testing.assert_allclose(ours, truth, rtol=10 * rtol)
-
-
-maybe_nan = lambda low, high: st.floats(low, high) | st.just(np.nan)
-
-
-@given(
-    orientation=maybe_nan(-1, 1),
-    energy=st.floats(0, 3),
-    uneven=st.floats(0, 2),
-    residual=maybe_nan(0, 0.2),
-    single=st.booleans(),
-)
-def test_confidence(orientation, energy, uneven, residual, single):
-    factors = _confidence.BENT, _confidence.NOT_BENT
-    unknown = _confidence.UNKNOWN_ORIENTATION
-    evidence = orientation, energy, uneven, residual
-    truth = oracles.confidence(*evidence, factors, unknown, LEAST_RESIDUAL)
-    dtype = jnp.float32 if single else jnp.float64
-    ours = jax.jit(confidence)(*(jnp.asarray(a, dtype) for a in evidence))
-    # A logit of order 30 has an error of 4e-6 in float32.
-    np.testing.assert_allclose(ours, truth, rtol=2e-5 if single else 1e-10)

@@ -10,7 +10,9 @@ from jax import export
 
 from jfsf import Settings, match_spectra, policy
 from jfsf.arguments import MatchInputs
+from jfsf.initial import nonisometric_starts
 from jfsf.policy import PairState
+from jfsf.policy._stages import search_inputs
 from jfsf.types import Spectrum
 
 PLATFORMS = ("cuda", "rocm", "tpu")
@@ -50,8 +52,8 @@ def exported_stages(spec, landmarks, settings):
     runner = Exporting()
     pair = PairState((spec, spec), MatchInputs(landmarks=landmarks))
     policy.compile_first_attempt(pair, runner, settings=settings)
-    stage = partial(policy.nonisometric_starts, settings=settings.search)
-    runner.one(stage, policy._search_inputs([pair], [pair.samples])[0])
+    stage = partial(nonisometric_starts, settings=settings.search)
+    runner.one(stage, search_inputs([pair], [pair.samples])[0])
     return runner.programs
 
 

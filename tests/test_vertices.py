@@ -12,9 +12,9 @@ from jfsf.evidence._vertices import (
     EIGENPAIRS,
     FACTORS,
     LEAST,
-    MOST_STRETCH,
     TIME,
 )
+from jfsf.geometry._stretches import MOST_STRETCH
 from jfsf.runtime import pad
 from jfsf.types import Aligned, Maps
 

@@ -1,4 +1,7 @@
-"""The files of the command line: read, checked and written."""
+"""The files of the command line: read, checked and written.
+
+This file is long because all commands check their files alike, before any work.
+"""
 
 import re
 from enum import StrEnum

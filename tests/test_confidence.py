@@ -1,0 +1,174 @@
+"""The confidence and how a map stands among others, against plain numpy.
+
+The factors are fitted anew from time to time: nothing here depends on their values.
+"""
+
+from types import SimpleNamespace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import oracles_evidence as oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf import EvidenceSettings, testing
+from jfsf.evidence import (
+    COMPARED,
+    FACTORS,
+    column,
+    confidence,
+    log_odds,
+    of_certificate,
+    share_among,
+)
+from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
+from jfsf.runtime import pad
+from jfsf.spectral import DISTANCE_PAIRS, biharmonic
+from jfsf.types import Certificate
+
+SPEC = testing.blob_spectrum(0, 30)
+N = len(SPEC.mass)
+NAMES = [name for name in FACTORS if name != "constant"]
+BOTH = pytest.mark.parametrize(
+    "dtype, rtol", [(jnp.float64, 1e-9), (jnp.float32, 1e-4)]
+)
+
+
+def some_figures(seed=0):
+    rng = np.random.default_rng(seed)
+    return {name: rng.uniform(0.01, 1) for name in Certificate._fields}
+
+
+def test_the_factors_are_of_figures():
+    assert set(NAMES) <= set(Certificate._fields) and len(NAMES) > 1
+    assert all(np.isfinite(list(FACTORS.values())))
+    assert set(COMPARED) == {"scale", "most_margin", "constant", "log_odds", "margin"}
+
+
+@BOTH
+def test_log_odds(dtype, rtol):
+    figures = some_figures()
+    found = log_odds(**{name: jnp.asarray(v, dtype) for name, v in figures.items()})
+    assert found.dtype == dtype
+    truth = oracles.log_odds(figures, FACTORS, LEAST, _AS_IT_IS)
+    np.testing.assert_allclose(found, truth, rtol=10 * rtol)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_log_odds_follow_each_figure(name):
+    values = jnp.linspace(0, 1, 9)
+    figures = {other: jnp.full(9, value) for other, value in some_figures().items()}
+    steps = np.diff(log_odds(**figures | {name: values}))
+    assert (steps * np.sign(FACTORS[name]) > 0).all()
+    # What is missing is not made up.
+    unknown = log_odds(**figures | {name: jnp.full(9, jnp.nan)})
+    assert np.isnan(unknown).all()
+
+
+def test_columns_are_finite():
+    assert column("orientation", -0.5) == -0.5
+    assert column("residual", 0.0) == column("residual", -1.0) == np.log(LEAST)
+
+
+@given(
+    z=st.floats(-20, 20),
+    share=st.floats(0, 1) | st.just(np.nan),
+    missed=st.floats(0, 1),
+    told=st.booleans(),
+    single=st.booleans(),
+)
+def test_confidence(z, share, missed, told, single):
+    truth = oracles.confidence(z, share, missed, told, COMPARED, MOST_SHARE, 3.0)
+    dtype = jnp.float32 if single else jnp.float64
+    given = (jnp.asarray(a, dtype) for a in (z, share, missed))
+    found = jax.jit(confidence)(*given, told)
+    assert found.dtype == dtype and 0 <= found <= 1
+    tolerance = {"rtol": 1e-3, "atol": 1e-30} if single else {"rtol": 1e-8}
+    np.testing.assert_allclose(found, truth, **tolerance)
+
+
+def test_confidence_follows_the_evidence():
+    values, shares = jnp.linspace(-5, 5, 9), jnp.linspace(0.05, 0.95, 9)
+    assert np.all(np.diff(confidence(values)) > 0)
+    assert np.all(np.diff(confidence(values, 0.5)) > 0)
+    assert np.all(np.diff(confidence(1.0, shares)) >= 0)
+    assert np.all(np.diff(confidence(1.0, 0.5, shares)) < 0)
+    np.testing.assert_allclose(confidence(0.0), 0.5)
+
+
+def test_confidence_is_half_where_left_and_right_cannot_be_told():
+    whole, half = (confidence(2.0, 0.7, 0.0, told) for told in (True, False))
+    np.testing.assert_allclose(half, whole / 2)
+
+
+def test_there_is_no_confidence_without_evidence():
+    assert np.isnan(confidence(jnp.nan)) and np.isnan(confidence(jnp.nan, 0.7))
+
+
+def certificate(z, share=np.nan, landmarks=()):
+    figures = dict.fromkeys(Certificate._fields, jnp.zeros(()))
+    known = {"log_odds": z, "share": share, "landmarks": landmarks}
+    known = {name: jnp.asarray(value, float) for name, value in known.items()}
+    return Certificate(**{**figures, **known})
+
+
+def test_landmarks_tell_left_from_right_and_may_be_missed():
+    of = lambda told, *given: of_certificate(
+        certificate(2.0, 0.6, *given), told, settings=EvidenceSettings(missed_weight=2)
+    )
+    known = confidence(2.0, 0.6)
+    np.testing.assert_allclose(of(True), known)
+    np.testing.assert_allclose(of(False), known / 2)
+    np.testing.assert_allclose(of(False, (0.1, 0.2)), known)
+    np.testing.assert_allclose(of(True, (0.1, 0.9)), known**2)
+
+
+def shares_of(maps, odds, spec=SPEC):
+    matches = [
+        SimpleNamespace(T_xy=T, certificate=certificate(z))
+        for T, z in zip(maps, odds, strict=True)
+    ]
+    return share_among(matches, spec)  # type: ignore[arg-type]
+
+
+RNG = np.random.default_rng(0)
+# The identity, near copies of it, and maps that differ.
+IDENTITY = np.arange(N)
+FEW = [RNG.random(N) < 0.02 for _ in range(2)]
+COPIES = [np.where(few, RNG.integers(N, size=N), IDENTITY) for few in FEW]
+OTHERS = [RNG.permutation(N) for _ in range(2)]
+ALL_MAPS = [IDENTITY, *COPIES, *OTHERS, OTHERS[0]]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_share_among_against_plain_loops(seed):
+    odds = np.random.default_rng(seed).normal(size=len(ALL_MAPS))
+    found = shares_of(ALL_MAPS, odds)
+    points = np.asarray(biharmonic(SPEC, DISTANCE_PAIRS))
+    mass = np.asarray(SPEC.mass)
+    distinct = EvidenceSettings().distinct
+    options = distinct, COMPARED["scale"]
+    truth = oracles.share_among(ALL_MAPS, odds, points, mass, *options)
+    np.testing.assert_allclose(found, truth, rtol=1e-9)
+
+
+def test_shares_of_few_maps():
+    maps = [IDENTITY, OTHERS[0], OTHERS[1], COPIES[0]]
+    of = lambda numbers, odds: shares_of([maps[i] for i in numbers], odds)
+    np.testing.assert_allclose(of([0], [0.3]), [1])
+    np.testing.assert_allclose(of([0, 3], [0.3, 5.0]), [1, 1])  # nothing differs
+    np.testing.assert_allclose(of([0, 1], [0.3, 0.3]), [1 / 2, 1 / 2])
+    np.testing.assert_allclose(of([0, 1, 2], [0.3] * 3), [1 / 3] * 3)
+    # A copy of a rival is not another one.
+    np.testing.assert_allclose(of([1, 0, 3], [0.3] * 3), [1 / 2] * 3)
+    np.testing.assert_allclose(of([0, 1], [0.3, np.nan])[0], 1)
+    assert of([0, 1], [0.3, 0.4])[0] < 0.5
+
+
+def test_padding_of_the_target_is_invisible_to_shares():
+    odds = np.random.default_rng(0).normal(size=len(ALL_MAPS))
+    known = shares_of(ALL_MAPS, odds)
+    found = shares_of(ALL_MAPS, odds, pad(SPEC, N + 9, 340))
+    np.testing.assert_allclose(found, known, rtol=1e-9)
