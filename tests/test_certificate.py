@@ -119,7 +119,7 @@ def test_the_orientation_that_is_asked_for_counts():
     at = jnp.asarray([3])
     told = bent_evidence(points, points, SPEC, SPEC, 0, (at, at))
     np.testing.assert_allclose(told.confidence, kept.confidence)
-    far = jnp.argmax(jnp.sum((points - points[3]) ** 2, 1))[None]
+    far = jnp.argmax(jnp.sum((points - points[3:4]) ** 2, 1))[None]
     missed = bent_evidence(points, points, SPEC, SPEC, 1, (at, far))
     assert missed.log_odds == kept.log_odds and missed.confidence < kept.confidence
 
