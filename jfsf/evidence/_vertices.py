@@ -124,7 +124,8 @@ def vertex_evidence(
         (spec_y, spec_x, moved[1], maps.T_yx, strain_y, strain_x),
     )
     surfaces = jnp.any(spec_x.faces) & jnp.any(spec_y.faces)
-    return jnp.where(surfaces, x, jnp.nan), jnp.where(surfaces, y, jnp.nan)
+    known = lambda values: jnp.asarray(jnp.where(surfaces, values, jnp.nan))
+    return known(x), known(y)
 
 
 def _evidence(spec, other, moved, T, strain, other_strain):
@@ -141,7 +142,7 @@ def _evidence(spec, other, moved, T, strain, other_strain):
 def _smoothed(columns, spec: Spectrum):
     evals, evecs = spec.evals[:EIGENPAIRS], spec.evecs[:, :EIGENPAIRS]
     # What is on padding may be anything.
-    real = jnp.where((spec.mass > 0)[:, None], columns, 0)
+    real = jnp.asarray(jnp.where((spec.mass > 0)[:, None], columns, 0))
     heat = jnp.exp(-TIME * evals)[:, None]
     return matmul(evecs, heat * matmul(evecs.T, spec.mass[:, None] * real))
 
@@ -174,4 +175,5 @@ def _strain(spec: Spectrum, moved):
 def _root(values):
     """Square roots, 0 where there is none; their derivative there is 0, not nan."""
     positive = values > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, values, 1)), 0)
+    roots = jnp.sqrt(jnp.asarray(jnp.where(positive, values, 1)))
+    return jnp.where(positive, roots, 0)
