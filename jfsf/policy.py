@@ -32,7 +32,7 @@ from jfsf.attempt import (
     shape_samples,
 )
 from jfsf.coarse import coarse_copy, padded_copies
-from jfsf.evidence import kept_landmarks, of_certificate, share_among
+from jfsf.evidence import kept_landmarks, of_certificate, share_among, with_likely
 from jfsf.initial import Start, best_start, nonisometric_starts
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
@@ -128,7 +128,14 @@ class PairState:
         matches = []
         for attempt, evidence in zip(self.attempts, certificates, strict=True):
             own = info._replace(won=np.array(len(matches), np.int32))
-            matches.append(attempt.match._replace(certificate=evidence, info=own))
+            match = attempt.match
+            changed = match.certificate.confidence, evidence.confidence
+            x, y = match.confidence_x, match.confidence_y
+            if x is not None and y is not None:
+                x, y = (with_likely(side, *changed) for side in (x, y))
+            vertices = {"confidence_x": x, "confidence_y": y}
+            match = match._replace(certificate=evidence, info=own, **vertices)
+            matches.append(match)
         return matches
 
     def result(self, settings: Settings) -> Match:

@@ -33,6 +33,7 @@ from jfsf.evidence._vertices import (
     WITHIN,
     vertex_confidence,
     vertex_evidence,
+    with_likely,
 )
 
 __all__ = [
@@ -55,4 +56,5 @@ __all__ = [
     "share_among",
     "vertex_confidence",
     "vertex_evidence",
+    "with_likely",
 ]
