@@ -13,9 +13,11 @@ Or the pairs of any folder of the forms that `datasets.py` reads, into one file:
 The JSON has for each pair the error, what the list says of a rival, the certificate of
 the match, and for each attempt its source, error and certificate; `won` is the number
 of the attempt that is the match. Of some vertices it has error, evidence and confidence
-(`vertex_rows.py`); the evidence is that of the shapes bent once more by the final map. Further starts are attempted only for pairs in doubt;
+(`vertex_rows.py`); the evidence is that of shapes bent once more, by the final
+map. Further starts are attempted only for pairs in doubt;
 --exhaustive attempts them for all, so that there are wrong maps to learn from, and
-writes results/match_SET_exhaustive.json. Parts are matched as such, once.
+writes results/match_SET_exhaustive.json. Parts are matched as such, once. Of the maps
+of coarse copies it has the error and what ranks them; the first is the map so far.
 """
 
 import argparse
@@ -32,9 +34,11 @@ import results_file
 import vertex_rows
 
 import jfsf
-from jfsf.evidence import vertex_evidence
+from jfsf.evidence import RANK_FACTORS, vertex_evidence
 from jfsf.geometry import GeodesicSolver, geodesics
+from jfsf.matching import attempted_pair
 from jfsf.mesh import surface_area
+from jfsf.policy import PairState
 from jfsf.report import LIKELY
 from jfsf.runtime import padded_pair, with_rows
 from jfsf.spectral import functional_map, truncate
@@ -142,12 +146,12 @@ def measure(
         found = jfsf.match(x.mesh, y.mesh, partial=True, settings=settings)
         tried, won = [("parts", jax.block_until_ready(found))], 0
     else:
-        options = {"min_distance": 0.0, "settings": settings}
-        matches = jfsf.alternatives(x.mesh, y.mesh, **options)
+        state = attempted_pair(x.mesh, y.mesh, settings=settings)
+        sizes = len(x.mesh.vertices), len(y.mesh.vertices)
+        matches = [m.without_padding(*sizes) for m in state.results(settings)]
         jax.block_until_ready(matches)
-        infos = [(m.info.won, m.info.start, m) for m in matches if m.info is not None]
-        won = int(infos[0][0])  # the first is the match itself
-        tried = [one[1:] for one in sorted(infos, key=lambda one: int(one[0]))]
+        names = [attempt.source for attempt in state.attempts]
+        tried, won = list(zip(names, matches, strict=True)), state.won
     seconds = time.perf_counter() - start
     at = _points(len(x.truth), args.every)
     solver = GeodesicSolver(y.mesh, exact=args.exact)
@@ -167,7 +171,8 @@ def measure(
     if y.mirror is not None:
         mirrored = solver.rows(y.mirror[at]) / np.sqrt(surface_area(y.mesh))
         row["mirrored"] = _mean(mirrored, tried[won][1], x.truth[at])
-    return {**row, "vertices": vertices, "attempts": attempts}
+    copies = [] if part else _copies(state, x.truth[at], distances)
+    return {**row, "vertices": vertices, "copies": copies, "attempts": attempts}
 
 
 def summaries(rows: list[dict]) -> dict[str, dict]:
@@ -205,6 +210,20 @@ def summary(rows: list[dict]) -> dict:
     if flipped:
         found["mirrored_below_direct"] = sum(flipped)
     return found
+
+
+def _copies(state: PairState, at_x: np.ndarray, distances: np.ndarray) -> list[dict]:
+    """Error, and what ranks them, of the maps of the coarse copies."""
+    if state.copies is None:
+        return []
+    pair, (x, y) = state.copies
+    rows = []
+    for _, _, match in pair.attempts:
+        T_xy = y.on_whole[np.asarray(match.T_xy)[x.on_copy]]
+        row = {"error": _mean(distances, match._replace(T_xy=T_xy), at_x)}
+        figures = match.certificate.figures()
+        rows.append(row | {name: float(figures[name]) for name in RANK_FACTORS})
+    return [{name: float(f"{v:.5g}") for name, v in row.items()} for row in rows]
 
 
 def _vertices(

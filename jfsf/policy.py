@@ -7,9 +7,9 @@ attempts of all pairs are made together, then the doubtful pairs are gathered, a
 without doubt cost nothing more. The most confident match of a pair is kept.
 
 The last source, of starts for other proportions, tries all of them on coarse copies
-(`jfsf.coarse`), which takes little time. Only the best maps of these go on to the whole
-shapes. Those that differ and are nearly as likely are counted as its rivals: a map that
-cannot be told from another one is not certain.
+(`jfsf.coarse`), which takes little time, together with the map so far. Only if another
+map ranks above this one it goes on to the whole shapes. Maps that differ and rank
+nearly as high are rivals: a map that cannot be told from another one is not certain.
 """
 
 from collections.abc import Callable, Sequence
@@ -31,7 +31,7 @@ from jfsf.attempt import (
     refine_start,
     shape_samples,
 )
-from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.coarse import CoarseCopy, coarse_copy, padded_copies
 from jfsf.evidence import kept_landmarks, of_certificate, share_among, with_likely
 from jfsf.initial import Start, best_start, nonisometric_starts
 from jfsf.runtime import Runner
@@ -58,7 +58,17 @@ class Attempt(NamedTuple):
         return -np.inf if np.isnan(odds) else odds
 
 
-StartAndShare = tuple[Start, float]
+class Proposal(NamedTuple):
+    """A start to attempt.
+
+    start: the map to begin with.
+    share: see `PairState.shares`.
+    better: whether its match replaces the one so far; None: if its log odds are higher.
+    """
+
+    start: Start
+    share: float = np.nan
+    better: bool | None = None
 
 
 @dataclass(eq=False)
@@ -72,7 +82,8 @@ class PairState:
     attempts: in their order.
     shares: for each of them, how it stands among the maps of the coarse copies
         (`jfsf.evidence.share_among`); nan if it was not compared with these.
-    won: the number of the most confident attempt.
+    won: the number of the attempt that is the match.
+    copies: the same of the coarse copies, if there are any, and how these lie.
     seconds: by stage; its share where a stage ran for several pairs.
     """
 
@@ -83,11 +94,12 @@ class PairState:
     attempts: list[Attempt] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
     won: int = 0
+    copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def best(self) -> Match:
-        """The most confident match."""
+        """The match so far."""
         return self.attempts[self.won].match
 
     def in_doubt(self, settings: Settings) -> bool:
@@ -101,9 +113,13 @@ class PairState:
         doubtful = bool(jax.nn.sigmoid(evidence.log_odds) < settings.retry_below)
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
-    def keep(self, attempt: Attempt, share: float = np.nan) -> None:
-        """Note an attempt."""
-        if self.attempts and attempt.log_odds > self.attempts[self.won].log_odds:
+    def keep(
+        self, attempt: Attempt, share: float = np.nan, better: bool | None = None
+    ) -> None:
+        """Note an attempt; `share` and `better` are those of its `Proposal`."""
+        if self.attempts and better is None:
+            better = attempt.log_odds > self.attempts[self.won].log_odds
+        if self.attempts and better:
             self.won = len(self.attempts)
         self.attempts.append(attempt)
         self.shares.append(share)
@@ -147,14 +163,13 @@ class Source(NamedTuple):
     """A source of starts.
 
     name: one of `jfsf.types.SOURCES`.
-    make: a list of starts for each of the pairs, the best first, each with its share
-        (`PairState.shares`).
+    make: a list of starts for each of the pairs, the best first.
     always: it is asked for pairs without doubt, too.
     refined: its maps are refined already: they are bent at once.
     """
 
     name: str
-    make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
+    make: Callable[[Sequence[PairState], Runner, Settings], list[list[Proposal]]]
     always: bool = False
     refined: bool = False
 
@@ -180,7 +195,7 @@ def match_pairs(
         starts = source.make(open_pairs, runner, settings) if open_pairs else []
         for turn in range(max(map(len, starts), default=0)):
             tried = [
-                (pair, *own[turn])
+                (pair, own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
                 if turn < len(own) and pair.in_doubt(settings)
             ]
@@ -202,7 +217,7 @@ def compile_first_attempt(
     _describe([pair], runner, settings)
     source = _sources(pair.inputs, settings)[0]
     ((start,),) = source.make([pair], runner, settings)
-    _matches([(pair, start[0])], runner, settings)
+    _matches([(pair, start.start)], runner, settings)
 
 
 def _sources(inputs: MatchInputs, settings: Settings) -> list[Source]:
@@ -221,29 +236,31 @@ def _sources(inputs: MatchInputs, settings: Settings) -> list[Source]:
     return [*sources, Source("coarse copies", _from_copies, refined=True)]
 
 
-def _given(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _given(pairs, runner, settings) -> list[list[Proposal]]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
     stage = partial(given_start, settings=settings)
-    return [[(s, np.nan)] for s in _timed(runner, "search", stage, pairs, inputs)]
+    return [[Proposal(s)] for s in _timed(runner, "search", stage, pairs, inputs)]
 
 
-def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[StartAndShare]]:
+def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Proposal]]:
     sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
     inputs = _search_inputs(pairs, sides)
     stage = partial(best_start, settings=settings.search)
-    return [[(s, np.nan)] for s in _timed(runner, "search", stage, pairs, inputs)]
+    return [[Proposal(s)] for s in _timed(runner, "search", stage, pairs, inputs)]
 
 
-def _rivals_of_given(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
     """No starts: the given map is kept. But its share is known."""
     _from_copies(pairs, runner, settings)
     return [[] for _ in pairs]
 
 
-def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
     """The maps of coarse copies that are most likely there, as starts."""
     started = perf_counter()
-    copies = [_copied(pair, settings) for pair in pairs]
+    for pair in pairs:
+        pair.copies = _copied(pair, settings)
+    copies = [pair.copies[0] for pair in pairs]
     _describe(copies, runner, settings)
     inputs = _search_inputs(copies, [copy.samples for copy in copies])
     stage = partial(nonisometric_starts, settings=settings.search)
@@ -262,23 +279,41 @@ def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
     matches = _matches(tried, runner, settings, at_a_time=2)
     for (copy, start), match in zip(tried, matches, strict=True):
         copy.keep(Attempt("nonisometric", start, match))
-    found = []
-    for pair, copy in zip(pairs, copies, strict=True):
-        own = [attempt.match for attempt in copy.attempts]
-        shares = share_among(own, copy.spectra[1], settings=settings)
-        pair.shares[pair.won] = float(shares[0])
-        ranked = np.argsort([-a.log_odds for a in copy.attempts[1:]]) + 1
-        best = ranked[: settings.nonisometric_attempts]
-        found.append([(_of_copies(copy.attempts[i]), shares[i]) for i in best])
+    proposed = [
+        _proposals(pair, copy, settings)
+        for pair, copy in zip(pairs, copies, strict=True)
+    ]
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds["coarse copies"] = share
-    return found
+    return proposed
 
 
-def _copied(pair: PairState, settings: Settings) -> PairState:
-    both = [coarse_copy(spec, settings=settings) for spec in pair.spectra]
-    return PairState(*padded_copies(both, pair.inputs))
+def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Proposal]:
+    """What is attempted on the whole shapes, the map so far counted.
+
+    The first attempt of the copy is the map so far, which gets its share.
+    """
+    own = [attempt.match for attempt in copy.attempts]
+    share, rank, differ = share_among(own, copy.spectra[1], settings=settings)
+    order = np.argsort(-rank, kind="stable")
+    best = int(order[0])
+    better = bool(differ[best, 0])
+    # A near copy of the map so far ranks first: it is the same map, a little better.
+    pair.shares[pair.won] = float(share[0] if better else share[best])
+    number, chosen = settings.nonisometric_attempts - (not better), [0]
+    for i in order:
+        if all(differ[i, j] for j in chosen):
+            chosen.append(int(i))
+    return [
+        Proposal(_of_copies(copy.attempts[i]), float(share[i]), better and i == best)
+        for i in chosen[1 : 1 + number]
+    ]
+
+
+def _copied(pair: PairState, settings: Settings):
+    x, y = (coarse_copy(spec, settings=settings) for spec in pair.spectra)
+    return PairState(*padded_copies((x, y), pair.inputs)), (x, y)
 
 
 def _of_copies(attempt: Attempt) -> Start:
@@ -289,17 +324,17 @@ def _of_copies(attempt: Attempt) -> Start:
 
 
 def _attempt(
-    source: Source, tried: list[tuple[PairState, Start, float]], runner, settings
+    source: Source, tried: list[tuple[PairState, Proposal]], runner, settings
 ) -> None:
     """Attempt each start of a pair, and keep its match there."""
-    starts = [(pair, start) for pair, start, _ in tried]
+    starts = [(pair, proposal.start) for pair, proposal in tried]
     if source.refined:
         maps = [start.C_yx for _, start in starts]
         matches = _finished(starts, maps, runner, settings)
     else:
         matches = _matches(starts, runner, settings)
-    for (pair, start, share), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source.name, start, match), share)
+    for (pair, (start, *rest)), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source.name, start, match), *rest)
 
 
 def _matches(
