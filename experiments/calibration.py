@@ -260,7 +260,7 @@ def _minimum(loss, start: np.ndarray, signs: dict[str, int]) -> np.ndarray:
 def scores(found: np.ndarray, right: np.ndarray) -> dict[str, Any]:
     """How well the confidence holds, and tells right maps from wrong ones."""
     held = reliability(found, right)
-    values = {"pairs": len(right), "wrong": int((~right).sum())}
+    values: dict[str, Any] = {"pairs": len(right), "wrong": int((~right).sum())}
     if right.any() and not right.all():
         area = mannwhitneyu(found[right], found[~right]).statistic
         values["auc"] = round(float(area / right.sum() / (~right).sum()), 3)

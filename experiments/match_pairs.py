@@ -142,6 +142,7 @@ def measure(
 ) -> dict:
     """One row: sizes, seconds, and error and evidence of the match and all attempts."""
     start = time.perf_counter()
+    state = None
     if part:
         found = jfsf.match(x.mesh, y.mesh, partial=True, settings=settings)
         tried, won = [("parts", jax.block_until_ready(found))], 0
@@ -171,7 +172,7 @@ def measure(
     if y.mirror is not None:
         mirrored = solver.rows(y.mirror[at]) / np.sqrt(surface_area(y.mesh))
         row["mirrored"] = _mean(mirrored, tried[won][1], x.truth[at])
-    copies = [] if part else _copies(state, x.truth[at], distances)
+    copies = _copies(state, x.truth[at], distances)
     return {**row, "vertices": vertices, "copies": copies, "attempts": attempts}
 
 
@@ -212,9 +213,11 @@ def summary(rows: list[dict]) -> dict:
     return found
 
 
-def _copies(state: PairState, at_x: np.ndarray, distances: np.ndarray) -> list[dict]:
+def _copies(
+    state: PairState | None, at_x: np.ndarray, distances: np.ndarray
+) -> list[dict]:
     """Error, and what ranks them, of the maps of the coarse copies."""
-    if state.copies is None:
+    if state is None or state.copies is None:
         return []
     pair, (x, y) = state.copies
     rows = []

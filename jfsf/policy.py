@@ -333,8 +333,8 @@ def _attempt(
         matches = _finished(starts, maps, runner, settings)
     else:
         matches = _matches(starts, runner, settings)
-    for (pair, (start, *rest)), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source.name, start, match), *rest)
+    for (pair, (start, share, better)), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source.name, start, match), share, better)
 
 
 def _matches(

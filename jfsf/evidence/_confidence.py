@@ -69,7 +69,7 @@ def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
     """
     factors = dict(FACTORS)
     z = factors.pop("constant")
-    return z + _weighed(factors, figures)
+    return jnp.asarray(z + _weighed(factors, figures))
 
 
 def rank(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
@@ -78,7 +78,7 @@ def rank(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
     Args:
         figures: of the certificate, by name, more than are needed.
     """
-    return _weighed(RANK_FACTORS, figures)
+    return jnp.asarray(_weighed(RANK_FACTORS, figures))
 
 
 def _weighed(factors: dict[str, float], figures: dict[str, Any]):
