@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import protocol
 import vertex_rows
 from scipy.optimize import minimize
 from scipy.special import expit, logit
@@ -26,9 +27,14 @@ from jfsf.evidence import SURE, VERTEX_EVIDENCE, WITHIN
 from jfsf.storage import write_text
 
 FOLDER = Path(__file__).parent
-RESULTS = "results/vertices_*.json"
+RESULTS = "results/match_*.json"
 CONSTANTS = FOLDER.parent / "jfsf" / "evidence" / "vertex_constants.json"
-RIGHT = 0.1  # mean error of a map that is right on the whole
+# Not those of parts, whose vertices have none, nor of four landmarks a shape.
+WHOLE = [
+    name
+    for name, row in protocol.SETS.items()
+    if row.kind != "part" and name != "hdm_molars"
+]
 LARGE = 0.1  # an error of a vertex that a user would want to know of
 RIDGE = 1e-3  # on standardised columns, beside the mean loss
 
@@ -70,7 +76,8 @@ def main() -> None:
 
 def text_of(paths: Sequence[Path]) -> str:
     """What the file of constants holds, fitted to these results."""
-    sets = {path.stem.removeprefix("vertices_"): read(path) for path in paths}
+    sets = {path.stem.removeprefix("match_"): read(path) for path in paths}
+    sets = {name: rows for name, rows in sets.items() if rows and name in WHOLE}
     return json.dumps(calibrate(sets), indent=1) + "\n"
 
 
@@ -116,7 +123,7 @@ def table(rows: list[dict[str, Any]]) -> Vertices:
             n = len(errors)
             columns = np.column_stack([evidence, np.full(n, likely)])
             weights = np.full(n, 1 / n / len(sides))
-            whole = np.full(n, row["error"] < RIGHT)
+            whole = np.full(n, protocol.is_right(row["error"]))
             parts.append(Vertices(columns, errors, weights, whole))
     return joined(parts)
 

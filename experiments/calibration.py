@@ -4,11 +4,14 @@ Reads what match_pairs.py writes of whole shapes, one file a data set: match_SET
 with match_SET_exhaustive.json and twins_SET.json (wrong maps of the same shapes) where
 there are such. Writes jfsf/evidence/confidence.json, which says of each set what was
 found there. `protocol.py` says which sets the constants are fitted to, and which map is
-right. Two logistic regressions, see `jfsf.evidence.confidence`:
+right. Three regressions, see `jfsf.evidence.confidence`:
 
-1. of an attempt alone. Attempts beside the first of a pair, and twins, count less: they
-   are wrong far more often than the maps that people get.
-2. of the match of each pair that was compared with others on coarse copies.
+1. logistic, of an attempt alone. Attempts beside the first of a pair, and twins, count
+   less: they are wrong far more often than the maps that people get.
+2. conditional logistic (McFadden 1974), of the maps of the coarse copies of each pair:
+   which of them are right, if some are. With other factors other maps are chosen: run
+   match_pairs.py again if these change much.
+3. logistic, of the match of each pair that was compared with others on copies.
 
 For the scores each set is left out in turn, together with those that share its shapes.
 The area under the ROC curve is that of the confidence of matches; the calibration error
@@ -19,13 +22,14 @@ is in ten bins.
 
 import argparse
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import protocol
 from scipy.optimize import minimize
-from scipy.special import expit, logit
+from scipy.special import expit, logsumexp
 from scipy.stats import mannwhitneyu
 
 from jfsf.evaluate import reliability
@@ -37,11 +41,15 @@ FOLDER = Path(__file__).parent
 RESULTS = FOLDER / "results"
 CONSTANTS = FOLDER.parent / "jfsf" / "evidence" / "confidence.json"
 # What a figure of the certificate says: 1 if more of it speaks for a map, -1 against.
-EVIDENCE = {"orientation": 1, "residual": -1, "shear": -1, "area_std": -1}
-OTHERS, TWINS = 0.3, 0.1  # what attempts beside the first count, and twins
-SCALE, MOST_MARGIN = 1.5, 3.0
+EVIDENCE = {"orientation": 1, "shear": -1, "normal_gap": -1}
+RANKED_BY = {"residual": -1, "area_std": -1, "nn_agreement": 1}
+OTHERS, TWINS = 0.1, 0.1  # what attempts beside the first count, and twins
+# A margin between ranks counts by SCALE; beyond MOST_MARGIN it says no more.
+SCALE, MOST_MARGIN = 0.5, 3.0
 RIDGE = 1.0  # on standardised columns, beside the summed loss
 UNSURE = 0.7
+# Maps of a pair that are nearly right tell nothing of what ranks them.
+SURELY_WRONG = 0.12
 # Sets that share shapes are left out together.
 TOGETHER = {"shrec07_more": "shrec07"}
 
@@ -71,6 +79,29 @@ class Matches(NamedTuple):
     right: np.ndarray
 
 
+class Results(NamedTuple):
+    """What is known of a set.
+
+    attempts: of all its files.
+    matches: of its pairs, for the scores.
+    compared: those, and others that were compared with maps of copies.
+    copies: of each pair the evidence (c, r) of the maps of its copies, and errors (c,).
+    """
+
+    attempts: Attempts
+    matches: Matches
+    compared: Matches
+    copies: list[tuple[np.ndarray, np.ndarray]]
+
+
+class Constants(NamedTuple):
+    """Factors of a map alone (1 + e,), of the rank (r,), of a map compared (3,)."""
+
+    alone: np.ndarray
+    rank: np.ndarray
+    compared: np.ndarray
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -93,61 +124,49 @@ def whole_sets() -> list[str]:
     return [name for name, row in protocol.SETS.items() if row.kind != "part"]
 
 
-def read(folder: Path, name: str) -> tuple[Attempts, Matches] | None:
+def read(folder: Path, name: str) -> Results | None:
     """The results of a set; None if there are none."""
-    path = folder / f"match_{name}.json"
-    if not path.exists():
+    pairs = _pairs(folder / f"match_{name}.json")
+    more = _pairs(folder / f"match_{name}_exhaustive.json")
+    twins = _pairs(folder / f"twins_{name}.json")
+    if not pairs:
         return None
-    pairs = json.loads(path.read_text())["pairs"]
-    rows = [(own, 1.0 if i == 0 else OTHERS) for p in pairs for i, own in _tried(p)]
-    for other, weight in (
-        (f"match_{name}_exhaustive", OTHERS),
-        (f"twins_{name}", TWINS),
-    ):
-        path = folder / f"{other}.json"
-        more = json.loads(path.read_text())["pairs"] if path.exists() else []
-        # The first attempt is in the other file already.
-        first = 1 if weight == OTHERS else 0
-        rows += [(own, weight) for p in more for i, own in _tried(p) if i >= first]
+    rows = [(own, OTHERS if i else 1.0) for p in pairs for i, own in _tried(p)]
+    # The first attempt is in the other file already.
+    rows += [(own, OTHERS) for p in more for i, own in _tried(p) if i]
+    rows += [(own, TWINS) for p in twins for _, own in _tried(p)]
     attempts = Attempts(
-        np.array([_columns(own) for own, _ in rows]),
+        np.array([_columns(own, EVIDENCE) for own, _ in rows]),
         np.array([protocol.is_right(own["error"]) for own, _ in rows]),
         np.array([weight for _, weight in rows]),
     )
-    share = np.array([_number(p["share"]) for p in pairs])
-    matches = Matches(
-        np.array([_columns(p) for p in pairs]),
-        np.where(np.isnan(share), np.nan, logit(np.clip(share, 1e-9, 1 - 1e-9))),
-        np.array([protocol.is_right(p["error"]) for p in pairs]),
-    )
-    return attempts, matches
+    copies = [
+        (
+            np.array([_columns(own, RANKED_BY) for own in p["copies"]]),
+            np.array([own["error"] for own in p["copies"]]),
+        )
+        for p in (*pairs, *more)
+        if p["copies"]
+    ]
+    return Results(attempts, _matches(pairs), _matches([*pairs, *more]), copies)
 
 
-def calibrate(sets: dict[str, tuple[Attempts, Matches]]) -> dict[str, Any]:
+def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
     """Constants, what they were fitted to, and scores of fits to other sets."""
     fitted = [name for name in sets if "fit" in protocol.SETS[name].roles]
-    alone, compared = fit_both([sets[name] for name in fitted])
+    shipped = fit_all([sets[name] for name in fitted])
     held_out = {}
-    for name, (_, matches) in sets.items():
+    for name, own in sets.items():
         group = TOGETHER.get(name, name)
         others = [s for n, s in sets.items() if TOGETHER.get(n, n) != group]
-        held_out[name] = predict(*fit_both(others), matches)
-    right = {name: matches.right for name, (_, matches) in sets.items()}
+        held_out[name] = predict(fit_all(others), own.matches)
+    right = {name: own.matches.right for name, own in sets.items()}
     join = lambda values: np.concatenate(list(values.values()))
-    names = ("constant", *EVIDENCE)
+    compared = _named(("constant", "log_odds", "margin"), shipped.compared)
     return {
-        "alone": dict(zip(names, alone.round(3).tolist(), strict=True)),
-        "compared": {
-            "scale": SCALE,
-            "most_margin": MOST_MARGIN,
-            **dict(
-                zip(
-                    ("constant", "log_odds", "margin"),
-                    compared.round(3).tolist(),
-                    strict=True,
-                )
-            ),
-        },
+        "alone": _named(("constant", *EVIDENCE), shipped.alone),
+        "rank": _named(RANKED_BY, shipped.rank),
+        "compared": {"scale": SCALE, "most_margin": MOST_MARGIN, **compared},
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "fitted_to": fitted,
         "held_out": {
@@ -155,36 +174,64 @@ def calibrate(sets: dict[str, tuple[Attempts, Matches]]) -> dict[str, Any]:
             **{name: scores(held_out[name], right[name]) for name in sets},
         },
         "as_shipped": {
-            name: scores(predict(alone, compared, matches), matches.right)
-            for name, (_, matches) in sets.items()
+            name: scores(predict(shipped, own.matches), right[name])
+            for name, own in sets.items()
             if name not in fitted
         },
     }
 
 
-def fit_both(sets: list[tuple[Attempts, Matches]]) -> tuple[np.ndarray, np.ndarray]:
-    """Factors of a map alone, (1 + e,), and of one that was compared, (3,)."""
-    attempts, matches = (
-        type(parts[0])(*map(np.concatenate, zip(*parts, strict=True)))
-        for parts in zip(*sets, strict=True)
+def fit_all(sets: list[Results]) -> Constants:
+    """All factors."""
+    attempts = Attempts(
+        *map(np.concatenate, zip(*(s.attempts for s in sets), strict=True))
     )
-    signs = list(EVIDENCE.values())
-    alone = fit(attempts.columns, attempts.right, attempts.weight, signs)
-    known = ~np.isnan(matches.margin)
-    columns = _compared(alone, matches)[known]
-    ones = np.ones(known.sum())
-    return alone, fit(columns, matches.right[known], ones, [1, 1])
+    compared = Matches(
+        *map(np.concatenate, zip(*(s.compared for s in sets), strict=True))
+    )
+    alone = fit(attempts.columns, attempts.right, attempts.weight, EVIDENCE)
+    known = ~np.isnan(compared.margin)
+    columns, ones = _compared(alone, compared)[known], np.ones(known.sum())
+    signs = {"log_odds": 1, "margin": 1}
+    among = fit(columns, compared.right[known], ones, signs)
+    rank = fit_rank([pool for s in sets for pool in s.copies])
+    return Constants(alone, rank, among)
 
 
-def predict(alone: np.ndarray, compared: np.ndarray, matches: Matches) -> np.ndarray:
+def predict(constants: Constants, matches: Matches) -> np.ndarray:
     """The confidence of each match."""
+    alone, _, compared = constants
     z = alone[0] + matches.columns @ alone[1:]
     among = compared[0] + _compared(alone, matches) @ compared[1:]
     return expit(np.where(np.isnan(matches.margin), z, among))
 
 
+def fit_rank(pools: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Factors by which the right maps of a pair rank above the wrong ones."""
+    told = []
+    for columns, errors in pools:
+        clear = (errors < protocol.RIGHT) | (errors >= SURELY_WRONG)
+        right = errors[clear] < protocol.RIGHT
+        if right.any() and not right.all():
+            told.append((columns[clear] - columns[clear].mean(0), right))
+    spread = np.concatenate([columns for columns, _ in told]).std(0)
+
+    def loss(b):
+        value, slope = RIDGE * (b**2).sum() / 2, RIDGE * b
+        for columns, right in told:
+            scaled = columns / spread
+            rank = scaled @ b
+            every, best = logsumexp(rank), logsumexp(rank[right])
+            of_right = np.where(right, np.exp(rank - best), 0)
+            value = value + every - best
+            slope = slope + scaled.T @ (np.exp(rank - every) - of_right)
+        return value, slope
+
+    return _minimum(loss, np.zeros(len(spread)), RANKED_BY) / spread
+
+
 def fit(
-    columns: np.ndarray, right: np.ndarray, weight: np.ndarray, signs: list[int]
+    columns: np.ndarray, right: np.ndarray, weight: np.ndarray, signs: dict[str, int]
 ) -> np.ndarray:
     """Constant and factors of a logistic regression, with these signs or 0."""
     centre, spread = columns.mean(0), columns.std(0)
@@ -197,20 +244,23 @@ def fit(
         value = weight @ np.logaddexp(0, -margin) + RIDGE * (b[1:] ** 2).sum() / 2
         return value, np.array([slope.sum(), *(scaled.T @ slope + RIDGE * b[1:])])
 
-    bounds = [(None, None), *((0, None) if s > 0 else (None, 0) for s in signs)]
-    options: Any = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
-    start = np.zeros(1 + len(centre))
-    b = minimize(
-        loss, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options
-    ).x
+    b = _minimum(loss, np.zeros(1 + len(centre)), {"constant": 0, **signs})
     factors = b[1:] / spread
     return np.array([b[0] - factors @ centre, *factors])
+
+
+def _minimum(loss, start: np.ndarray, signs: dict[str, int]) -> np.ndarray:
+    bound = {1: (0, None), -1: (None, 0), 0: (None, None)}
+    bounds = [bound[sign] for sign in signs.values()]
+    options: Any = {"ftol": 1e-15, "gtol": 1e-9, "maxiter": 1000}
+    how = {"jac": True, "method": "L-BFGS-B", "bounds": bounds}
+    return minimize(loss, start, options=options, **how).x
 
 
 def scores(found: np.ndarray, right: np.ndarray) -> dict[str, Any]:
     """How well the confidence holds, and tells right maps from wrong ones."""
     held = reliability(found, right)
-    values = {"pairs": len(right), "wrong": int((~right).sum())}
+    values: dict[str, Any] = {"pairs": len(right), "wrong": int((~right).sum())}
     if right.any() and not right.all():
         area = mannwhitneyu(found[right], found[~right]).statistic
         values["auc"] = round(float(area / right.sum() / (~right).sum()), 3)
@@ -221,12 +271,26 @@ def scores(found: np.ndarray, right: np.ndarray) -> dict[str, Any]:
     return values
 
 
+def _pairs(path: Path) -> list[dict[str, Any]]:
+    return json.loads(path.read_text())["pairs"] if path.exists() else []
+
+
 def _tried(pair: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
     return list(enumerate(pair["attempts"]))
 
 
-def _columns(figures: dict[str, Any]) -> list[float]:
-    return [float(column(name, _number(figures[name]))) for name in EVIDENCE]
+def _matches(pairs: list[dict[str, Any]]) -> Matches:
+    share = np.array([float(p["share"]) for p in pairs])
+    within = np.clip(share, 1e-9, 1 - 1e-9)
+    return Matches(
+        np.array([_columns(p, EVIDENCE) for p in pairs]),
+        np.log(within / (1 - within)),
+        np.array([protocol.is_right(p["error"]) for p in pairs]),
+    )
+
+
+def _columns(figures: dict[str, Any], names: Iterable[str]) -> list[float]:
+    return [float(column(name, float(figures[name]))) for name in names]
 
 
 def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:
@@ -234,8 +298,8 @@ def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:
     return np.column_stack([z, np.minimum(matches.margin, MOST_MARGIN)])
 
 
-def _number(value: float | None) -> float:
-    return np.nan if value is None else float(value)
+def _named(names: Iterable[str], values: np.ndarray) -> dict[str, float]:
+    return dict(zip(names, values.round(3).tolist(), strict=True))
 
 
 if __name__ == "__main__":

@@ -12,14 +12,18 @@ Or the pairs of any folder of the forms that `datasets.py` reads, into one file:
 
 The JSON has for each pair the error, what the list says of a rival, the certificate of
 the match, and for each attempt its source, error and certificate; `won` is the number
-of the attempt that is the match. Further starts are attempted only for pairs in doubt;
+of the attempt that is the match. Of some vertices it has error, evidence and confidence
+(`vertex_rows.py`); the evidence is that of shapes bent once more, by the final
+map. Further starts are attempted only for pairs in doubt;
 --exhaustive attempts them for all, so that there are wrong maps to learn from, and
-writes results/match_SET_exhaustive.json. Parts are matched as such, once.
+writes results/match_SET_exhaustive.json. Parts are matched as such, once. Of the maps
+of coarse copies it has the error and what ranks them; the first is the map so far.
 """
 
 import argparse
 import os
 import time
+from functools import partial
 from pathlib import Path
 
 import datasets
@@ -27,12 +31,19 @@ import jax
 import numpy as np
 import protocol
 import results_file
+import vertex_rows
 
 import jfsf
-from jfsf.geometry import GeodesicSolver
+from jfsf.evidence import RANK_FACTORS, vertex_evidence
+from jfsf.geometry import GeodesicSolver, geodesics
+from jfsf.matching import attempted_pair
 from jfsf.mesh import surface_area
+from jfsf.policy import PairState
 from jfsf.report import LIKELY
-from jfsf.types import Match
+from jfsf.runtime import padded_pair, with_rows
+from jfsf.spectral import functional_map, truncate
+from jfsf.stages import pair_search
+from jfsf.types import Maps, Match
 
 POINTS, SEED = 250, 0  # of ground truth, at most, chosen at random
 FURTHER = 3  # starts beside the first that --exhaustive attempts
@@ -131,20 +142,22 @@ def measure(
 ) -> dict:
     """One row: sizes, seconds, and error and evidence of the match and all attempts."""
     start = time.perf_counter()
+    state = None
     if part:
         found = jfsf.match(x.mesh, y.mesh, partial=True, settings=settings)
         tried, won = [("parts", jax.block_until_ready(found))], 0
     else:
-        options = {"min_distance": 0.0, "settings": settings}
-        matches = jfsf.alternatives(x.mesh, y.mesh, **options)
+        state = attempted_pair(x.mesh, y.mesh, settings=settings)
+        sizes = len(x.mesh.vertices), len(y.mesh.vertices)
+        matches = [m.without_padding(*sizes) for m in state.results(settings)]
         jax.block_until_ready(matches)
-        infos = [(m.info.won, m.info.start, m) for m in matches if m.info is not None]
-        won = int(infos[0][0])  # the first is the match itself
-        tried = [one[1:] for one in sorted(infos, key=lambda one: int(one[0]))]
+        names = [attempt.source for attempt in state.attempts]
+        tried, won = list(zip(names, matches, strict=True)), state.won
     seconds = time.perf_counter() - start
     at = _points(len(x.truth), args.every)
     solver = GeodesicSolver(y.mesh, exact=args.exact)
     distances = solver.rows(y.truth[at]) / np.sqrt(surface_area(y.mesh))
+    vertices = None if part else _vertices(x, y, tried[won][1], at, distances, settings)
     attempts = [
         {
             "source": source,
@@ -159,7 +172,8 @@ def measure(
     if y.mirror is not None:
         mirrored = solver.rows(y.mirror[at]) / np.sqrt(surface_area(y.mesh))
         row["mirrored"] = _mean(mirrored, tried[won][1], x.truth[at])
-    return {**row, "attempts": attempts}
+    copies = _copies(state, x.truth[at], distances)
+    return {**row, "vertices": vertices, "copies": copies, "attempts": attempts}
 
 
 def summaries(rows: list[dict]) -> dict[str, dict]:
@@ -197,6 +211,59 @@ def summary(rows: list[dict]) -> dict:
     if flipped:
         found["mirrored_below_direct"] = sum(flipped)
     return found
+
+
+def _copies(
+    state: PairState | None, at_x: np.ndarray, distances: np.ndarray
+) -> list[dict]:
+    """Error, and what ranks them, of the maps of the coarse copies."""
+    if state is None or state.copies is None:
+        return []
+    pair, (x, y) = state.copies
+    rows = []
+    for _, _, match in pair.attempts:
+        T_xy = y.on_whole[np.asarray(match.T_xy)[x.on_copy]]
+        row = {"error": _mean(distances, match._replace(T_xy=T_xy), at_x)}
+        figures = match.certificate.figures()
+        rows.append(row | {name: float(figures[name]) for name in RANK_FACTORS})
+    return [{name: float(f"{v:.5g}") for name, v in row.items()} for row in rows]
+
+
+def _vertices(
+    x: datasets.Shape,
+    y: datasets.Shape,
+    match: Match,
+    at: np.ndarray,
+    from_y: np.ndarray,
+    settings: jfsf.Settings,
+) -> dict[str, dict[str, str]]:
+    """Of both directions; `from_y` are distances on Y from the points of truth `at`."""
+    meshes = x.mesh, y.mesh
+    specs = padded_pair(*(jfsf.basis(mesh, settings=settings) for mesh in meshes))
+    T_xy, T_yx = (np.asarray(T) for T in (match.T_xy, match.T_yx))
+    maps = Maps(*map(with_rows, (T_xy, T_yx), (len(spec.mass) for spec in specs)))
+    k = min(len(spec.evals) for spec in specs)
+    C_yx = functional_map(maps.T_xy, truncate(specs[0], k), specs[1])
+    evidence = _bent_evidence(specs, maps, C_yx, settings=settings)
+    some = vertex_rows.chosen(len(at))
+    on_x, on_y = x.truth[at][some], y.truth[at][some]
+    to_x = geodesics(x.mesh, on_x) / np.sqrt(surface_area(x.mesh))
+    number = np.arange(len(some))
+    errors = from_y[some][number, T_xy[on_x]], to_x[number, T_yx[on_y]]
+    found = match.confidence_x, match.confidence_y
+    sides = zip("xy", evidence, (on_x, on_y), errors, found, strict=True)
+    return {
+        name: vertex_rows.to_row(own, points, error, np.asarray(p))
+        for name, own, points, error, p in sides
+    }
+
+
+@partial(jax.jit, static_argnames="settings")
+def _bent_evidence(specs, maps, C_yx, *, settings):
+    aligned = settings.deform(
+        *specs, C_yx, 1.0, pair_search(*specs, settings=settings), settings=settings
+    )
+    return vertex_evidence(maps, aligned, specs)
 
 
 def _points(number: int, every: int | None) -> np.ndarray:

@@ -23,6 +23,7 @@ def to_row(
     evidence: Float[ArrayLike, "n f"],
     vertices: Int[ArrayLike, " p"],
     errors: Float[ArrayLike, " p"],
+    confidence: Float[ArrayLike, " n"],
 ) -> dict[str, str]:
     """The columns of one direction.
 
@@ -30,9 +31,11 @@ def to_row(
         evidence: of all vertices, by `jfsf.evidence.vertex_evidence`.
         vertices: those whose error is known.
         errors: theirs, geodesic, in sqrt(area) of the other shape.
+        confidence: of all vertices, as `match` returned it.
     """
     columns = zip(VERTEX_EVIDENCE, np.asarray(evidence)[vertices].T, strict=True)
     text = {name: _text(values, "%.2f") for name, values in columns}
+    text["confidence"] = _text(np.asarray(confidence)[vertices], "%.2f")
     return {ERROR: _text(errors, "%.3f"), **text}
 
 

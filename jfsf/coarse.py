@@ -5,7 +5,7 @@ needs no spectrum, and a functional map between copies is one between the whole 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -52,14 +52,14 @@ def coarse_copy(spec: Spectrum, *, settings: Settings) -> CoarseCopy:
     areas = vertex_areas(mesh.vertices, mesh.faces)
     areas = np.maximum(areas / areas.sum(), LEAST_MASS / len(areas))
     on_whole, on_copy = _nearest(whole, mesh), _nearest(mesh, whole)
-    copy = Spectrum(
+    copy: Any = (
         evals,
         evecs[on_whole],
         (areas / areas.sum()).astype(mass.dtype),
         np.asarray(mesh.faces, faces.dtype),
         np.asarray(mesh.vertices, vertices.dtype),
     )
-    return CoarseCopy(copy, on_whole, on_copy)
+    return CoarseCopy(Spectrum(*copy), on_whole, on_copy)
 
 
 def padded_copies(

@@ -57,7 +57,8 @@ class Settings:
     coarse_vertices: of the coarse copies, on which all further starts are tried
         (`jfsf.coarse`).
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
-        the most confident first.
+        those that differ and rank highest. The map so far is one of them, if it ranks
+        first: so with 1 nothing more is attempted then.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide

@@ -51,6 +51,7 @@ def test_spectra_are_matched():
     assert error(match.T_xy[:n_x]) < 0.05
     evidence = match.certificate
     assert evidence.finite and evidence.confidence > 0.9 and evidence.recall == 1
+    assert match.confidence_x is not None and match.confidence_y is not None
     for likely, n in ((match.confidence_x, n_x), (match.confidence_y, n_y)):
         assert likely.dtype == "f4" and not likely[n:].any()
         assert 0.5 < likely[:n].mean() < 1 and likely.min() >= 0 and likely.max() <= 1

@@ -86,6 +86,7 @@ def test_match_repair_maps_between_all_vertices(folder, seen):
     assert np.array_equal(found.T_yx[there + 3], np.arange(N) + 3)
     assert np.array_equal(found.T_xy[-2:], there[X.faces[0, :2]] + 3)
     likely = np.linspace(0, 1, N)
+    assert found.confidence_x is not None and found.confidence_y is not None
     assert np.allclose(found.confidence_x[3 : N + 3], likely)
     assert np.allclose(found.confidence_x[-2:], likely[X.faces[0, :2]])
     assert np.allclose(found.confidence_y[3 : N + 3], likely[::-1])

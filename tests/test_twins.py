@@ -37,6 +37,12 @@ def meshes(pair):
     return [data.load(name).mesh for name in pair]
 
 
+def shapes(pair):
+    Shape = import_module("datasets").Shape
+    samples = map(data.load, pair)
+    return [Shape(s.mesh, s.template_to_vertex, None) for s in samples]
+
+
 def error(T_xy, pair):
     x, y = map(data.load, pair)
     at = slice(None, None, 40)
@@ -81,7 +87,7 @@ def test_the_rest_of_a_twin_is_right(scripts, part):
 
 def test_the_pairs_are_spread_over_all(scripts):
     twins, _ = scripts
-    pairs = twins.spread(20)
+    pairs = [names for names, _, _ in twins.shapes("embedded", 20, Path())]
     assert len(set(pairs)) == 20
     assert all(x != y for x, y in pairs)
     assert {name for pair in pairs for name in pair} == set(data.names())
@@ -116,10 +122,12 @@ def test_bad_faces_are_what_they_are_called(scripts):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_twin_is_doubted(scripts, pair, kind):
     twins, _ = scripts
-    T_xy = twins.twins(pair, PARTS[PAIRS.index(pair)])[kind]
+    T_xy = twins.twins(*shapes(pair), PARTS[PAIRS.index(pair)])[kind]
     assert error(T_xy, pair) > 0.2
     found = jfsf.match(*meshes(pair), initial=T_xy, cache=False)
-    if error(found.T_xy, pair) > twins.RIGHT:  # else the refinement has repaired it
+    if (
+        error(found.T_xy, pair) > twins.protocol.RIGHT
+    ):  # else the refinement has repaired it
         assert found.certificate.confidence < twins.SURE
 
 

@@ -15,10 +15,12 @@ from jfsf.evidence._certificate import certify
 from jfsf.evidence._confidence import (
     COMPARED,
     FACTORS,
+    RANK_FACTORS,
     column,
     confidence,
     log_odds,
     of_certificate,
+    rank,
 )
 from jfsf.evidence._landmarks import (
     MISSED,
@@ -26,33 +28,38 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
-from jfsf.evidence._rivals import share_among
+from jfsf.evidence._rivals import Standing, share_among
 from jfsf.evidence._vertices import (
     SURE,
     VERTEX_EVIDENCE,
     WITHIN,
     vertex_confidence,
     vertex_evidence,
+    with_likely,
 )
 
 __all__ = [
     "COMPARED",
     "FACTORS",
     "MISSED",
+    "RANK_FACTORS",
     "SURE",
     "VERTEX_EVIDENCE",
     "WITHIN",
-    "Landmarks",
     "Bending",
+    "Landmarks",
+    "Standing",
     "bending",
-    "column",
-    "log_odds",
-    "of_certificate",
     "certify",
+    "column",
     "confidence",
     "kept_landmarks",
     "landmark_distances",
+    "log_odds",
+    "of_certificate",
+    "rank",
     "share_among",
     "vertex_confidence",
     "vertex_evidence",
+    "with_likely",
 ]

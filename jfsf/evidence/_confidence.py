@@ -1,15 +1,19 @@
 """How likely a map is right, from evidence that needs no ground truth.
 
-Two logistic regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their
-factors stand in confidence.json beside this file, with the data they were fitted to and
-the scores on data that they were not (experiments/calibration.py).
+Regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their factors stand
+in confidence.json beside this file, with the data they were fitted to and the scores on
+data that they were not (experiments/calibration.py).
 
 Of a map alone, with the evidence e_f of `Certificate`, in the form of `COLUMNS`:
 
     p = 1 / (1 + exp(-z)),  z = b_constant + sum_f b_f e_f
 
-Of a map that was compared with others of the same pair (`share_among`), with s its
-share of their odds:
+Among several maps of one pair, whatever makes its shapes hard to match is the same for
+all, so other evidence tells most. Their odds are as exp(r),
+
+    r = sum_f a_f e_f.
+
+Of a map that was compared so, with s its share of these odds (`share_among`):
 
     p = 1 / (1 + exp(-z')),
     z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m)
@@ -40,6 +44,7 @@ def read_constants() -> dict[str, Any]:
 
 _CONSTANTS = read_constants()
 FACTORS: dict[str, float] = _CONSTANTS["alone"]
+RANK_FACTORS: dict[str, float] = _CONSTANTS["rank"]
 COMPARED: dict[str, float] = _CONSTANTS["compared"]
 
 
@@ -64,7 +69,20 @@ def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
     """
     factors = dict(FACTORS)
     z = factors.pop("constant")
-    return z + sum(b * column(name, figures[name]) for name, b in factors.items())
+    return jnp.asarray(z + _weighed(factors, figures))
+
+
+def rank(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
+    """r of a map among others of the same pair; more is better.
+
+    Args:
+        figures: of the certificate, by name, more than are needed.
+    """
+    return jnp.asarray(_weighed(RANK_FACTORS, figures))
+
+
+def _weighed(factors: dict[str, float], figures: dict[str, Any]):
+    return sum(b * column(name, figures[name]) for name, b in factors.items())
 
 
 def confidence(

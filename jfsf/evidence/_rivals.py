@@ -1,35 +1,44 @@
 """How a map stands among others that differ from it and fit nearly as well."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import expit, logsumexp
 
-from jfsf.evidence._confidence import COMPARED
+from jfsf.evidence._confidence import COMPARED, rank
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
 
 
+class Standing(NamedTuple):
+    """Of matches of one pair, (m,) each; differ: (m, m), whether two of them do."""
+
+    share: np.ndarray  # type: ignore
+    rank: np.ndarray  # type: ignore
+    differ: np.ndarray  # type: ignore
+
+
 def share_among(
     matches: Sequence[Match], spec_y: Spectrum, *, settings: Settings = Settings()
-) -> np.ndarray:
+) -> Standing:
     """Share of the odds of each match in those of all distinct ones.
 
-        share_i = o_i / (o_i + sum_j o_j),  o = exp(c z),  z the log odds,
+        share_i = o_i / (o_i + sum_j o_j),  o = exp(c r),  r the rank,
 
-    c = COMPARED["scale"], over the matches j that differ from i, the most likely of
-    each group of near copies.
+    c = COMPARED["scale"] of confidence.json, over the matches j that differ from i, the
+    best of each group of near copies.
     Two matches differ if their images are `EvidenceSettings.distinct` apart in the
     mean, in biharmonic distance relative to that of two random vertices.
 
     Args:
-        matches: of one pair; log odds of nan count as impossible.
+        matches: of one pair; a rank of nan counts as impossible.
         spec_y: of the target.
         settings: `evidence`, `distance_pairs`.
 
     Returns:
-        (m,) numbers in [0, 1]; 1 where nothing differs.
+        Shares in [0, 1], 1 where nothing differs; ranks, and which matches differ.
     """
     points = np.asarray(biharmonic(spec_y, settings.distance_pairs))
     mass = np.asarray(spec_y.mass)
@@ -40,10 +49,10 @@ def share_among(
         [[np.linalg.norm(a - b, axis=1).mean() for b in images] for a in images]
     )
     differ = apart > settings.evidence.distinct * np.sqrt(mean_square)
-    odds = np.nan_to_num([float(m.certificate.log_odds) for m in matches], nan=-np.inf)
-    odds = COMPARED["scale"] * odds
-    order = np.argsort(-odds, kind="stable")
-    shares = []
+    figures = [match.certificate.figures() for match in matches]
+    ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
+    odds = COMPARED["scale"] * ranks
+    order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
         rivals: list[int] = []
         for j in order:
@@ -52,4 +61,4 @@ def share_among(
         known = np.isfinite(own) and len(rivals)
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin))
-    return np.array(shares)
+    return Standing(np.array(shares), ranks, differ)

@@ -81,6 +81,23 @@ def vertex_confidence(
     return x, y
 
 
+def with_likely(
+    confidence: Float[Array, " n"],
+    before: Float[Array, ""] | float,
+    likely: Float[Array, ""] | float,
+) -> Float[Array, " n"]:
+    """The confidence of vertices where that of the whole map has changed.
+
+    Args:
+        confidence: of the vertices, by `vertex_confidence`.
+        before, likely: of the whole map, then and now.
+    """
+    old, new = (jnp.clip(jnp.asarray(c), 1 - SURE, SURE) for c in (before, likely))
+    change = FACTORS["likely"] * (jnp.log(new / (1 - new)) - jnp.log(old / (1 - old)))
+    odds = jnp.exp(change.astype(confidence.dtype))
+    return confidence * odds / (1 - confidence + confidence * odds)
+
+
 @jax.jit
 def vertex_evidence(
     maps: Filtered | Maps, aligned: Aligned, pair: tuple[Spectrum, Spectrum]
@@ -122,7 +139,8 @@ def vertex_evidence(
         (spec_y, spec_x, moved[1], maps.T_yx, strain_y, strain_x),
     )
     surfaces = jnp.any(spec_x.faces) & jnp.any(spec_y.faces)
-    return jnp.where(surfaces, x, jnp.nan), jnp.where(surfaces, y, jnp.nan)
+    known = lambda values: jnp.asarray(jnp.where(surfaces, values, jnp.nan))
+    return known(x), known(y)
 
 
 def _evidence(spec, other, moved, T, strain, other_strain):
@@ -139,7 +157,7 @@ def _evidence(spec, other, moved, T, strain, other_strain):
 def _smoothed(columns, spec: Spectrum):
     evals, evecs = spec.evals[:EIGENPAIRS], spec.evecs[:, :EIGENPAIRS]
     # What is on padding may be anything.
-    real = jnp.where((spec.mass > 0)[:, None], columns, 0)
+    real = jnp.asarray(jnp.where((spec.mass > 0)[:, None], columns, 0))
     heat = jnp.exp(-TIME * evals)[:, None]
     return matmul(evecs, heat * matmul(evecs.T, spec.mass[:, None] * real))
 

@@ -45,4 +45,5 @@ def log_stretches(
 def root(values: Float[Array, "..."]) -> Float[Array, "..."]:
     """Square roots, 0 where there is none; their derivative there is 0, not nan."""
     positive = values > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, values, 1)), 0)
+    roots = jnp.sqrt(jnp.asarray(jnp.where(positive, values, 1)))
+    return jnp.where(positive, roots, 0)

@@ -307,6 +307,31 @@ def _match(
     return _cut(best, surfaces[0], surfaces[-1])
 
 
+def attempted_pair(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    settings: Settings = Settings(),
+    cache: bool = True,
+) -> PairState:
+    """All that `match` tries: for studies of the starts and of the evidence.
+
+    Args:
+        mesh_x, mesh_y, settings, cache: as `match`.
+
+    Returns:
+        Attempts on the padded shapes, and those on their coarse copies.
+
+    Raises:
+        MeshError: as `match`.
+    """
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    shapes, inputs = _given(meshes, "preserve", None, None, None)
+    return _attempted(shapes, inputs, settings, _Host(cache, cache))
+
+
 def _cut(match: Match, mesh_x: Mesh, mesh_y: Mesh) -> Match:
     """Without padding."""
     return match.without_padding(len(mesh_x.vertices), len(mesh_y.vertices))

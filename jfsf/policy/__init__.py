@@ -7,9 +7,9 @@ attempts of all pairs are made together, then the doubtful pairs are gathered, a
 without doubt cost nothing more. The most confident match of a pair is kept.
 
 The last source, of starts for other proportions, tries all of them on coarse copies
-(`jfsf.coarse`), which takes little time. Only the best maps of these go on to the whole
-shapes. Those that differ and are nearly as likely are counted as its rivals: a map that
-cannot be told from another one is not certain.
+(`jfsf.coarse`), which takes little time, together with the map so far. Only if another
+map ranks above this one it goes on to the whole shapes. Maps that differ and rank
+nearly as high are rivals: a map that cannot be told from another one is not certain.
 
 Read in this order:
 
@@ -21,6 +21,13 @@ Read in this order:
 
 from jfsf.policy._match import compile_first_attempt, match_pairs
 from jfsf.policy._pairs import Attempt, PairState
-from jfsf.policy._sources import Source
+from jfsf.policy._sources import Proposal, Source
 
-__all__ = ["Attempt", "PairState", "Source", "compile_first_attempt", "match_pairs"]
+__all__ = [
+    "Attempt",
+    "PairState",
+    "Proposal",
+    "Source",
+    "compile_first_attempt",
+    "match_pairs",
+]

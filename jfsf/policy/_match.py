@@ -2,9 +2,8 @@
 
 from collections.abc import Sequence
 
-from jfsf.initial import Start
 from jfsf.policy._pairs import Attempt, PairState
-from jfsf.policy._sources import Source, sources_of
+from jfsf.policy._sources import Proposal, Source, sources_of
 from jfsf.policy._stages import describe, finish_maps, match_starts
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
@@ -32,7 +31,7 @@ def match_pairs(
         starts = source.make(open_pairs, runner, settings) if open_pairs else []
         for turn in range(max(map(len, starts), default=0)):
             tried = [
-                (pair, *own[turn])
+                (pair, own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
                 if turn < len(own) and pair.in_doubt(settings)
             ]
@@ -54,18 +53,18 @@ def compile_first_attempt(
     describe([pair], runner, settings)
     source = sources_of(pair.inputs, settings)[0]
     ((start,),) = source.make([pair], runner, settings)
-    match_starts([(pair, start[0])], runner, settings)
+    match_starts([(pair, start.start)], runner, settings)
 
 
 def _attempt(
-    source: Source, tried: list[tuple[PairState, Start, float]], runner, settings
+    source: Source, tried: list[tuple[PairState, Proposal]], runner, settings
 ) -> None:
     """Attempt each start of a pair, and keep its match there."""
-    starts = [(pair, start) for pair, start, _ in tried]
+    starts = [(pair, proposal.start) for pair, proposal in tried]
     if source.refined:
         maps = [start.C_yx for _, start in starts]
         matches = finish_maps(starts, maps, runner, settings)
     else:
         matches = match_starts(starts, runner, settings)
-    for (pair, start, share), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source.name, start, match), share)
+    for (pair, (start, share, better)), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source.name, start, match), share, better)

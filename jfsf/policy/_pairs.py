@@ -9,7 +9,8 @@ import numpy as np
 
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import SamplesPair
-from jfsf.evidence import of_certificate
+from jfsf.coarse import CoarseCopy
+from jfsf.evidence import of_certificate, with_likely
 from jfsf.initial import Start
 from jfsf.settings import Settings
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
@@ -45,7 +46,8 @@ class PairState:
     attempts: in their order.
     shares: for each of them, how it stands among the maps of the coarse copies
         (`jfsf.evidence.share_among`); nan if it was not compared with these.
-    won: the number of the most confident attempt.
+    won: the number of the attempt that is the match.
+    copies: the same of the coarse copies, if there are any, and how these lie.
     seconds: by stage; its share where a stage ran for several pairs.
     """
 
@@ -56,11 +58,12 @@ class PairState:
     attempts: list[Attempt] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
     won: int = 0
+    copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def best(self) -> Match:
-        """The most confident match."""
+        """The match so far."""
         return self.attempts[self.won].match
 
     def in_doubt(self, settings: Settings) -> bool:
@@ -74,9 +77,13 @@ class PairState:
         doubtful = bool(jax.nn.sigmoid(evidence.log_odds) < settings.retry_below)
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
-    def keep(self, attempt: Attempt, share: float = np.nan) -> None:
-        """Note an attempt."""
-        if self.attempts and attempt.log_odds > self.attempts[self.won].log_odds:
+    def keep(
+        self, attempt: Attempt, share: float = np.nan, better: bool | None = None
+    ) -> None:
+        """Note an attempt; `share` and `better` are those of its `Proposal`."""
+        if self.attempts and better is None:
+            better = attempt.log_odds > self.attempts[self.won].log_odds
+        if self.attempts and better:
             self.won = len(self.attempts)
         self.attempts.append(attempt)
         self.shares.append(share)
@@ -101,7 +108,14 @@ class PairState:
         matches = []
         for attempt, evidence in zip(self.attempts, certificates, strict=True):
             own = info._replace(won=np.array(len(matches), np.int32))
-            matches.append(attempt.match._replace(certificate=evidence, info=own))
+            match = attempt.match
+            changed = match.certificate.confidence, evidence.confidence
+            x, y = match.confidence_x, match.confidence_y
+            if x is not None and y is not None:
+                x, y = (with_likely(side, *changed) for side in (x, y))
+            vertices = {"confidence_x": x, "confidence_y": y}
+            match = match._replace(certificate=evidence, info=own, **vertices)
+            matches.append(match)
         return matches
 
     def result(self, settings: Settings) -> Match:

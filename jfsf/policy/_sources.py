@@ -18,21 +18,31 @@ from jfsf.policy._stages import describe, match_starts, run_stage, search_inputs
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
 
-StartAndShare = tuple[Start, float]
+
+class Proposal(NamedTuple):
+    """A start to attempt.
+
+    start: the map to begin with.
+    share: see `PairState.shares`.
+    better: whether its match replaces the one so far; None: if its log odds are higher.
+    """
+
+    start: Start
+    share: float = np.nan
+    better: bool | None = None
 
 
 class Source(NamedTuple):
     """A source of starts.
 
     name: one of `jfsf.types.SOURCES`.
-    make: a list of starts for each of the pairs, the best first, each with its share
-        (`PairState.shares`).
+    make: a list of starts for each of the pairs, the best first.
     always: it is asked for pairs without doubt, too.
     refined: its maps are refined already: they are bent at once.
     """
 
     name: str
-    make: Callable[[Sequence[PairState], Runner, Settings], list[list[StartAndShare]]]
+    make: Callable[[Sequence[PairState], Runner, Settings], list[list[Proposal]]]
     always: bool = False
     refined: bool = False
 
@@ -53,29 +63,31 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
     return [*sources, Source("coarse copies", _from_copies, refined=True)]
 
 
-def _given(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _given(pairs, runner, settings) -> list[list[Proposal]]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
     stage = partial(given_start, settings=settings)
-    return [[(s, np.nan)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+    return [[Proposal(s)] for s in run_stage(runner, "search", stage, pairs, inputs)]
 
 
-def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[StartAndShare]]:
+def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Proposal]]:
     sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
     inputs = search_inputs(pairs, sides)
     stage = partial(best_start, settings=settings.search)
-    return [[(s, np.nan)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+    return [[Proposal(s)] for s in run_stage(runner, "search", stage, pairs, inputs)]
 
 
-def _rivals_of_given(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
     """No starts: the given map is kept. But its share is known."""
     _from_copies(pairs, runner, settings)
     return [[] for _ in pairs]
 
 
-def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
+def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
     """The maps of coarse copies that are most likely there, as starts."""
     started = perf_counter()
-    copies = [_copied(pair, settings) for pair in pairs]
+    for pair in pairs:
+        pair.copies = _copied(pair, settings)
+    copies = [pair.copies[0] for pair in pairs]
     describe(copies, runner, settings)
     inputs = search_inputs(copies, [copy.samples for copy in copies])
     stage = partial(nonisometric_starts, settings=settings.search)
@@ -94,23 +106,41 @@ def _from_copies(pairs, runner, settings) -> list[list[StartAndShare]]:
     matches = match_starts(tried, runner, settings, at_a_time=2)
     for (copy, start), match in zip(tried, matches, strict=True):
         copy.keep(Attempt("coarse copies", start, match))
-    found = []
-    for pair, copy in zip(pairs, copies, strict=True):
-        own = [attempt.match for attempt in copy.attempts]
-        shares = share_among(own, copy.spectra[1], settings=settings)
-        pair.shares[pair.won] = float(shares[0])
-        ranked = np.argsort([-a.log_odds for a in copy.attempts[1:]]) + 1
-        best = ranked[: settings.nonisometric_attempts]
-        found.append([(_of_copies(copy.attempts[i]), shares[i]) for i in best])
+    proposed = [
+        _proposals(pair, copy, settings)
+        for pair, copy in zip(pairs, copies, strict=True)
+    ]
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds["coarse copies"] = share
-    return found
+    return proposed
 
 
-def _copied(pair: PairState, settings: Settings) -> PairState:
-    both = [coarse_copy(spec, settings=settings) for spec in pair.spectra]
-    return PairState(*padded_copies(both, pair.inputs))
+def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Proposal]:
+    """What is attempted on the whole shapes, the map so far counted.
+
+    The first attempt of the copy is the map so far, which gets its share.
+    """
+    own = [attempt.match for attempt in copy.attempts]
+    share, rank, differ = share_among(own, copy.spectra[1], settings=settings)
+    order = np.argsort(-rank, kind="stable")
+    best = int(order[0])
+    better = bool(differ[best, 0])
+    # A near copy of the map so far ranks first: it is the same map, a little better.
+    pair.shares[pair.won] = float(share[0] if better else share[best])
+    number, chosen = settings.nonisometric_attempts - (not better), [0]
+    for i in order:
+        if all(differ[i, j] for j in chosen):
+            chosen.append(int(i))
+    return [
+        Proposal(_of_copies(copy.attempts[i]), float(share[i]), better and i == best)
+        for i in chosen[1 : 1 + number]
+    ]
+
+
+def _copied(pair: PairState, settings: Settings):
+    x, y = (coarse_copy(spec, settings=settings) for spec in pair.spectra)
+    return PairState(*padded_copies((x, y), pair.inputs)), (x, y)
 
 
 def _of_copies(attempt: Attempt) -> Start:
