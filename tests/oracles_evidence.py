@@ -49,15 +49,17 @@ def bending(spec, moved, other, T, rounding, most_sheared, most_stretch):
     return np.array([residual, shears[i], area_std, gap])
 
 
-def log_odds(figures, factors, least, as_it_is):
-    """Of a map alone."""
-    z = factors["constant"]
+def weighed(figures, factors, least, as_it_is):
+    """The log odds of a map, or its rank."""
+    total = 0.0
     for name, factor in factors.items():
-        if name in as_it_is:
-            z += factor * figures[name]
-        elif name != "constant":
-            z += factor * math.log(figures[name] + least)
-    return z
+        if name == "constant":
+            total += factor
+        elif name in as_it_is:
+            total += factor * figures[name]
+        else:
+            total += factor * math.log(figures[name] + least)
+    return total
 
 
 def confidence(z, share, missed, told, factors, most_share, missed_weight):
@@ -70,7 +72,7 @@ def confidence(z, share, missed, told, factors, most_share, missed_weight):
     return p if told else p / 2
 
 
-def share_among(maps, log_odds, points, mass, distinct, scale):
+def share_among(maps, ranks, points, mass, distinct, scale):
     """The share of each map's odds, rival by rival.
 
     points: of the vertices of Y, whose distances count.
@@ -84,7 +86,7 @@ def share_among(maps, log_odds, points, mass, distinct, scale):
         apart = [math.dist(points[s], points[t]) for s, t in zip(a, b, strict=True)]
         return np.mean(apart) > distinct * unit
 
-    order = sorted(range(len(maps)), key=lambda i: (-log_odds[i], i))
+    order = sorted(range(len(maps)), key=lambda i: (-ranks[i], i))
     shares = []
     for i in range(len(maps)):
         rivals = []
@@ -92,6 +94,6 @@ def share_among(maps, log_odds, points, mass, distinct, scale):
             known = [maps[i], *(maps[r] for r in rivals)]
             if j != i and all(differ(maps[j], other) for other in known):
                 rivals.append(j)
-        others = sum(math.exp(scale * (log_odds[j] - log_odds[i])) for j in rivals)
+        others = sum(math.exp(scale * (ranks[j] - ranks[i])) for j in rivals)
         shares.append(1 / (1 + others))
     return np.array(shares)

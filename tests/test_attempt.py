@@ -11,7 +11,7 @@ from shapes import small
 
 import jfsf
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.convert import nearest
+from jfsf.convert import quick_sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.runtime import padded_pair
 from jfsf.stages import deform_by_arap
@@ -113,7 +113,7 @@ QUICK = Settings(
         hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
     ),
     bend_rounds=1,
-    converter=nearest,
+    converter=quick_sinkhorn,
 )
 
 
@@ -130,11 +130,12 @@ def test_only_pairs_in_doubt_cost_more_than_an_attempt(batch_size):
     )
     matches = batch.match_spectra(xs, ys, settings=settings, batch_size=batch_size)
     jax.effects_barrier()
-    attempts = [len(match.info.source) for match in matches]
     doubtful = [x != y for x, y in pairs]
-    assert attempts == [2 if doubt else 1 for doubt in doubtful]
+    attempts = [len(match.info.source) for match in matches]
+    for count, doubt in zip(attempts, doubtful, strict=True):
+        assert count <= 2 if doubt else count == 1
     # On the copies the first map and all starts are refined and bent; on the whole
-    # shapes the best of these is bent only.
+    # shapes one that ranks above the first is bent only.
     on_copies = (1 + settings.search.nonisometric_candidates) * sum(doubtful)
     assert counted.refined == len(pairs) + on_copies
     assert counted.deformed == sum(attempts) + on_copies

@@ -17,10 +17,12 @@ from jfsf import EvidenceSettings, testing
 from jfsf.evidence import (
     COMPARED,
     FACTORS,
+    RANK_FACTORS,
     column,
     confidence,
     log_odds,
     of_certificate,
+    rank,
     share_among,
 )
 from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
@@ -43,16 +45,18 @@ def some_figures(seed=0):
 
 def test_the_factors_are_of_figures():
     assert set(NAMES) <= set(Certificate._fields) and len(NAMES) > 1
-    assert all(np.isfinite(list(FACTORS.values())))
+    assert set(RANK_FACTORS) <= set(Certificate._fields) and RANK_FACTORS
+    assert np.isfinite([*FACTORS.values(), *RANK_FACTORS.values()]).all()
     assert set(COMPARED) == {"scale", "most_margin", "constant", "log_odds", "margin"}
 
 
 @BOTH
-def test_log_odds(dtype, rtol):
+@pytest.mark.parametrize("of, factors", [(log_odds, FACTORS), (rank, RANK_FACTORS)])
+def test_log_odds_and_rank(of, factors, dtype, rtol):
     figures = some_figures()
-    found = log_odds(**{name: jnp.asarray(v, dtype) for name, v in figures.items()})
+    found = of(**{name: jnp.asarray(v, dtype) for name, v in figures.items()})
     assert found.dtype == dtype
-    truth = oracles.log_odds(figures, FACTORS, LEAST, _AS_IT_IS)
+    truth = oracles.weighed(figures, factors, LEAST, _AS_IT_IS)
     np.testing.assert_allclose(found, truth, rtol=10 * rtol)
 
 
@@ -125,12 +129,25 @@ def test_landmarks_tell_left_from_right_and_may_be_missed():
     np.testing.assert_allclose(of(True, (0.1, 0.9)), known**2)
 
 
-def shares_of(maps, odds, spec=SPEC):
+NAME = next(iter(RANK_FACTORS))
+
+
+def standing(maps, ranks, spec=SPEC):
+    """Of maps whose evidence differs in one figure, so that they rank like this."""
+    worth = np.sign(RANK_FACTORS[NAME])
+    figures = dict.fromkeys(Certificate._fields, jnp.ones(()))
     matches = [
-        SimpleNamespace(T_xy=T, certificate=certificate(z))
-        for T, z in zip(maps, odds, strict=True)
+        SimpleNamespace(
+            T_xy=T,
+            certificate=Certificate(**figures | {NAME: jnp.exp(worth * r)}),
+        )
+        for T, r in zip(maps, ranks, strict=True)
     ]
     return share_among(matches, spec)  # type: ignore[arg-type]
+
+
+def shares_of(maps, ranks, spec=SPEC):
+    return standing(maps, ranks, spec).share
 
 
 RNG = np.random.default_rng(0)
@@ -144,14 +161,14 @@ ALL_MAPS = [IDENTITY, *COPIES, *OTHERS, OTHERS[0]]
 
 @pytest.mark.parametrize("seed", range(4))
 def test_share_among_against_plain_loops(seed):
-    odds = np.random.default_rng(seed).normal(size=len(ALL_MAPS))
-    found = shares_of(ALL_MAPS, odds)
+    found = standing(ALL_MAPS, np.random.default_rng(seed).normal(size=len(ALL_MAPS)))
     points = np.asarray(biharmonic(SPEC, DISTANCE_PAIRS))
     mass = np.asarray(SPEC.mass)
-    distinct = EvidenceSettings().distinct
-    options = distinct, COMPARED["scale"]
-    truth = oracles.share_among(ALL_MAPS, odds, points, mass, *options)
-    np.testing.assert_allclose(found, truth, rtol=1e-9)
+    options = EvidenceSettings().distinct, COMPARED["scale"]
+    truth = oracles.share_among(ALL_MAPS, found.rank, points, mass, *options)
+    np.testing.assert_allclose(found.share, truth, rtol=1e-9)
+    kinds = np.array([0, 0, 0, 1, 2, 1])
+    assert np.array_equal(found.differ, kinds[:, None] != kinds)
 
 
 def test_shares_of_few_maps():
@@ -165,6 +182,9 @@ def test_shares_of_few_maps():
     np.testing.assert_allclose(of([1, 0, 3], [0.3] * 3), [1 / 2] * 3)
     np.testing.assert_allclose(of([0, 1], [0.3, np.nan])[0], 1)
     assert of([0, 1], [0.3, 0.4])[0] < 0.5
+    assert np.array_equal(
+        np.argsort(standing(maps[:3], [0.2, 0.3, 0.1]).rank), [2, 0, 1]
+    )
 
 
 def test_padding_of_the_target_is_invisible_to_shares():

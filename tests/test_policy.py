@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 
 from jfsf import Settings, policy
 from jfsf.arguments import MatchInputs
-from jfsf.evidence import confidence
+from jfsf.evidence import Standing, confidence
 from jfsf.initial import Start
 from jfsf.policy import PairState, _sources
 from jfsf.types import STAGES, Certificate, Match
@@ -110,17 +110,28 @@ def shares_of(likely):
 
 
 @pytest.fixture(autouse=True)
-def scripted_copies(monkeypatch):
+def alike(monkeypatch):
+    """Numbers of maps of the copies that are like the first; the others differ.
+
+    The copies rank as they are likely.
+    """
+    found = []
+
     def padded_copies(copies, inputs):
         return tuple(copies), inputs._replace(initial=None)
 
     def share_among(matches, spec_y, *, settings):
         assert isinstance(spec_y, Copy)
-        return shares_of([expit(m.certificate.log_odds) for m in matches])
+        odds = np.array([m.certificate.log_odds for m in matches])
+        differ = ~np.eye(len(odds), dtype=bool)
+        differ[0, found] = differ[found, 0] = False
+        rank = np.nan_to_num(odds, nan=-np.inf)
+        return Standing(shares_of(expit(odds)), rank, differ)
 
     monkeypatch.setattr(_sources, "coarse_copy", lambda spec, settings: Copy(spec))
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
+    return found
 
 
 def run(runner, pairs=1, *, settings=HALF, **inputs):
@@ -140,14 +151,15 @@ def likely(match):
         (0.5, [0.99, 0.8], None, 0.5, 1),
         (0.2, [0.6, 0.9, 0.1], None, 0.9, 2),  # the first that is likely
         (0.2, [0.6, 0.9, 0.1], [0.3, 0.2, 0.1], 0.6, 2),
-        (0.3, [0.1, 0.4], None, 0.4, 3),  # none is: the likeliest
+        (0.3, [0.1, 0.4], None, 0.4, 3),  # none is: what ranks first
         (0.3, [0.1, 0.2], None, 0.3, 3),
+        (0.3, [0.1, 0.2], [0.6, 0.2], 0.1, 3),
         (0.3, [np.nan, 0.4], None, 0.4, 3),
         (0.01, [0.02], None, 0.02, 2),
         (np.nan, [0.9], None, np.nan, 1),  # there is nothing to compare
     ],
 )
-def test_the_likeliest_attempt_is_kept(first, others, on_copies, chosen, tried):
+def test_what_ranks_first_on_the_copies_wins(first, others, on_copies, chosen, tried):
     settings = Settings(retry_below=0.5, nonisometric_attempts=3)
     runner = Scripted([first], [others], on_copies and [on_copies])
     (match,) = run(runner, settings=settings)
@@ -156,8 +168,8 @@ def test_the_likeliest_attempt_is_kept(first, others, on_copies, chosen, tried):
     on_copies = 0 if tried == 1 else 1 + len(others)
     assert runner.count("refinement") == 1 + on_copies
     assert runner.count("bending and conversion") == tried + on_copies
-    evidence = match.certificate
-    np.testing.assert_equal(match.info.confidence[match.info.won], evidence.confidence)
+    sure = match.info.confidence[match.info.won]
+    np.testing.assert_equal(sure, float(match.certificate.confidence))
 
 
 @pytest.mark.parametrize(
@@ -168,7 +180,7 @@ def test_the_likeliest_attempt_is_kept(first, others, on_copies, chosen, tried):
         ([np.nan, np.nan, 0.1], [0.3, 0.1]),
     ],
 )
-def test_the_maps_that_are_likeliest_on_the_copies_are_attempted(on_copies, order):
+def test_the_maps_that_rank_highest_on_the_copies_are_attempted(on_copies, order):
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.01], [[0.1, 0.2, 0.3]], [on_copies])
     settings = Settings(retry_below=0.5, nonisometric_attempts=2)
@@ -224,6 +236,22 @@ def test_the_rivals_of_a_map_count():
     for match, share in zip(tried, shares, strict=True):
         wanted = confidence(match.certificate.log_odds, share)
         np.testing.assert_allclose(match.certificate.confidence, wanted)
+
+
+def test_a_near_copy_of_the_first_map_is_not_attempted(alike):
+    alike.append(2)  # 0.4; the first map is number 0
+    runner = Scripted([0.2], [[0.1, 0.4]])
+    (match,) = run(runner)
+    assert match.info.sources == ["search"]
+    np.testing.assert_allclose(likely(match), 0.2)
+    # It stands as the copy does.
+    np.testing.assert_allclose(match.certificate.share, shares_of([0.2, 0.1, 0.4])[2])
+
+
+def test_nothing_is_attempted_where_the_first_map_ranks_first():
+    (match,) = run(Scripted([0.4], [[0.1, 0.2]]))
+    assert match.info.sources == ["search"]
+    np.testing.assert_allclose(match.certificate.share, shares_of([0.4, 0.1, 0.2])[0])
 
 
 def test_a_map_without_doubt_has_no_rivals():

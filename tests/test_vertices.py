@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.evidence import VERTEX_EVIDENCE, vertex_confidence, vertex_evidence
+from jfsf.evidence import (
+    VERTEX_EVIDENCE,
+    vertex_confidence,
+    vertex_evidence,
+    with_likely,
+)
 from jfsf.evidence._vertices import (
     APART,
     EIGENPAIRS,
@@ -106,6 +111,12 @@ def test_more_evidence_against_it_never_helps():
     ]
     assert (np.diff(sure, axis=0) > 0).all()
     assert np.min(sure) >= 0 and np.max(sure) <= 1
+
+
+def test_it_follows_the_confidence_of_the_whole_map():
+    for before, now in ((0.3, 0.8), (0.999, 0.5), (0.0, 1.0)):
+        old, new = (vertex_confidence(MAPS, NOISY, PAIR, p)[0] for p in (before, now))
+        np.testing.assert_allclose(with_likely(old, before, now), new, rtol=1e-9)
 
 
 def test_a_mirrored_bending_is_no_turn():
