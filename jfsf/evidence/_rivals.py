@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.evidence._confidence import COMPARED, rank
+from jfsf.evidence._landmarks import MISSED
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
@@ -28,7 +29,7 @@ def share_among(
         share_i = o_i / (o_i + sum_j o_j),  o = exp(c r),  r the rank,
 
     c = COMPARED["scale"] of confidence.json, over the matches j that differ from i, the
-    best of each group of near copies.
+    best of each group of near copies. A map that misses landmarks ranks lower.
     Two matches differ if their images are `EvidenceSettings.distinct` apart in the
     mean, in biharmonic distance relative to that of two random vertices.
 
@@ -51,6 +52,7 @@ def share_among(
     differ = apart > settings.evidence.distinct * np.sqrt(mean_square)
     figures = [match.certificate.figures() for match in matches]
     ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
+    ranks -= settings.evidence.missed_rank * np.array([_missed(m) for m in matches])
     odds = COMPARED["scale"] * ranks
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
@@ -62,3 +64,9 @@ def share_among(
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin))
     return Standing(np.array(shares), ranks, differ)
+
+
+def _missed(match: Match) -> float:
+    """Share of the landmarks that a match misses; 0 without landmarks."""
+    away = np.asarray(match.certificate.landmarks)
+    return float(np.mean(away > MISSED)) if len(away) else 0.0
