@@ -297,7 +297,7 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     The first attempt of the copy is the map so far, which gets its share.
     """
     own = [attempt.match for attempt in copy.attempts]
-    share, rank, differ = share_among(own, copy.spectra[1], settings=settings)
+    share, rank, differ = share_among(own, copy.spectra, settings=settings)
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     better = bool(differ[best, 0])

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.evidence._confidence import COMPARED, rank
-from jfsf.evidence._landmarks import MISSED
+from jfsf.evidence._landmarks import MISSED, rms_distance
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
@@ -22,7 +22,10 @@ class Standing(NamedTuple):
 
 
 def share_among(
-    matches: Sequence[Match], spec_y: Spectrum, *, settings: Settings = Settings()
+    matches: Sequence[Match],
+    pair: tuple[Spectrum, Spectrum],
+    *,
+    settings: Settings = Settings(),
 ) -> Standing:
     """Share of the odds of each match in those of all distinct ones.
 
@@ -35,21 +38,19 @@ def share_among(
 
     Args:
         matches: of one pair; a rank of nan counts as impossible.
-        spec_y: of the target.
+        pair: the spectra of X and Y.
         settings: `evidence`, `distance_pairs`.
 
     Returns:
         Shares in [0, 1], 1 where nothing differs; ranks, and which matches differ.
     """
-    points = np.asarray(biharmonic(spec_y, settings.distance_pairs))
-    mass = np.asarray(spec_y.mass)
-    centred = points - mass @ points / mass.sum()
-    mean_square = 2 * mass @ (centred**2).sum(1) / mass.sum()
+    spec_x, spec_y = pair
+    points = biharmonic(spec_y, settings.distance_pairs)
+    unit = float(rms_distance(points, spec_y.mass))
+    points, mass = np.asarray(points), np.asarray(spec_x.mass)
     images = [points[np.asarray(match.T_xy)] for match in matches]
-    apart = np.array(
-        [[np.linalg.norm(a - b, axis=1).mean() for b in images] for a in images]
-    )
-    differ = apart > settings.evidence.distinct * np.sqrt(mean_square)
+    apart = [[mass @ np.linalg.norm(a - b, axis=1) for b in images] for a in images]
+    differ = np.array(apart) > settings.evidence.distinct * unit * mass.sum()
     figures = [match.certificate.figures() for match in matches]
     ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
     ranks -= settings.evidence.missed_rank * np.array([_missed(m) for m in matches])
