@@ -115,8 +115,13 @@ def main() -> None:
 
 def text_of(folder: Path) -> str:
     """What the file of constants holds, fitted to the results in this folder."""
+    return json.dumps(calibrate(read_all(folder)), indent=1) + "\n"
+
+
+def read_all(folder: Path) -> dict[str, Results]:
+    """All sets of whole shapes that have results."""
     sets = {name: read(folder, name) for name in whole_sets()}
-    return json.dumps(calibrate({n: s for n, s in sets.items() if s}), indent=1) + "\n"
+    return {name: own for name, own in sets.items() if own is not None}
 
 
 def whole_sets() -> list[str]:
@@ -155,11 +160,7 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
     """Constants, what they were fitted to, and scores of fits to other sets."""
     fitted = [name for name in sets if "fit" in protocol.SETS[name].roles]
     shipped = fit_all([sets[name] for name in fitted])
-    held_out = {}
-    for name, own in sets.items():
-        group = TOGETHER.get(name, name)
-        others = [s for n, s in sets.items() if TOGETHER.get(n, n) != group]
-        held_out[name] = predict(fit_all(others), own.matches)
+    found = held_out(sets)
     right = {name: own.matches.right for name, own in sets.items()}
     join = lambda values: np.concatenate(list(values.values()))
     compared = _named(("constant", "log_odds", "margin"), shipped.compared)
@@ -170,8 +171,8 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "fitted_to": fitted,
         "held_out": {
-            "all": scores(join(held_out), join(right)),
-            **{name: scores(held_out[name], right[name]) for name in sets},
+            "all": scores(join(found), join(right)),
+            **{name: scores(found[name], right[name]) for name in sets},
         },
         "as_shipped": {
             name: scores(predict(shipped, own.matches), right[name])
@@ -179,6 +180,16 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
             if name not in fitted
         },
     }
+
+
+def held_out(sets: dict[str, Results]) -> dict[str, np.ndarray]:
+    """The confidence of each set's matches, by constants fitted to the others."""
+    found = {}
+    for name, own in sets.items():
+        group = TOGETHER.get(name, name)
+        others = [s for n, s in sets.items() if TOGETHER.get(n, n) != group]
+        found[name] = predict(fit_all(others), own.matches)
+    return found
 
 
 def fit_all(sets: list[Results]) -> Constants:

@@ -25,6 +25,8 @@ class EvidenceSettings:
         unit.
     missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
         little against a map that is nearly certain, since a landmark may be wrong too.
+    missed_rank: what a map that misses all landmarks loses of its rank among others of
+        the pair (`jfsf.evidence.rank`): more than most differences between them.
     rounding: share of the spacing of vertices that rounding to vertices leaves between
         deformed shapes. Decimated to 300 to 5000 vertices, right maps of people leave
         0.09 to 0.14 of it.
@@ -34,6 +36,7 @@ class EvidenceSettings:
     missed: float = 0.5
     distinct: float = 0.1
     missed_weight: float = 3.0
+    missed_rank: float = 10.0
     rounding: float = 0.08
 
 

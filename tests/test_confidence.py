@@ -3,8 +3,6 @@
 The factors are fitted anew from time to time: nothing here depends on their values.
 """
 
-from types import SimpleNamespace
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -28,7 +26,7 @@ from jfsf.evidence import (
 from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
 from jfsf.runtime import pad
 from jfsf.spectral import DISTANCE_PAIRS, biharmonic
-from jfsf.types import Certificate
+from jfsf.types import Certificate, Match
 
 SPEC = testing.blob_spectrum(0, 30)
 N = len(SPEC.mass)
@@ -132,22 +130,23 @@ def test_landmarks_tell_left_from_right_and_may_be_missed():
 NAME = next(iter(RANK_FACTORS))
 
 
-def standing(maps, ranks, spec=SPEC):
-    """Of maps whose evidence differs in one figure, so that they rank like this."""
+def standing(maps, ranks, pair=(SPEC, SPEC), missed=None):
+    """Of maps whose evidence differs in one figure, so that they rank like this.
+
+    missed: for each, how far landmarks end from their partners.
+    """
     worth = np.sign(RANK_FACTORS[NAME])
     figures = dict.fromkeys(Certificate._fields, jnp.ones(()))
-    matches = [
-        SimpleNamespace(
-            T_xy=T,
-            certificate=Certificate(**figures | {NAME: jnp.exp(worth * r)}),
-        )
-        for T, r in zip(maps, ranks, strict=True)
-    ]
-    return share_among(matches, spec)  # type: ignore[arg-type]
+    matches = []
+    for T, r, away in zip(maps, ranks, missed or [()] * len(maps), strict=True):
+        own = {NAME: jnp.exp(worth * r), "landmarks": jnp.asarray(away, float)}
+        evidence = Certificate(**{**figures, **own})
+        matches.append(Match(T, T, jnp.eye(3), evidence))
+    return share_among(matches, pair)
 
 
-def shares_of(maps, ranks, spec=SPEC):
-    return standing(maps, ranks, spec).share
+def shares_of(maps, ranks, pair=(SPEC, SPEC)):
+    return standing(maps, ranks, pair).share
 
 
 RNG = np.random.default_rng(0)
@@ -187,8 +186,20 @@ def test_shares_of_few_maps():
     )
 
 
-def test_padding_of_the_target_is_invisible_to_shares():
+def test_padding_is_invisible_to_shares():
     odds = np.random.default_rng(0).normal(size=len(ALL_MAPS))
     known = shares_of(ALL_MAPS, odds)
-    found = shares_of(ALL_MAPS, odds, pad(SPEC, N + 9, 340))
+    # What is on padding may be anything.
+    longer = [np.r_[T, RNG.integers(N, size=9)] for T in ALL_MAPS]
+    found = shares_of(longer, odds, (pad(SPEC, N + 9, 340), pad(SPEC, N + 5, 330)))
     np.testing.assert_allclose(found, known, rtol=1e-9)
+
+
+def test_a_map_that_misses_landmarks_ranks_lower():
+    maps, far = [IDENTITY, OTHERS[0]], 2 * EvidenceSettings().missed
+    plain = standing(maps, [0.5, 0.5])
+    found = standing(maps, [0.5, 0.5], missed=[(0.1, 0.1), (far, 0.1)])
+    assert found.rank[0] == plain.rank[0] > found.rank[1]
+    lost = plain.rank[1] - found.rank[1]
+    np.testing.assert_allclose(lost, EvidenceSettings().missed_rank / 2)
+    assert found.share[0] > 0.5 > found.share[1]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from jfsf import Settings, policy
+from jfsf import EvidenceSettings, Settings, policy
 from jfsf.arguments import MatchInputs
-from jfsf.evidence import Standing, confidence
+from jfsf.evidence import Standing, confidence, of_certificate
 from jfsf.initial import Start
 from jfsf.policy import PairState, _sources
 from jfsf.types import STAGES, Certificate, Match
@@ -40,11 +40,14 @@ def starts(values):
     return Start(values[..., None, None], values, values, values)
 
 
-def match_of(start, missed=0.0, landmarks=None):
+def match_of(start, missed=0.0, landmarks=None, sign=1):
     figures = dict.fromkeys(Certificate._fields, np.zeros(()))
     missed = np.full(0 if landmarks is None else 1, missed)
-    figures |= {"log_odds": logit(start.gap), "landmarks": missed}
-    return Match(np.zeros(2, int), np.zeros(2, int), start.C_yx, Certificate(**figures))
+    figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
+    evidence = Certificate(**figures)
+    known = of_certificate(evidence, sign != 0, settings=EvidenceSettings())
+    evidence = evidence._replace(confidence=known)
+    return Match(np.zeros(2, int), np.zeros(2, int), start.C_yx, evidence)
 
 
 class Scripted:
@@ -97,7 +100,7 @@ class Scripted:
             # Maps of the copies are refined already.
             refined = start.gap in (*self.first, self.guided)
             assert C_yx.shape == ((3, 3) if refined else (1, 1))
-        return match_of(start, self.missed, landmarks)
+        return match_of(start, self.missed, landmarks, sign)
 
     def count(self, name):
         return sum(number for called, number in self.calls if called == name)
@@ -120,8 +123,8 @@ def alike(monkeypatch):
     def padded_copies(copies, inputs):
         return tuple(copies), inputs._replace(initial=None)
 
-    def share_among(matches, spec_y, *, settings):
-        assert isinstance(spec_y, Copy)
+    def share_among(matches, pair, *, settings):
+        assert all(isinstance(spec, Copy) for spec in pair)
         odds = np.array([m.certificate.log_odds for m in matches])
         differ = ~np.eye(len(odds), dtype=bool)
         differ[0, found] = differ[found, 0] = False
@@ -263,6 +266,8 @@ def test_a_map_without_doubt_has_no_rivals():
 def test_left_and_right_that_cannot_be_told_halve_the_confidence():
     (match,) = run(Scripted([0.9]), sign=np.int32(0))
     np.testing.assert_allclose(match.certificate.confidence, 0.45)
+    # That is no reason to try further starts.
+    assert match.info.sources == ["search"]
     (match,) = run(Scripted([0.9]), sign=np.int32(0), landmarks=LANDMARKS)
     np.testing.assert_allclose(match.certificate.confidence, 0.9)
 
@@ -279,11 +284,12 @@ def test_without_a_policy_there_is_one_attempt():
 
 @pytest.mark.parametrize(("other", "chosen"), [(0.6, 0.7), (0.9, 0.9)])
 def test_a_missed_landmark_asks_for_another_map(other, chosen):
-    runner = Scripted([0.7], [[0.99]], guided=other, missed=1.0)
-    (match,) = run(runner, landmarks=LANDMARKS)
+    runner = Scripted([0.7], guided=other, missed=1.0)
+    settings = Settings(retry_below=0.1)
+    (match,) = run(runner, settings=settings, landmarks=LANDMARKS)
     np.testing.assert_allclose(likely(match), chosen)
     # Less confident than it is likely by itself.
-    weight = HALF.evidence.missed_weight
+    weight = settings.evidence.missed_weight
     wanted = np.power([0.7, other], 1 + weight)
     np.testing.assert_allclose(match.info.confidence, wanted)
     assert match.info.sources == ["search", "landmarks"]

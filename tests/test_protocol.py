@@ -248,24 +248,8 @@ def test_the_summary_counts_what_is_right_and_sure(scripts):
     assert "rival_mean" not in found["choose"]
 
 
-def test_reliability_by_hand(scripts, tmp_path):
-    script = scripts.figure_reliability
-    rows = [
-        {"confidence": c, "error": e}
-        for c, e in ((0.95, 0.01), (1.0, 0.2), (0.31, 0.1), (np.nan, 0.5))
-    ]
-    maps = script.maps_of(rows)
-    assert maps.shape == (3, 2)
-    found = script.reliability(*maps.T)
-    assert found.maps[9] == 2 and found.maps[3] == 1 and found.maps.sum() == 3
-    assert found.right[9] == 1 and found.right.sum() == 1
-    assert found.confidence[9] == 0.975 and np.isnan(found.confidence[0])
-    np.testing.assert_allclose(found.gap, (2 * abs(0.5 - 0.975) + 0.31) / 3)
-    tried = [{"attempts": rows[:2]}, {"attempts": rows[2:]}]
-    assert np.array_equal(script.maps_of(tried, attempts=True), maps)
-    assert script.maps_of([]).shape == (0, 2)
-    script.draw(
-        {"one": found, "none": script.reliability(*np.zeros((2, 0)))},
-        tmp_path / "a.png",
-    )
-    assert (tmp_path / "a.png").stat().st_size > 1000
+def test_reliability_is_drawn(scripts, tmp_path):
+    maps = np.array([0.95, 1.0, 0.31]), np.array([True, False, False])
+    path = tmp_path / "a.png"
+    scripts.figure_reliability.draw({"all": maps, "embedded": maps}, path)
+    assert path.stat().st_size > 1000

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.evidence._confidence import COMPARED, rank
+from jfsf.evidence._landmarks import MISSED, rms_distance
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
@@ -21,36 +22,38 @@ class Standing(NamedTuple):
 
 
 def share_among(
-    matches: Sequence[Match], spec_y: Spectrum, *, settings: Settings = Settings()
+    matches: Sequence[Match],
+    pair: tuple[Spectrum, Spectrum],
+    *,
+    settings: Settings = Settings(),
 ) -> Standing:
     """Share of the odds of each match in those of all distinct ones.
 
         share_i = o_i / (o_i + sum_j o_j),  o = exp(c r),  r the rank,
 
     c = COMPARED["scale"] of confidence.json, over the matches j that differ from i, the
-    best of each group of near copies.
+    best of each group of near copies. A map that misses landmarks ranks lower.
     Two matches differ if their images are `EvidenceSettings.distinct` apart in the
     mean, in biharmonic distance relative to that of two random vertices.
 
     Args:
         matches: of one pair; a rank of nan counts as impossible.
-        spec_y: of the target.
+        pair: the spectra of X and Y.
         settings: `evidence`, `distance_pairs`.
 
     Returns:
         Shares in [0, 1], 1 where nothing differs; ranks, and which matches differ.
     """
-    points = np.asarray(biharmonic(spec_y, settings.distance_pairs))
-    mass = np.asarray(spec_y.mass)
-    centred = points - mass @ points / mass.sum()
-    mean_square = 2 * mass @ (centred**2).sum(1) / mass.sum()
+    spec_x, spec_y = pair
+    points = biharmonic(spec_y, settings.distance_pairs)
+    unit = float(rms_distance(points, spec_y.mass))
+    points, mass = np.asarray(points), np.asarray(spec_x.mass)
     images = [points[np.asarray(match.T_xy)] for match in matches]
-    apart = np.array(
-        [[np.linalg.norm(a - b, axis=1).mean() for b in images] for a in images]
-    )
-    differ = apart > settings.evidence.distinct * np.sqrt(mean_square)
+    apart = [[mass @ np.linalg.norm(a - b, axis=1) for b in images] for a in images]
+    differ = np.array(apart) > settings.evidence.distinct * unit * mass.sum()
     figures = [match.certificate.figures() for match in matches]
     ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
+    ranks -= settings.evidence.missed_rank * np.array([_missed(m) for m in matches])
     odds = COMPARED["scale"] * ranks
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
@@ -62,3 +65,9 @@ def share_among(
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin))
     return Standing(np.array(shares), ranks, differ)
+
+
+def _missed(match: Match) -> float:
+    """Share of the landmarks that a match misses; 0 without landmarks."""
+    away = np.asarray(match.certificate.landmarks)
+    return float(np.mean(away > MISSED)) if len(away) else 0.0

@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -29,10 +28,9 @@ class Attempt(NamedTuple):
     match: Match
 
     @property
-    def log_odds(self) -> float:
-        """Of the match, by its own evidence; -inf where they are unknown."""
-        odds = float(self.match.certificate.log_odds)
-        return -np.inf if np.isnan(odds) else odds
+    def confidence(self) -> float:
+        """Of the match, by its own evidence and the landmarks; -1 if it is unknown."""
+        return float(np.nan_to_num(self.match.certificate.confidence, nan=-1.0))
 
 
 @dataclass(eq=False)
@@ -73,8 +71,11 @@ class PairState:
         evidence = self.best.certificate
         # The landmark is wrong, or the map: another is made to see.
         missed = np.any(np.asarray(evidence.landmarks) > settings.evidence.missed)
-        # Not so with nan: there is nothing to compare.
-        doubtful = bool(jax.nn.sigmoid(evidence.log_odds) < settings.retry_below)
+        # Half of it where left and right cannot be told, of every map: no other start
+        # would help. Not so with nan: there is nothing to compare.
+        told = self.inputs.sign != 0 or self.inputs.landmarks is not None
+        most = 1.0 if told else 0.5
+        doubtful = bool(evidence.confidence < most * settings.retry_below)
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
     def keep(
@@ -82,7 +83,7 @@ class PairState:
     ) -> None:
         """Note an attempt; `share` and `better` are those of its `Proposal`."""
         if self.attempts and better is None:
-            better = attempt.log_odds > self.attempts[self.won].log_odds
+            better = attempt.confidence > self.attempts[self.won].confidence
         if self.attempts and better:
             self.won = len(self.attempts)
         self.attempts.append(attempt)

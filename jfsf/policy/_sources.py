@@ -24,7 +24,7 @@ class Proposal(NamedTuple):
 
     start: the map to begin with.
     share: see `PairState.shares`.
-    better: whether its match replaces the one so far; None: if its log odds are higher.
+    better: whether its match replaces the one so far; None: if it is more confident.
     """
 
     start: Start
@@ -122,7 +122,7 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     The first attempt of the copy is the map so far, which gets its share.
     """
     own = [attempt.match for attempt in copy.attempts]
-    share, rank, differ = share_among(own, copy.spectra[1], settings=settings)
+    share, rank, differ = share_among(own, copy.spectra, settings=settings)
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     better = bool(differ[best, 0])
