@@ -78,9 +78,9 @@ def match(
         initial: a functional map C_yx in the eigenbases of `basis`, a point-to-point
             map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
             search. Its own orientation is kept, whatever `orientation` says. Of C_yx
-            the leading block of `Settings.ks[0]` functions counts: 30 by default. The map
-            is kept, but other ones are tried on coarse copies: one that fits as
-            well makes it less sure. `Settings(retry_below=0)` leaves that out.
+            the leading block of `Settings.ks[0]` functions counts: 30 by default. The
+            map is kept, but others are tried on coarse copies: one that fits as well
+            makes it less sure. `Settings(retry_below=0)` leaves that out.
         partial: one shape is a part of the other, or both overlap. Both are meshes in
             one unit; bodies may differ in size by a factor of 1.5. It takes neither
             landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
@@ -95,8 +95,9 @@ def match(
         T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
         With `partial` matched_x and matched_y in place of the last two; the certificate
-        is that of the overlap, without a confidence, and its gap counts the rivals that
-        were found. A vertex that is not matched has the image nearest to it after bending.
+        is that of the overlap, without a confidence; its gap counts the rivals that
+        were found. A vertex that is not matched has the image nearest to it after
+        bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
