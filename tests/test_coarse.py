@@ -1,127 +1,137 @@
-"""Coarse copies: doubtful large shapes are matched by way of smaller ones."""
+"""Coarse copies: shapes at few vertices, on which further starts are tried."""
 
-from typing import NamedTuple
+from functools import cache
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
+from shapes import small
 
 import jfsf
+from jfsf import testing
 from jfsf.arguments import MatchInputs
-from jfsf.data import load
-from jfsf.evaluate import evaluate
-from jfsf.matching import _coarse, _match
-from jfsf.runtime import PaddedShape
+from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.evaluate import geodesic_error
+from jfsf.runtime import pad
 from jfsf.settings import Settings
-from jfsf.types import Match
+from jfsf.spectral import functional_map
 
-X, Y = load("man_walk").mesh, load("man_up").mesh
-
-
-class ScoreOnly(NamedTuple):
-    """What is read of a certificate."""
-
-    orientation: np.ndarray
+NAMES = "man_walk", "man_up"
+FEW = Settings(coarse_vertices=300)
 
 
-# No map is confident enough, and shapes of some 5000 vertices are large.
-DOUBTFUL = Settings(coarse_vertices=1000, retry_below=1.0)
-COPY_X, COPY_Y = (_coarse.coarse_copy(mesh, DOUBTFUL) for mesh in (X, Y))
-CLOUD = X._replace(faces=X.faces[:0])
+@cache
+def whole(name):
+    mesh, vertex = small(name, 2000)
+    return jfsf.basis(mesh, cache=False), vertex
 
 
-@pytest.mark.parametrize(
-    ("other", "vertices", "expected"),
-    [(Y, 2560, False), (Y, 5120, True), (CLOUD, 5120, False)],
-)
-def test_large_surfaces_have_copies(other, vertices, expected):
-    sizes = [PaddedShape(128, vertices, 2 * vertices)]
-    assert _coarse.have_copies([X, other], sizes, DOUBTFUL) is expected
-    assert not _coarse.have_copies([X, other], sizes, Settings(coarse_vertices=0))
+@cache
+def copy(name):
+    return coarse_copy(whole(name)[0], settings=FEW)
 
 
-def test_a_copy_lies_on_the_whole():
-    whole, copy = X.vertices, COPY_X.mesh.vertices
-    assert 900 < len(copy) < 1025
-    assert COPY_X.on_whole.shape == (len(copy),) and COPY_X.on_copy.shape == (5076,)
-    near = np.linalg.norm(whole[COPY_X.on_whole] - copy, axis=1)
+@pytest.mark.parametrize("name", NAMES)
+def test_a_copy_has_the_eigenfunctions_of_the_whole(name):
+    (spec, _), (own, on_whole, on_copy) = whole(name), copy(name)
+    n = len(own.mass)
+    assert 250 < n < 350 < len(spec.mass)
+    assert on_whole.shape == (n,) and on_copy.shape == spec.mass.shape
+    np.testing.assert_array_equal(own.evals, spec.evals)
+    np.testing.assert_array_equal(own.evecs, np.asarray(spec.evecs)[on_whole])
+    assert own.mass.min() > 0
+    np.testing.assert_allclose(own.mass.sum(), 1)
+    assert own.faces.min() == 0 and own.faces.max() == n - 1
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_copy_lies_on_the_whole(name):
+    spec, (own, on_whole, on_copy) = whole(name)[0], copy(name)
+    points = np.asarray(spec.vertices)
+    near, at = KDTree(points).query(own.vertices)
+    np.testing.assert_array_equal(at, on_whole)
     assert near.max() < 0.05
-    np.testing.assert_allclose(
-        near, np.linalg.norm(whole[:, None] - copy[None], axis=2).min(0)
+    np.testing.assert_array_equal(KDTree(own.vertices).query(points)[1], on_copy)
+
+
+def test_a_functional_map_of_the_copies_is_one_of_the_whole_shapes():
+    k = 20
+    (spec_x, at_x), (spec_y, at_y) = map(whole, NAMES)
+    own_x, own_y = (copy(name).spectrum for name in NAMES)
+    # The true map, as the template says it.
+    near = KDTree(np.asarray(spec_x.vertices)[at_x]).query(spec_x.vertices)[1]
+    T_xy = at_y[near]
+    T_copies = copy("man_up").on_copy[T_xy[copy("man_walk").on_whole]]
+    cut = lambda spec: spec._replace(evals=spec.evals[:k], evecs=spec.evecs[:, :k])
+    there, here = (
+        np.asarray(functional_map(jnp.asarray(T), cut(x), cut(y)))
+        for T, x, y in ((T_xy, spec_x, spec_y), (T_copies, own_x, own_y))
     )
+    assert np.linalg.norm(there - here) < 0.2 * np.linalg.norm(there)
+
+
+def test_padding_is_left_out():
+    spec = testing.blob_spectrum(0, 40, 3)
+    n, m = len(spec.mass), len(spec.faces)
+    plain = coarse_copy(spec, settings=FEW)
+    padded = coarse_copy(pad(spec, n + 7, m + 9), settings=FEW)
+    for ours, theirs in zip(padded.spectrum, plain.spectrum, strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    np.testing.assert_array_equal(padded.on_copy, plain.on_copy)
+
+
+def test_a_shape_of_few_vertices_is_its_own_copy():
+    spec = testing.blob_spectrum(0, 40)
+    own, on_whole, on_copy = coarse_copy(spec, settings=FEW)
+    n = len(spec.mass)
+    np.testing.assert_array_equal(own.evecs, spec.evecs)
+    np.testing.assert_array_equal(own.faces, spec.faces)
+    np.testing.assert_array_equal(on_whole, np.arange(n))
+    np.testing.assert_array_equal(on_copy, np.arange(n))
+
+
+def test_a_shape_that_falls_apart_is_its_own_copy():
+    spec = testing.blob_spectrum(0, 40, 3)
+    # Of its surface a small piece is left.
+    torn = spec._replace(faces=spec.faces[:20])
+    assert len(coarse_copy(torn, settings=FEW).spectrum.mass) == len(spec.mass)
 
 
 def test_arguments_move_to_the_copies():
+    specs = [whole(name)[0] for name in NAMES]
     landmarks = np.array([3, 70]), np.array([8, 20])
-    descriptors = X.vertices, Y.vertices
-    given = MatchInputs(landmarks, descriptors)
-    found = _coarse.at_copies(given, COPY_X, COPY_Y)
-    for copy, mesh, at, there in zip(
-        (COPY_X, COPY_Y), (X, Y), landmarks, found.landmarks, strict=True
+    descriptors = tuple(np.asarray(spec.vertices) for spec in specs)
+    given = MatchInputs(landmarks, descriptors, np.eye(30), sign=-1)
+    pair, found = padded_copies([copy(name) for name in NAMES], given)
+    assert found.initial is None and found.sign == -1
+    for spec, own, at, there in zip(
+        specs, pair, landmarks, found.landmarks, strict=True
     ):
-        away = copy.mesh.vertices[np.asarray(there)] - mesh.vertices[at]
-        assert np.linalg.norm(away, axis=1).max() < 0.2
-    for copy, values in zip((COPY_X, COPY_Y), found.descriptors, strict=True):
-        assert np.linalg.norm(values - copy.mesh.vertices, axis=1).max() < 0.05
-
-
-def test_a_start_is_the_map_of_the_copies():
-    spec = jfsf.basis(X)
-    same = np.arange(len(COPY_X.mesh.vertices))
-    found = Match(same, same, None, ScoreOnly(np.array(0.9)))
-    start = _coarse.start_from_copies(
-        found, (COPY_X, COPY_X), spec, spec, settings=Settings()
-    )
-    assert start.C_yx.shape == (40, 40)
-    # The identity, but for the distance between vertices of the copy.
-    assert np.abs(np.diagonal(start.C_yx)[:20]).min() > 0.9
-    assert float(start.sign) == 1
+        away = np.asarray(own.vertices)[there] - np.asarray(spec.vertices)[at]
+        assert np.linalg.norm(away, axis=1).max() < 0.1
+    for own, values in zip(pair, found.descriptors, strict=True):
+        real = np.asarray(own.mass) > 0
+        assert len(values) == len(real) > real.sum()
+        assert np.linalg.norm(values - own.vertices, axis=1)[real].max() < 0.05
 
 
 @pytest.fixture(scope="module")
 def by_copies():
+    # No first map is sure enough.
+    doubtful = Settings(retry_below=1.0, coarse_vertices=300, nonisometric_attempts=2)
     names = []
-    found = jfsf.match(X, Y, settings=DOUBTFUL, progress=names.append)
+    (x, _), (y, _) = small("man_walk", 1100), small("man_up", 1060)
+    found = jfsf.match(x, y, settings=doubtful, cache=False, progress=names.append)
     return found, names
 
 
-def test_a_doubtful_pair_is_matched_by_way_of_its_copies(by_copies):
-    found, names = by_copies
-    assert names.count("coarse copies") == 1
-    # The first map, those of the copies, and one more.
-    attempts = 1 + (1 + DOUBTFUL.nonisometric_attempts) + 1
-    assert names.count("refinement") == attempts
-    assert names.count("bending and conversion") == attempts
-    # Further starts are compared before, on the copies.
-    assert names.count("screening") == 1
-    assert found.info.sources == ["search", "coarse copies"]
-    assert len(found.info.confidence) == 2 and found.info.won in (0, 1)
-    plain = jfsf.match(X, Y, settings=Settings(retry_below=0))
-    assert found.certificate.confidence >= plain.certificate.confidence
-    truth = load("man_walk").template_to_vertex, load("man_up").template_to_vertex
-    scores = evaluate(found, X, Y, truth=truth, every=20, only=("error",))
-    assert scores.error_mean < 0.015
-
-
-def test_a_pair_without_doubt_has_no_copies():
-    names = []
-    settings = Settings(coarse_vertices=1000)
-    jfsf.match(X, Y, settings=settings, progress=names.append)
-    assert "coarse copies" not in names
-
-
-def test_where_the_copy_is_broken_the_whole_is_tried(monkeypatch):
-    def broken(mesh, settings):
-        copy = _coarse.coarse_copy(mesh, settings)
-        return copy._replace(mesh=copy.mesh._replace(faces=copy.mesh.faces[:100]))
-
-    monkeypatch.setattr(_match, "coarse_copy", broken)
-    names = []
-    jfsf.match(X, Y, settings=DOUBTFUL, progress=names.append)
-    assert names.count("spectra") == 1
-    assert names.count("refinement") == 1 + DOUBTFUL.nonisometric_attempts
+def test_the_right_map_stays_the_best(by_copies):
+    (_, gt_x), (y, gt_y) = small("man_walk", 1100), small("man_up", 1060)
+    at = slice(None, None, 20)
+    assert geodesic_error(by_copies[0].T_xy, y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
 def test_few_coarse_vertices_are_an_error():
-    with pytest.raises(ValueError, match="coarse_vertices is 100; give 0, or 160"):
+    with pytest.raises(ValueError, match="coarse_vertices is 100; give 160 or more"):
         Settings(coarse_vertices=100)
-    assert Settings(coarse_vertices=0).coarse_vertices == 0
