@@ -53,10 +53,10 @@ class Settings:
     describe: makes the features of a shape: a `jfsf.stages.Describe`.
     features: descriptors, curvature and oriented products.
     search: the search for the initial map.
-    retry_below: a map of less confidence (`Certificate.confidence`) is refined again
-        from other starts (`jfsf.initial.nonisometric_candidates`), until one reaches
-        this. The most confident is kept. Of 248 near-isometric pairs none is below 0.9.
-        0 leaves it out.
+    retry_below: where the map is less confident by its own evidence
+        (`Certificate.confidence`), other starts are tried on coarse copies
+        (`jfsf.initial.nonisometric_starts`). What ranks first there is kept. A map that
+        is given is kept in any case, but ranked. 0 leaves it out.
     coarse_vertices: of the coarse copies, on which all further starts are tried
         (`jfsf.coarse`).
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,

@@ -19,13 +19,14 @@ from jfsf.attempt import attempt, given_start, refine_start, shape_samples
 from jfsf.convert import sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.evidence import MISSED
-from jfsf.initial import SearchSettings, best_start
+from jfsf.initial import SearchSettings, best_start, nonisometric_starts
 from jfsf.matching import _match
-from jfsf.policy import PairState
+from jfsf.policy import PairState, _stages
 from jfsf.report import warnings_of
 from jfsf.runtime import (
     OneByOne,
     PaddedShape,
+    Runner,
     _programs,
     _runners,
     padded_pair,
@@ -177,7 +178,7 @@ def noting():
     return runner
 
 
-class Abstract(policy.Runner):
+class Abstract(Runner):
     """As `CompileOnly`, without a compiler."""
 
     def __init__(self):
@@ -354,13 +355,18 @@ class Counted:
 def all_stages(pair, runner, settings):
     """Those of a pair in doubt, too, on shapes in place of arrays."""
     policy.compile_first_attempt(pair, runner, settings=settings)
-    stage = partial(policy.nonisometric_starts, settings=settings.search)
-    stacked = runner.one(stage, policy._search_inputs([pair], [pair.samples])[0])
+    k = settings.k
+    copies = padded_shapes(k, [(settings.coarse_vertices, 2396)] * 2)
+    copy = PairState(tuple(map(spectrum_like, copies)), MatchInputs())
+    policy.compile_first_attempt(copy, runner, settings=settings)
+    stage = partial(nonisometric_starts, settings=settings.search)
+    stacked = runner.one(stage, _stages.search_inputs([copy], [copy.samples])[0])
     start = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), stacked)
-    C_yx = jax.ShapeDtypeStruct(pair.refined_size, start.C_yx.dtype)
-    policy._finish("screening", [(pair, start, C_yx)], 2, runner, settings)
-    pair.best = None  # shapes cannot be compared
-    policy._attempt("nonisometric", [(pair, start)], runner, settings)
+    _stages.match_starts([(copy, start)], runner, settings)
+    # The map of the copies is bent on the whole shapes.
+    C_yx = jax.ShapeDtypeStruct((k, k), start.C_yx.dtype)
+    whole = start._replace(C_yx=C_yx)
+    _stages.finish_maps([(pair, whole)], [C_yx], runner, settings)
 
 
 def test_a_folder_of_many_sizes_needs_twelve_programs():
@@ -430,7 +436,10 @@ def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatc
     monkeypatch.setattr(_match, "reconstruct", lambda mesh: (mesh, mesh))
     found = jfsf.match(cloud, mesh_y, cache=False)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
-    assert np.isnan(found.certificate.orientation) and found.certificate.finite
+    evidence = found.certificate
+    assert np.isnan(evidence.orientation) and evidence.finite
+    # There is no surface to bend.
+    assert np.isnan(evidence.confidence) and found.info.sources == ["search"]
     at = slice(None, None, 20)
     errors = [
         geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean()
@@ -440,6 +449,16 @@ def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatc
     (said,) = (w for w in warnings_of(found.certificate, "preserve") if "left" in w)
     assert "cannot be told" in said
     assert not any("left" in w for w in warnings_of(found.certificate, "any"))
+
+
+def test_a_given_map_of_a_cloud_has_no_rivals(monkeypatch):
+    (mesh_x, _), (mesh_y, _) = shapes()
+    cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
+    monkeypatch.setattr(_match, "reconstruct", lambda mesh: (mesh, mesh))
+    T_xy = np.asarray(plain().T_xy)
+    found = jfsf.match(cloud, mesh_y, initial=T_xy, cache=False)
+    assert found.info.sources == ["given"]
+    assert np.isnan([found.certificate.share, found.certificate.confidence]).all()
 
 
 @pytest.mark.parametrize("side", ["mesh_x", "mesh_y"])
@@ -584,9 +603,15 @@ def test_the_searchs_own_map_as_initial_gives_the_default():
     policy.match_pairs([pair], runner, settings=Settings())
     (start,) = runner.results["search"]
     initial = np.asarray(start.C_yx)
-    found = jfsf.match(mesh_x, mesh_y, initial=initial, cache=False)
+    stages = []
+    found = jfsf.match(
+        mesh_x, mesh_y, initial=initial, cache=False, progress=stages.append
+    )
     same(found)
     assert np.isnan(found.certificate.gap)  # no search, no second candidate
+    # However sure it is, it is compared with others; none fits nearly as well.
+    assert found.info.sources == ["given"] and "further starts" in stages
+    assert found.certificate.share > 0.5
 
 
 def test_maps_of_anyone_are_refined():

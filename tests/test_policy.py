@@ -315,6 +315,12 @@ def test_a_given_map_is_kept_and_compared(first):
     assert runner.count("refinement") == 1 + 4
 
 
+def test_a_given_map_without_evidence_is_not_compared():
+    runner = Scripted([np.nan])
+    (match,) = run(runner, initial=np.eye(3))
+    assert runner.count("features") == 2 and np.isnan(match.certificate.share)
+
+
 def test_a_given_map_is_compared_on_request_only():
     runner = Scripted([0.05])
     (match,) = run(runner, settings=Settings(retry_below=0), initial=np.eye(3))

@@ -148,7 +148,7 @@ def test_page_says_how_sure_and_what_was_measured(page):
     record = record_of(page)
     assert record["verdict"]["level"] == "good"
     assert record["verdict"]["words"] == "very likely right"
-    assert record["findings"] == [] and len(record["reasons"]) == 4
+    assert record["findings"] == [] and len(record["reasons"]) == 6
     assert {row[0] for row in record["certificate"]} == {
         name.replace("_", " ") for name in FIGURES
     }
@@ -295,6 +295,21 @@ def test_words_say_what_is_known():
     assert "gap 5%" in reasons(GOOD._replace(gap=jnp.asarray(0.05)))[-1]
     (missing,) = findings(GOOD._replace(recall=jnp.asarray(0.88)), "preserve")
     assert "found 88% of the nearest neighbours" in missing.why
+    rival = GOOD._replace(share=jnp.asarray(0.45))
+    (better,) = findings(rival, "preserve")
+    assert "another map that differs fits as well or better (share 45%)" in better.why
+    assert "jfsf.alternatives" in better.advice
+    said = {
+        share: " ".join(reasons(GOOD._replace(share=jnp.asarray(share))))
+        for share in (0.45, 0.6, 0.95, np.nan)
+    }
+    assert "fits as well or better (share 45%)" in said[0.45]
+    assert "fits nearly as well (share 60%)" in said[0.6]
+    assert "none fits nearly as well (share 95%)" in said[0.95]
+    assert "share" not in said[np.nan]
+    part = " ".join(reasons(GOOD._replace(confidence=jnp.asarray(np.nan))))
+    assert "no confidence" in part and "read from" not in part
+    assert all(meaning for _, meaning in readings(GOOD).values())
     words = [verdict(c) for c in (np.nan, 0.95, 0.8, 0.6, 0.2)]
     assert words[0].startswith("unknown") and len(set(words)) == 5
 
@@ -303,7 +318,7 @@ def test_the_attempts_are_said_in_a_sentence():
     none = np.full(len(STAGES), np.nan)
     one = MatchInfo(np.array([1]), np.array([0.97]), np.array(0), none)
     assert reasons(GOOD, one)[-1] == "One start was attempted (search)."
-    two = MatchInfo(np.array([1, 4]), np.array([0.2, 0.8]), np.array(1), none)
+    two = MatchInfo(np.array([1, 3]), np.array([0.2, 0.8]), np.array(1), none)
     assert reasons(GOOD, two)[-1] == (
-        "2 starts were attempted (search 0.20, nonisometric 0.80); number 2 was kept."
+        "2 starts were attempted (search 0.20, coarse copies 0.80); number 2 was kept."
     )

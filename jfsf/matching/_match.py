@@ -78,13 +78,15 @@ def match(
         initial: a functional map C_yx in the eigenbases of `basis`, a point-to-point
             map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
             search. Its own orientation is kept, whatever `orientation` says. Of C_yx
-            the leading block of `Settings.ks[0]` functions counts: 30 by default.
+            the leading block of `Settings.ks[0]` functions counts: 30 by default. The
+            map is kept, but others are tried on coarse copies: one that fits as well
+            makes it less sure. `Settings(retry_below=0)` leaves that out.
         partial: one shape is a part of the other, or both overlap. Both are meshes in
             one unit; bodies may differ in size by a factor of 1.5. It takes neither
             landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
             arrays, so it runs on the host, with `match` of the cuts inside: it cannot
             be traced. It takes about five times as long. Two closed surfaces share all.
-            The confidence is not calibrated for parts.
+            There is no confidence for parts.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.
@@ -93,8 +95,9 @@ def match(
         T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
         With `partial` matched_x and matched_y in place of the last two; the certificate
-        is that of the overlap, its gap and confidence also count the rivals that were
-        found. A vertex that is not matched has the image nearest to it after bending.
+        is that of the overlap, without a confidence; its gap counts the rivals that
+        were found. A vertex that is not matched has the image nearest to it after
+        bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -131,10 +134,10 @@ def alternatives(
 ) -> list[Match]:
     """The maps that `match` chooses from, the most confident first.
 
-    `match` attempts further starts only while it is in doubt, so a sure pair has one
-    map. `Settings(retry_below=1)` has further starts attempted for every pair, and
-    `nonisometric_attempts` says how many. This takes as long as `match` with the same
-    settings.
+    `match` tries further starts only where it is in doubt, so a sure pair has one map.
+    `Settings(retry_below=1)` has them tried for every pair, and `nonisometric_attempts`
+    says how many of their maps are bent on the whole shapes. This takes as long as
+    `match` with the same settings.
 
     Args:
         mesh_x, mesh_y, orientation, landmarks, descriptors, settings, cache, progress:

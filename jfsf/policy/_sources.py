@@ -78,7 +78,10 @@ def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Proposal]]
 
 def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
     """No starts: the given map is kept. But its share is known."""
-    _from_copies(pairs, runner, settings)
+    # Of shapes without a surface there are no copies, and no evidence to compare.
+    known = [p for p in pairs if not np.isnan(p.best.certificate.log_odds)]
+    if known:
+        _from_copies(known, runner, settings)
     return [[] for _ in pairs]
 
 

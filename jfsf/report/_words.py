@@ -27,6 +27,10 @@ MAX_BIJECTIVITY = 0.1
 MIN_RECALL = 0.9
 # Below, another map fits the shapes nearly as well. Right maps have such rivals too.
 SMALL_GAP = 0.1
+# Of the odds of all maps that were compared: below, another one fits better.
+MIN_SHARE = 0.5
+# Of a map that stands alone among them.
+LARGE_SHARE = 0.9
 
 
 class Finding(NamedTuple):
@@ -43,7 +47,7 @@ class Finding(NamedTuple):
 def verdict(confidence: float) -> str:
     """The confidence of a certificate in words."""
     if np.isnan(confidence):
-        return "unknown: the shapes were not sampled"
+        return "unknown: parts, and shapes that were not bent as surfaces, have none"
     if confidence >= LIKELY:
         return "very likely right"
     if confidence >= DOUBTFUL:
@@ -75,6 +79,11 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "energy": "departure from an isometry",
         "log_stretch_std": "how unevenly the map stretches; 0 for a similarity",
         "residual": "distance left between the bent shapes, in sqrt(area)",
+        "shear": "of triangles, but for the 1 % that are sheared most; 0 for none",
+        "area_std": "how unevenly the bending lets triangles grow; 0 if evenly",
+        "normal_gap": "how far normals of the bent shapes differ; 0 if not at all",
+        "log_odds": "of a right map, by its own evidence; 0 is one half",
+        "share": "of the odds, among maps that differ; 0.5: another fits as well",
         "confidence": verdict(float(certificate.confidence)),
     }
     texts = {}
@@ -124,6 +133,13 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
             "landmarks at hands, feet and head decide",
             "See whether a candidate looks right where the map does not. Then give "
             "landmarks at the ends: hands, feet, head (--landmarks).",
+        ),
+        (
+            float(certificate.share) < MIN_SHARE,
+            f"another map that differs fits as well or better (share "
+            f"{float(certificate.share):.0%}); landmarks decide",
+            "Look at the maps of `jfsf.alternatives`, and give landmarks where they "
+            "differ (--landmarks).",
         ),
         (
             covered < MIN_COVERAGE,
@@ -184,16 +200,23 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         sentences.append(f"It {way} left and right (score {score:+.2f}, at most 1).")
     if not np.isnan(figure["residual"]):
         sentences.append(
-            f"It stretches unevenly by {figure['log_stretch_std']:.2f}, and the bent "
-            f"shapes stay {figure['residual']:.4f} of sqrt(area) apart; the confidence "
-            "is read from these two and the score."
+            f"Bent onto each other, the shapes stay {figure['residual']:.4f} of "
+            f"sqrt(area) apart, triangles are sheared by up to {figure['shear']:.2f} "
+            "(but for the 1 % sheared most), and normals differ by "
+            f"{figure['normal_gap']:.3f}."
         )
-    elif not np.isnan(figure["energy"]):
+    if np.isnan(figure["confidence"]):
         sentences.append(
-            f"It departs from an isometry by {figure['energy']:.2f} and stretches "
-            f"unevenly by {figure['log_stretch_std']:.2f}; the confidence is read from "
-            "these two and the score."
+            "There is no confidence: it was fitted to whole shapes that are bent onto "
+            "each other as surfaces."
         )
+    else:
+        sentences.append(
+            "The confidence is read from the bending and the score, and from how the "
+            "map stands among others where these were tried."
+        )
+    if not np.isnan(share := figure["share"]):
+        sentences.append(_standing(share))
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
     sentences.append(
@@ -210,6 +233,16 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     if info is not None:
         sentences.append(attempts(info))
     return sentences
+
+
+def _standing(share: float) -> str:
+    """A sentence on how a map stands among others, which counts for the confidence."""
+    among = f"(share {share:.0%})"
+    if share >= LARGE_SHARE:
+        return f"Of the other maps that were tried none fits nearly as well {among}."
+    if share >= MIN_SHARE:
+        return f"Another map that differs fits nearly as well {among}."
+    return f"Another map that differs fits as well or better {among}."
 
 
 def attempts(info: MatchInfo) -> str:
