@@ -13,6 +13,7 @@ from jfsf import testing
 from jfsf.arguments import MatchInputs
 from jfsf.coarse import coarse_copy, padded_copies
 from jfsf.evaluate import geodesic_error
+from jfsf.initial import SearchSettings
 from jfsf.runtime import pad
 from jfsf.settings import Settings
 from jfsf.spectral import functional_map
@@ -118,12 +119,34 @@ def test_arguments_move_to_the_copies():
 
 @pytest.fixture(scope="module")
 def by_copies():
-    # No first map is sure enough.
-    doubtful = Settings(retry_below=1.0, coarse_vertices=300, nonisometric_attempts=2)
+    # No first map is sure enough. Small programs: the way is under test.
+    search = SearchSettings(samples=60, final_samples=100, assignments=20)
+    doubtful = Settings(
+        k=40,
+        ks=(30, 40),
+        search=search,
+        bend_rounds=3,
+        retry_below=1.0,
+        coarse_vertices=300,
+        nonisometric_attempts=2,
+    )
     names = []
     (x, _), (y, _) = small("man_walk", 1100), small("man_up", 1060)
     found = jfsf.match(x, y, settings=doubtful, cache=False, progress=names.append)
     return found, names
+
+
+def test_a_doubtful_pair_is_matched_by_its_copies(by_copies):
+    found, names = by_copies
+    candidates = Settings().search.nonisometric_candidates
+    assert names.count("further starts") == 1 and names.count("spectra") == 1
+    # Those of the first map, those of all on the copies, and no other.
+    assert names.count("refinement") == 2 and candidates > 1
+    tried = len(found.info.source)
+    assert found.info.sources == ["search", *["coarse copies"] * (tried - 1)]
+    assert 1 <= tried <= 3 and names.count("bending and conversion") == 2 + tried - 1
+    assert 0 <= found.certificate.share <= 1
+    assert found.info.confidence.shape == (tried,)
 
 
 def test_the_right_map_stays_the_best(by_copies):
