@@ -532,7 +532,7 @@ def test_files_of_the_data_sets():
 
 
 INFO = MatchInfo(
-    np.array([1, 4, 4], np.int32),
+    np.array([1, 3, 3], np.int32),
     np.array([0.2, np.nan, 0.8], np.float32),
     np.array(2, np.int32),
     np.arange(len(STAGES)) / 7,
@@ -543,8 +543,8 @@ def test_the_info_of_a_match_comes_back(tmp_path):
     path = tmp_path / "match.npz"
     write_match(path, match()._replace(info=INFO))
     info = read_match(path).info
-    assert info.sources == ["search", "nonisometric", "nonisometric"]
-    assert info.start == "nonisometric"
+    assert info.sources == ["search", "coarse copies", "coarse copies"]
+    assert info.start == "coarse copies"
     for ours, theirs in zip(info, INFO, strict=True):
         np.testing.assert_array_equal(ours, theirs)
     write_match(path, match())

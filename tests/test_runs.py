@@ -300,7 +300,7 @@ def fake_match(mesh_x, mesh_y, **_):
     )
     n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
     seconds = np.where(np.array(STAGES) == "search", 1.5, np.nan)
-    tried = np.array([1, 4], np.int32), np.array([np.nan, 0.9]), np.array(1)
+    tried = np.array([1, 3], np.int32), np.array([np.nan, 0.9]), np.array(1)
     T_xy, T_yx = np.arange(n_x) % n_y, np.arange(n_y) % n_x
     return Match(T_xy, T_yx, jnp.eye(3), certificate, info=MatchInfo(*tried, seconds))
 
@@ -321,9 +321,9 @@ def test_the_command(client, tmp_path, monkeypatch):
     assert good["x"] == str(tmp_path / "0.off") and good["n_y"] == 162
     assert good["orientation"] == 0.9 and good["reason"] == "" and good["warnings"]
     assert bad["file"] == "" and bad["coverage_xy"] is None
-    assert good["start"] == "nonisometric" and good["attempts"] == 2
+    assert good["start"] == "coarse copies" and good["attempts"] == 2
     assert good["confidences"] == [None, 0.9] and bad["confidences"] is None
-    assert good["seconds_search"] == 1.5 and good["seconds_screening"] is None
+    assert good["seconds_search"] == 1.5 and good["seconds_coarse_copies"] is None
     lines = (out / "summary.csv").read_text().splitlines()
     assert len(lines) == 3 and lines[0].startswith("x,y,file,reason,")
     # One spectrum a good mesh.
