@@ -9,8 +9,10 @@ right. Three regressions, see `jfsf.evidence.confidence`:
 1. logistic, of an attempt alone. Attempts beside the first of a pair, and twins, count
    less: they are wrong far more often than the maps that people get.
 2. conditional logistic (McFadden 1974), of the maps of the coarse copies of each pair:
-   which of them are right, if some are. With other factors other maps are chosen: run
-   match_pairs.py again if these change much.
+   which of them are right, if some are. With other factors other maps are chosen and
+   other shares found, so those with which the results were made are kept (`RANK`), and
+   what a fit to the results gives stands beside them. Put that into `RANK` and run
+   match_pairs.py again where it ranks better.
 3. logistic, of the match of each pair that was compared with others on copies.
 
 For the scores each set is left out in turn, together with those that share its shapes.
@@ -43,6 +45,7 @@ CONSTANTS = FOLDER.parent / "jfsf" / "evidence" / "confidence.json"
 # What a figure of the certificate says: 1 if more of it speaks for a map, -1 against.
 EVIDENCE = {"orientation": 1, "shear": -1, "normal_gap": -1}
 RANKED_BY = {"residual": -1, "area_std": -1, "nn_agreement": 1}
+RANK = {"residual": -6.6, "area_std": -4.9, "nn_agreement": 29.0}
 OTHERS, TWINS = 0.1, 0.1  # what attempts beside the first count, and twins
 # A margin between ranks counts by SCALE; beyond MOST_MARGIN it says no more.
 SCALE, MOST_MARGIN = 0.5, 3.0
@@ -166,7 +169,12 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
     compared = _named(("constant", "log_odds", "margin"), shipped.compared)
     return {
         "alone": _named(("constant", *EVIDENCE), shipped.alone),
-        "rank": _named(RANKED_BY, shipped.rank),
+        "rank": RANK,
+        "rank_fitted_to_these": _named(RANKED_BY, shipped.rank),
+        "right_map_ranks_first": {
+            "rank": first_right(sets, np.array(list(RANK.values()))),
+            "rank_fitted_to_these": first_right(sets, shipped.rank),
+        },
         "compared": {"scale": SCALE, "most_margin": MOST_MARGIN, **compared},
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "fitted_to": fitted,
@@ -239,6 +247,15 @@ def fit_rank(pools: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
         return value, slope
 
     return _minimum(loss, np.zeros(len(spread)), RANKED_BY) / spread
+
+
+def first_right(sets: dict[str, Results], rank: np.ndarray) -> float:
+    """Share of the pairs with a right map on the copies whose first is right."""
+    pools = [pool for own in sets.values() for pool in own.copies]
+    best = [errors[np.argmax(columns @ rank)] for columns, errors in pools]
+    has = np.array([errors.min() < protocol.RIGHT for _, errors in pools])
+    right = np.array(best) < protocol.RIGHT
+    return round(float(right[has].mean()), 3)
 
 
 def fit(

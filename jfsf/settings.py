@@ -22,7 +22,7 @@ class EvidenceSettings:
         the mean distance of two random vertices being 1. Exchanged hands are at 1 or
         more, noise of a map at 0.1.
     distinct: two maps differ if their images are so far apart in the mean, in the same
-        unit. With twice as much, a map with two legs exchanged passed for its better.
+        unit. With twice as much, two maps with one pair of legs exchanged count as one.
     missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
         little against a map that is nearly certain, since a landmark may be wrong too.
     missed_rank: what a map that misses all landmarks loses of its rank among others of

@@ -67,6 +67,7 @@ def bridges(mesh, rng, number=1):
     """Faces between an edge and a vertex near it."""
     edges = mesh.faces[rng.choice(len(mesh.faces), number, replace=False), :2]
     near = KDTree(mesh.vertices).query(mesh.vertices[edges[:, 0]], k=10)[1]
+    near = np.asarray(near)
     return added(mesh, np.column_stack([edges, near[:, -1]]))
 
 
@@ -74,7 +75,7 @@ def one_sided(mesh, rng):
     """Two faces lost, and a strip from one hole to the other that changes sides."""
     start = rng.integers(len(mesh.faces))
     centres = mesh.vertices[mesh.faces].mean(1)
-    near = KDTree(centres).query(centres[start], k=24)[1]
+    near = np.asarray(KDTree(centres).query(centres[start], k=24)[1])
     apart = [f for f in near if not np.isin(mesh.faces[f], mesh.faces[start]).any()]
     (a, b, _), (c, d, _) = mesh.faces[start], mesh.faces[apart[0]]
     kept = np.delete(mesh.faces, [start, apart[0]], axis=0)
@@ -141,7 +142,7 @@ def test_a_bad_place_changes_no_other_face(shape, kind):
 def test_thirty_edges_with_three_faces_do_no_harm(shape, kind):
     clean = SHAPES[shape]
     damaged = kind(clean, np.random.default_rng(1), 30)
-    assert check(damaged).nonmanifold_edges >= 30
+    assert (check(damaged).nonmanifold_edges or 0) >= 30
     assert wound_as(damaged, clean) and unclear_winding(damaged) < MAX_UNCLEAR
 
 
