@@ -4,7 +4,7 @@ Regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their facto
 in confidence.json beside this file, with the data they were fitted to and the scores on
 data that they were not (experiments/calibration.py).
 
-Of a map alone, with the evidence e_f of `Certificate`, in the form of `COLUMNS`:
+Of a map alone, with the evidence e_f of `Certificate`, as `column` reads it:
 
     p = 1 / (1 + exp(-z)),  z = b_constant + sum_f b_f e_f
 
@@ -54,6 +54,8 @@ def column(name: str, value: Float[Array, "..."] | float) -> Float[Array, "..."]
     Orientation and `nn_agreement` as they are, of others log(value + `LEAST`).
     """
     value = jnp.asarray(value)
+    if name == "nn_agreement":  # unknown without a plan, of all maps of a pair
+        value = jnp.nan_to_num(value)
     return value if name in _AS_IT_IS else jnp.log(jnp.maximum(value, 0) + LEAST)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.evidence._confidence import COMPARED, rank
-from jfsf.evidence._landmarks import MISSED, rms_distance
+from jfsf.evidence._landmarks import rms_distance
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic
 from jfsf.types import Match, Spectrum
@@ -42,7 +42,7 @@ def share_among(
         settings: `evidence`, `distance_pairs`.
 
     Returns:
-        Shares in [0, 1], 1 where nothing differs; ranks, and which matches differ.
+        Shares in [0, 1], 1 where nothing differs, nan where the rank is; ranks, and which matches differ.
     """
     spec_x, spec_y = pair
     points = biharmonic(spec_y, settings.distance_pairs)
@@ -53,7 +53,9 @@ def share_among(
     differ = np.array(apart) > settings.evidence.distinct * unit * mass.sum()
     figures = [match.certificate.figures() for match in matches]
     ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
-    ranks -= settings.evidence.missed_rank * np.array([_missed(m) for m in matches])
+    limit = settings.evidence.missed
+    missed = np.array([_missed(match, limit) for match in matches])
+    ranks -= settings.evidence.missed_rank * missed
     odds = COMPARED["scale"] * ranks
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
@@ -63,11 +65,11 @@ def share_among(
                 rivals.append(j)
         known = np.isfinite(own) and len(rivals)
         margin = own - logsumexp(odds[rivals]) if known else np.inf
-        shares.append(expit(margin))
+        shares.append(expit(margin) if np.isfinite(own) else np.nan)
     return Standing(np.array(shares), ranks, differ)
 
 
-def _missed(match: Match) -> float:
+def _missed(match: Match, limit: float) -> float:
     """Share of the landmarks that a match misses; 0 without landmarks."""
     away = np.asarray(match.certificate.landmarks)
-    return float(np.mean(away > MISSED)) if len(away) else 0.0
+    return float(np.mean(away > limit)) if len(away) else 0.0
