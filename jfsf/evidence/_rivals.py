@@ -42,7 +42,8 @@ def share_among(
         settings: `evidence`, `distance_pairs`.
 
     Returns:
-        Shares in [0, 1], 1 where nothing differs, nan where the rank is; ranks, and which matches differ.
+        Shares in [0, 1], 1 where nothing differs and nan where the rank is unknown;
+        ranks; and which matches differ.
     """
     spec_x, spec_y = pair
     points = biharmonic(spec_y, settings.distance_pairs)
