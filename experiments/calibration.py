@@ -318,7 +318,7 @@ def _matches(pairs: list[dict[str, Any]]) -> Matches:
 
 
 def _columns(figures: dict[str, Any], names: Iterable[str]) -> list[float]:
-    return [float(column(name, float(figures[name]))) for name in names]
+    return [float(column(name, figures[name], np)) for name in names]
 
 
 def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:

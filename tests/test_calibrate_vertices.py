@@ -32,9 +32,7 @@ def test_they_hold_on_sets_that_they_were_not_fitted_to(script):
         scores["of_these_in_the_least_sure_tenth"]
         for scores in (held_out["maps that are right on the whole"], held_out["all"])
     )
-    # Over all maps more than a tenth of the vertices have a large error: two thirds of
-    # these is the most that a tenth can hold.
-    assert right >= 0.5 and every >= 0.4
+    assert right >= 0.5 and every >= 0.5
 
 
 def test_a_fit_recovers_factors_and_ignores_what_speaks_against_sense(script):
@@ -59,6 +57,6 @@ def test_vertices_are_written_as_text_and_read(script, monkeypatch):
     errors = rng.uniform(size=len(at))
     assert len(set(at)) == rows.NUMBER and (np.diff(at) > 0).all()
     assert list(rows.chosen(4)) == [0, 1, 2, 3]
-    found, known = rows.from_row(rows.to_row(evidence, at, errors))
+    found, known = rows.from_row(rows.to_row(evidence, at, errors, np.full(50, 0.5)))
     np.testing.assert_allclose(found, evidence[at], atol=0.0051)
     np.testing.assert_allclose(known, errors, atol=0.00051)

@@ -48,15 +48,19 @@ RANK_FACTORS: dict[str, float] = _CONSTANTS["rank"]
 COMPARED: dict[str, float] = _CONSTANTS["compared"]
 
 
-def column(name: str, value: Float[Array, "..."] | float) -> Float[Array, "..."]:
+def column(name: str, value: Any, xp: Any = jnp) -> Any:
     """A figure of the certificate as the regression reads it.
 
     Orientation and `nn_agreement` as they are, of others log(value + `LEAST`).
+
+    Args:
+        name, value: of the figure.
+        xp: numpy on the host, to compute in float64.
     """
-    value = jnp.asarray(value)
+    value = xp.asarray(value)
     if name == "nn_agreement":  # unknown without a plan, of all maps of a pair
-        value = jnp.nan_to_num(value)
-    return value if name in _AS_IT_IS else jnp.log(jnp.maximum(value, 0) + LEAST)
+        value = xp.nan_to_num(value)
+    return value if name in _AS_IT_IS else xp.log(xp.maximum(value, 0) + LEAST)
 
 
 def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
