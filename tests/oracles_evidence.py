@@ -84,7 +84,7 @@ def share_among(maps, ranks, points, mass, distinct, scale):
 
     def differ(a, b):
         apart = [math.dist(points[s], points[t]) for s, t in zip(a, b, strict=True)]
-        return np.mean(apart) > distinct * unit
+        return np.average(apart, weights=mass) > distinct * unit
 
     order = sorted(range(len(maps)), key=lambda i: (-ranks[i], i))
     shares = []

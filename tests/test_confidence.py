@@ -152,7 +152,7 @@ def shares_of(maps, ranks, pair=(SPEC, SPEC)):
 RNG = np.random.default_rng(0)
 # The identity, near copies of it, and maps that differ.
 IDENTITY = np.arange(N)
-FEW = [RNG.random(N) < 0.02 for _ in range(2)]
+FEW = [RNG.random(N) < 0.01 for _ in range(2)]
 COPIES = [np.where(few, RNG.integers(N, size=N), IDENTITY) for few in FEW]
 OTHERS = [RNG.permutation(N) for _ in range(2)]
 ALL_MAPS = [IDENTITY, *COPIES, *OTHERS, OTHERS[0]]
