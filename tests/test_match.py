@@ -101,7 +101,7 @@ def test_each_stage_is_named_as_it_begins():
     named = []
     same(jfsf.match(mesh_x, mesh_y, cache=False, progress=named.append))
     first = ["spectra", "features", "search"]
-    assert named == [*first, "refinement", "bending and conversion"]
+    assert named[:5] == [*first, "refinement", "bending and conversion"]
 
 
 @cache
