@@ -28,7 +28,7 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
-from jfsf.evidence._rivals import Standing, share_among
+from jfsf.evidence._rivals import Standing, map_distances, share_among
 from jfsf.evidence._vertices import (
     SURE,
     VERTEX_EVIDENCE,
@@ -56,6 +56,7 @@ __all__ = [
     "kept_landmarks",
     "landmark_distances",
     "log_odds",
+    "map_distances",
     "of_certificate",
     "rank",
     "share_among",

@@ -78,17 +78,18 @@ def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
     return jnp.asarray(z + _weighed(factors, figures))
 
 
-def rank(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
+def rank(xp: Any = jnp, **figures: Float[Array, "..."] | float) -> Any:
     """r of a map among others of the same pair; more is better.
 
     Args:
+        xp: as `column`.
         figures: of the certificate, by name, more than are needed.
     """
-    return jnp.asarray(_weighed(RANK_FACTORS, figures))
+    return xp.asarray(_weighed(RANK_FACTORS, figures, xp))
 
 
-def _weighed(factors: dict[str, float], figures: dict[str, Any]):
-    return sum(b * column(name, figures[name]) for name, b in factors.items())
+def _weighed(factors: dict[str, float], figures: dict[str, Any], xp: Any = jnp):
+    return sum(b * column(name, figures[name], xp) for name, b in factors.items())
 
 
 def confidence(

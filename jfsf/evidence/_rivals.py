@@ -9,7 +9,7 @@ from scipy.special import expit, logsumexp
 from jfsf.evidence._confidence import COMPARED, rank
 from jfsf.evidence._landmarks import rms_distance
 from jfsf.settings import Settings
-from jfsf.spectral import biharmonic
+from jfsf.spectral import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Match, Spectrum
 
 
@@ -33,8 +33,8 @@ def share_among(
 
     c = COMPARED["scale"] of confidence.json, over the matches j that differ from i, the
     best of each group of near copies. A map that misses landmarks ranks lower.
-    Two matches differ if their images are `EvidenceSettings.distinct` apart in the
-    mean, in biharmonic distance relative to that of two random vertices.
+    Two matches differ if they are more than `EvidenceSettings.distinct` apart
+    (`map_distances`).
 
     Args:
         matches: of one pair; a rank of nan counts as impossible.
@@ -45,15 +45,11 @@ def share_among(
         Shares in [0, 1], 1 where nothing differs and nan where the rank is unknown;
         ranks; and which matches differ.
     """
-    spec_x, spec_y = pair
-    points = biharmonic(spec_y, settings.distance_pairs)
-    unit = float(rms_distance(points, spec_y.mass))
-    points, mass = np.asarray(points), np.asarray(spec_x.mass)
-    images = [points[np.asarray(match.T_xy)] for match in matches]
-    apart = [[mass @ np.linalg.norm(a - b, axis=1) for b in images] for a in images]
-    differ = np.array(apart) > settings.evidence.distinct * unit * mass.sum()
+    apart = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
+    differ = apart > settings.evidence.distinct
     figures = [match.certificate.figures() for match in matches]
-    ranks = np.nan_to_num([float(rank(**own)) for own in figures], nan=-np.inf)
+    # On the host: so few numbers are not worth a program.
+    ranks = np.nan_to_num([float(rank(np, **own)) for own in figures], nan=-np.inf)
     limit = settings.evidence.missed
     missed = np.array([_missed(match, limit) for match in matches])
     ranks -= settings.evidence.missed_rank * missed
@@ -68,6 +64,30 @@ def share_among(
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin) if np.isfinite(own) else np.nan)
     return Standing(np.array(shares), ranks, differ)
+
+
+def map_distances(
+    matches: Sequence[Match],
+    pair: tuple[Spectrum, Spectrum],
+    *,
+    distance_pairs: int = DISTANCE_PAIRS,
+) -> np.ndarray:
+    """Mean distance of the images of X under each two maps, (m, m).
+
+    It is the biharmonic distance on Y, relative to that of two random vertices.
+
+    Args:
+        matches: of one pair.
+        pair: the spectra of X and Y; mass 0 is padding.
+        distance_pairs: eigenpairs of the distance.
+    """
+    spec_x, spec_y = pair
+    points = biharmonic(spec_y, distance_pairs)
+    unit = float(rms_distance(points, spec_y.mass))
+    points, mass = np.asarray(points), np.asarray(spec_x.mass)
+    images = [points[np.asarray(match.T_xy)] for match in matches]
+    apart = [[mass @ np.linalg.norm(a - b, axis=1) for b in images] for a in images]
+    return np.array(apart) / (unit * mass.sum())
 
 
 def _missed(match: Match, limit: float) -> float:

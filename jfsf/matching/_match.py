@@ -23,7 +23,7 @@ from jfsf.arguments import (
     padded_inputs,
 )
 from jfsf.convert import HasMaps
-from jfsf.evidence import landmark_distances
+from jfsf.evidence import map_distances
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
     MAX_UNCLEAR,
@@ -37,9 +37,9 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.parts import match_parts
-from jfsf.policy import PairState, compile_first_attempt, match_pairs
+from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
-from jfsf.settings import Settings
+from jfsf.settings import EvidenceSettings, Settings
 from jfsf.spectral import functional_map, spectrum_of_valid, truncate
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
@@ -104,9 +104,7 @@ def match(
         ValueError: landmarks, descriptors or an initial map that do not fit the meshes,
             an unknown orientation, or no overlap found with `partial`.
     """
-    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    for name, mesh in meshes.items():
-        check_matchable(mesh, name=name, settings=settings)
+    meshes = _checked(mesh_x, mesh_y, settings)
     if partial:
         if not (landmarks is None and descriptors is None and initial is None):
             raise ValueError(
@@ -127,7 +125,7 @@ def alternatives(
     landmarks: Int[ArrayLike, "l 2"] | None = None,
     descriptors: tuple[Float[ArrayLike, "n_x d"], Float[ArrayLike, "n_y d"]]
     | None = None,
-    min_distance: float = 0.1,
+    min_distance: float = EvidenceSettings().distinct,
     settings: Settings = Settings(),
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
@@ -143,8 +141,8 @@ def alternatives(
         mesh_x, mesh_y, orientation, landmarks, descriptors, settings, cache, progress:
             as `match`.
         min_distance: a map is left out if its images lie nearer than this to those of
-            a more confident one: the mean spectral distance on Y, relative to the mean
-            distance of two random vertices. 0 keeps the maps of all attempts.
+            a more confident one (`jfsf.evidence.map_distances`). 0 keeps the maps of
+            all attempts.
 
     Returns:
         The match of each attempt, as `match` returns it, that of `match` itself first.
@@ -154,21 +152,20 @@ def alternatives(
     Raises:
         MeshError, ValueError: as `match`.
     """
-    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    for name, mesh in meshes.items():
-        check_matchable(mesh, name=name, settings=settings)
+    meshes = _checked(mesh_x, mesh_y, settings)
     given = _given(meshes, orientation, landmarks, descriptors, None)
     pair = _attempted(*given, settings, _Host(cache, cache, progress))
     matches = pair.results(settings)
     confidence = [float(match.certificate.confidence) for match in matches]
     order = np.argsort(-np.nan_to_num(confidence, nan=-1.0), kind="stable").tolist()
     order.remove(pair.won)
-    kept = [matches[pair.won]]
-    for match in (matches[i] for i in order):
-        apart = (_distance(match, other, pair, settings) for other in kept)
-        if min_distance <= 0 or min(apart) >= min_distance:
-            kept.append(match)
-    return [_cut(match, *meshes.values()) for match in kept]
+    pairs = settings.distance_pairs
+    apart = map_distances(matches, pair.spectra, distance_pairs=pairs)
+    kept = [pair.won]
+    for i in order:
+        if min_distance <= 0 or apart[i, kept].min() >= min_distance:
+            kept.append(i)
+    return [_cut(matches[i], *meshes.values()) for i in kept]
 
 
 def symmetry(
@@ -279,6 +276,14 @@ def _shape(mesh: Mesh) -> _Shape:
     return _Shape(surface, whole if len(surface.faces) else None)
 
 
+def _checked(mesh_x: Mesh, mesh_y: Mesh, settings: Settings) -> dict[str, Mesh]:
+    """Both meshes by the names of their arguments."""
+    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
+    for name, mesh in meshes.items():
+        check_matchable(mesh, name=name, settings=settings)
+    return meshes
+
+
 def _tells_left_from_right(shape: _Shape) -> bool:
     faces = len(shape.surface.faces) > 0
     return faces and unclear_winding(shape.surface) <= MAX_UNCLEAR
@@ -328,9 +333,7 @@ def attempted_pair(
     Raises:
         MeshError: as `match`.
     """
-    meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
-    for name, mesh in meshes.items():
-        check_matchable(mesh, name=name, settings=settings)
+    meshes = _checked(mesh_x, mesh_y, settings)
     shapes, inputs = _given(meshes, "preserve", None, None, None)
     return _attempted(shapes, inputs, settings, _Host(cache, cache))
 
@@ -338,14 +341,6 @@ def attempted_pair(
 def _cut(match: Match, mesh_x: Mesh, mesh_y: Mesh) -> Match:
     """Without padding."""
     return match.without_padding(len(mesh_x.vertices), len(mesh_y.vertices))
-
-
-def _distance(one: Match, other: Match, pair: PairState, settings: Settings) -> float:
-    """Mean distance on Y of the images of X, relative to that of random vertices."""
-    spec_x, spec_y = pair.spectra
-    pairs = settings.distance_pairs
-    apart = landmark_distances(one.T_xy, other.T_xy, spec_y, distance_pairs=pairs)
-    return float(np.average(apart, weights=spec_x.mass))
 
 
 def _attempted(
@@ -381,7 +376,7 @@ def _attempted(
     pair.seconds["spectra"] = perf_counter() - started
 
     runner = OneByOne(host.keep_programs, host.progress)
-    match_pairs([pair], runner, settings=settings)
+    attempt_pairs([pair], runner, settings=settings)
     return pair
 
 

@@ -13,7 +13,15 @@ from jfsf.types import Match
 def match_pairs(
     pairs: Sequence[PairState], runner: Runner, *, settings: Settings
 ) -> list[Match]:
-    """Match pairs, and try those in doubt again.
+    """`attempt_pairs`, and the match of each pair."""
+    attempt_pairs(pairs, runner, settings=settings)
+    return [pair.result(settings) for pair in pairs]
+
+
+def attempt_pairs(
+    pairs: Sequence[PairState], runner: Runner, *, settings: Settings
+) -> None:
+    """Match pairs, and try those in doubt again; the pairs keep all attempts.
 
     Args:
         pairs: all with landmarks or all without; likewise an initial map.
@@ -37,7 +45,6 @@ def match_pairs(
             ]
             if tried:
                 _attempt(source, tried, runner, settings)
-    return [pair.result(settings) for pair in pairs]
 
 
 def compile_first_attempt(

@@ -91,33 +91,38 @@ class PairState:
 
     def results(self, settings: Settings) -> list[Match]:
         """The match of each attempt, its rivals counted, with `Match.info`."""
-        told = bool(self.inputs.sign != 0)
-        certificates = []
-        for attempt, share in zip(self.attempts, self.shares, strict=True):
-            evidence = attempt.match.certificate
-            share = jnp.asarray(share, evidence.confidence.dtype)
-            evidence = evidence._replace(share=share)
-            likely = of_certificate(evidence, told, settings=settings.evidence)
-            certificates.append(evidence._replace(confidence=likely))
-        confidence = [evidence.confidence for evidence in certificates]
+        matches = [
+            attempt.match
+            if np.isnan(share)
+            else self._compared(attempt.match, share, settings)
+            for attempt, share in zip(self.attempts, self.shares, strict=True)
+        ]
+        confidence = [match.certificate.confidence for match in matches]
         info = MatchInfo(
             np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
             np.array(confidence, dtype=np.asarray(confidence[0]).dtype),
             np.array(self.won, np.int32),
             np.array([self.seconds.get(stage, np.nan) for stage in STAGES]),
         )
-        matches = []
-        for attempt, evidence in zip(self.attempts, certificates, strict=True):
-            own = info._replace(won=np.array(len(matches), np.int32))
-            match = attempt.match
-            changed = match.certificate.confidence, evidence.confidence
-            x, y = match.confidence_x, match.confidence_y
-            if x is not None and y is not None:
-                x, y = (with_likely(side, *changed) for side in (x, y))
-            vertices = {"confidence_x": x, "confidence_y": y}
-            match = match._replace(certificate=evidence, info=own, **vertices)
-            matches.append(match)
-        return matches
+        numbers = np.arange(len(matches), dtype=np.int32)
+        return [
+            match._replace(info=info._replace(won=number))
+            for match, number in zip(matches, numbers, strict=True)
+        ]
+
+    def _compared(self, match: Match, share: float, settings: Settings) -> Match:
+        """With its share, and the confidence that follows from it."""
+        before = match.certificate
+        dtype = before.confidence.dtype
+        evidence = before._replace(share=jnp.asarray(share, dtype))
+        told = bool(self.inputs.sign != 0)
+        likely = of_certificate(evidence, told, settings=settings.evidence)
+        evidence = evidence._replace(confidence=likely)
+        x, y = (
+            side if side is None else with_likely(side, before.confidence, likely)
+            for side in (match.confidence_x, match.confidence_y)
+        )
+        return match._replace(certificate=evidence, confidence_x=x, confidence_y=y)
 
     def result(self, settings: Settings) -> Match:
         """The best match."""
