@@ -55,8 +55,9 @@ class Settings:
     search: the search for the initial map.
     retry_below: where the map is less confident by its own evidence
         (`Certificate.confidence`), other starts are tried on coarse copies
-        (`jfsf.initial.nonisometric_starts`). What ranks first there is kept. A map that
-        is given is kept in any case, but ranked. 0 leaves it out.
+        (`jfsf.initial.nonisometric_starts`). What ranks first there is bent on the
+        whole shapes, and kept if it is more confident. A map that is given is kept in
+        any case, but ranked. 0 leaves it out.
     coarse_vertices: of the coarse copies, on which all further starts are tried
         (`jfsf.coarse`).
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,

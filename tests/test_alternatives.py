@@ -33,13 +33,14 @@ def attempts(monkeypatch):
     """A function that says what is attempted, in order."""
     spec = jfsf.basis(MESH, cache=False)
 
-    def set_to(*matches, better=None):
+    def set_to(*matches, share=np.nan):
         pair = PairState(padded_pair(spec, spec), MatchInputs())
         size = len(pair.spectra[0].mass)
         for match in matches:
             T_xy = np.pad(match.T_xy, (0, size - N))
             match = match._replace(T_xy=T_xy, T_yx=T_xy)
-            pair.keep(Attempt("search", None, match), better=better)
+            pair.keep(Attempt("search", None, match), settings=Settings())
+        pair.shares[-1] = share
         monkeypatch.setattr(_match, "_attempted", lambda *args: pair)
 
     return set_to
@@ -63,10 +64,12 @@ def test_all_are_kept_on_request(attempts):
 
 
 def test_that_of_match_is_first_whatever_its_confidence(attempts):
-    # The other did not rank above it.
-    attempts(found(SAME, 0.2), found(FAR, 0.3), better=False)
+    # It was compared with rivals later, and the other was not.
+    attempts(found(SAME, 0.2), found(FAR, 0.3), share=0.01)
     tried = jfsf.alternatives(MESH, MESH, min_distance=0)
-    assert [int(match.info.won) for match in tried] == [0, 1]
+    assert [int(match.info.won) for match in tried] == [1, 0]
+    likely = [float(match.certificate.confidence) for match in tried]
+    assert likely[0] < likely[1] == pytest.approx(0.2)
 
 
 def test_what_cannot_be_matched_is_an_error():

@@ -193,7 +193,8 @@ def test_the_programs_are_compiled_for_what_they_get():
     sizes = [(len(mesh.vertices), len(mesh.faces)) for mesh, _ in shapes()]
     k = len(specs()[0].evals)
     like_x, like_y = map(spectrum_like, padded_shapes(k, sizes))
-    ahead, runner, settings = Abstract(), noting(), Settings()
+    # Of the first attempt only; these small shapes are in doubt.
+    ahead, runner, settings = Abstract(), noting(), Settings(retry_below=0)
     policy.compile_first_attempt(
         PairState((like_x, like_y), MatchInputs()), ahead, settings=settings
     )

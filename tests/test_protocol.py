@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from documents import README, ROOT
 
-import jfsf
 from jfsf import data, testing
-from jfsf.types import Certificate, Match, MatchInfo
+from jfsf.arguments import MatchInputs
+from jfsf.policy import Attempt, PairState
+from jfsf.types import SOURCES, Certificate, Match
 
 FOLDER = ROOT / "experiments"
 
@@ -162,25 +163,23 @@ def test_truth_of_two_lengths_is_an_error(scripts, tmp_path):
 
 
 def made_up(mesh_x, mesh_y, images, confidence):
-    """Matches of these maps, the most confident first, as `alternatives` gives them."""
-    order = np.argsort(confidence)[::-1]
-    matches = []
-    for i in order:
+    """A pair on the way, with attempts of these maps; the last has won."""
+    attempts, back = [], np.zeros(len(mesh_y.vertices), int)
+    for T_xy, likely in zip(images, confidence, strict=True):
         figures = dict.fromkeys(Certificate._fields, np.zeros(()))
-        figures |= {"confidence": np.array(confidence[i]), "landmarks": np.zeros(0)}
-        source = np.array([1] + [3] * (len(images) - 1))
-        info = MatchInfo(source, np.array(confidence), np.array(i), np.zeros(9))
-        back = np.zeros(len(mesh_y.vertices), int)
-        found = Match(images[i], back, None, Certificate(**figures), info=info)
-        matches.append(found)
-    return matches
+        figures |= {"confidence": np.array(likely), "landmarks": np.zeros(0)}
+        source = SOURCES[3 if attempts else 1]
+        found = Match(T_xy, back, None, Certificate(**figures))
+        attempts.append(Attempt(source, None, found))
+    last = len(attempts) - 1
+    shares = [np.nan] * len(attempts)
+    return PairState(None, MatchInputs(), None, None, attempts, shares, last)
 
 
 def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypatch):
     asked = []
 
-    def alternatives(mesh_x, mesh_y, *, min_distance, settings):
-        assert min_distance == 0
+    def attempted_pair(mesh_x, mesh_y, *, settings):
         asked.append(settings.retry_below)
         names = {len(data.load(n).mesh.vertices): n for n in data.names()}
         x, y = (data.load(names[len(m.vertices)]) for m in (mesh_x, mesh_y))
@@ -189,7 +188,8 @@ def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypat
         wrong = np.zeros(len(mesh_x.vertices), int)
         return made_up(mesh_x, mesh_y, [wrong, right], [0.2, 0.95])
 
-    monkeypatch.setattr(jfsf, "alternatives", alternatives)
+    monkeypatch.setattr(scripts.match_pairs, "attempted_pair", attempted_pair)
+    monkeypatch.setattr(scripts.match_pairs, "_vertices", lambda *args: None)
     command = ["match_pairs.py", "embedded", "--spread", "2", "--exhaustive"]
     monkeypatch.setattr("sys.argv", [*command, "--out", str(tmp_path)])
     scripts.match_pairs.main()

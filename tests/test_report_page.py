@@ -95,9 +95,9 @@ def test_modes_paint_differently(desktop):
         button.click()
         assert button.get_attribute("aria-pressed") == "true"
         shown = desktop.one("#scale").is_displayed()
-        assert shown == (button.text in ("Error", "There and back"))
+        assert shown == (button.text in ("Error", "There and back", "Doubt"))
         seen.append(desktop.pixels("#canvas-x"))
-    assert len(seen) == 4
+    assert len(seen) == 5
     for i, one in enumerate(seen):
         for other in seen[:i]:
             assert (one != other).mean() > 0.005

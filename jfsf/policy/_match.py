@@ -76,5 +76,5 @@ def _attempt(
         matches = finish_maps(starts, maps, runner, settings)
     else:
         matches = match_starts(starts, runner, settings)
-    for (pair, (start, share, better)), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source.name, start, match), share, better)
+    for (pair, (start, share)), match in zip(tried, matches, strict=True):
+        pair.keep(Attempt(source.name, start, match), share, settings=settings)

@@ -27,11 +27,6 @@ class Attempt(NamedTuple):
     start: Start
     match: Match
 
-    @property
-    def confidence(self) -> float:
-        """Of the match, by its own evidence and the landmarks; -1 if it is unknown."""
-        return float(np.nan_to_num(self.match.certificate.confidence, nan=-1.0))
-
 
 @dataclass(eq=False)
 class PairState:
@@ -79,24 +74,23 @@ class PairState:
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
     def keep(
-        self, attempt: Attempt, share: float = np.nan, better: bool | None = None
+        self, attempt: Attempt, share: float = np.nan, *, settings: Settings
     ) -> None:
-        """Note an attempt; `share` and `better` are those of its `Proposal`."""
-        if self.attempts and better is None:
-            better = attempt.confidence > self.attempts[self.won].confidence
-        if self.attempts and better:
-            self.won = len(self.attempts)
+        """Note an attempt; it is the match if it is more confident than that so far."""
         self.attempts.append(attempt)
         self.shares.append(share)
+        last = len(self.attempts) - 1
+        if self._confidence(last, settings) > self._confidence(self.won, settings):
+            self.won = last
+
+    def _confidence(self, number: int, settings: Settings) -> float:
+        """Of an attempt, its rivals counted; -1 if it is unknown."""
+        likely = self._result(number, settings).certificate.confidence
+        return float(np.nan_to_num(likely, nan=-1.0))
 
     def results(self, settings: Settings) -> list[Match]:
         """The match of each attempt, its rivals counted, with `Match.info`."""
-        matches = [
-            attempt.match
-            if np.isnan(share)
-            else self._compared(attempt.match, share, settings)
-            for attempt, share in zip(self.attempts, self.shares, strict=True)
-        ]
+        matches = [self._result(i, settings) for i in range(len(self.attempts))]
         confidence = [match.certificate.confidence for match in matches]
         info = MatchInfo(
             np.array([SOURCES.index(a.source) for a in self.attempts], np.int32),
@@ -110,8 +104,11 @@ class PairState:
             for match, number in zip(matches, numbers, strict=True)
         ]
 
-    def _compared(self, match: Match, share: float, settings: Settings) -> Match:
-        """With its share, and the confidence that follows from it."""
+    def _result(self, number: int, settings: Settings) -> Match:
+        """With its share, if it was compared, and the confidence that follows."""
+        match, share = self.attempts[number].match, self.shares[number]
+        if np.isnan(share):
+            return match
         before = match.certificate
         dtype = before.confidence.dtype
         evidence = before._replace(share=jnp.asarray(share, dtype))

@@ -24,12 +24,10 @@ class Proposal(NamedTuple):
 
     start: the map to begin with.
     share: see `PairState.shares`.
-    better: whether its match replaces the one so far; None: if it is more confident.
     """
 
     start: Start
     share: float = np.nan
-    better: bool | None = None
 
 
 class Source(NamedTuple):
@@ -108,7 +106,7 @@ def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
         tried += [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for s in own]
     matches = match_starts(tried, runner, settings, at_a_time=2)
     for (copy, start), match in zip(tried, matches, strict=True):
-        copy.keep(Attempt("coarse copies", start, match))
+        copy.keep(Attempt("coarse copies", start, match), settings=settings)
     proposed = [
         _proposals(pair, copy, settings)
         for pair, copy in zip(pairs, copies, strict=True)
@@ -128,15 +126,15 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     share, rank, differ = share_among(own, copy.spectra, settings=settings)
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
-    better = bool(differ[best, 0])
+    another = bool(differ[best, 0])
     # A near copy of the map so far ranks first: it is the same map, a little better.
-    pair.shares[pair.won] = float(share[0] if better else share[best])
-    number, chosen = settings.nonisometric_attempts - (not better), [0]
+    pair.shares[pair.won] = float(share[0] if another else share[best])
+    number, chosen = settings.nonisometric_attempts - (not another), [0]
     for i in order:
         if all(differ[i, j] for j in chosen):
             chosen.append(int(i))
     return [
-        Proposal(_of_copies(copy.attempts[i]), float(share[i]), better and i == best)
+        Proposal(_of_copies(copy.attempts[i]), float(share[i]))
         for i in chosen[1 : 1 + number]
     ]
 

@@ -11,7 +11,6 @@ from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jfsf.runtime._map_pairs import PAIRS, map_pairs
 from jfsf.runtime._programs import compile_ahead
@@ -52,7 +51,8 @@ class OneByOne(NamedTuple):
         """As `Runner` says; a result is there when it is returned."""
         if self.progress is not None:
             self.progress(name)
-        # Not in the threads: they do not see a `with jax.default_device(...)` around.
+        # Not in the threads: they see neither `with jax.default_device(...)` nor
+        # `with jax.enable_x64(...)` around.
         inputs = [jax.tree.map(_on_device, args) for args in inputs]
         programs = [_program(stage, args, keep=self.keep) for args in inputs]
         run = lambda program, args: jax.block_until_ready(program(*args))
@@ -98,7 +98,7 @@ def _program(stage: partial, args: tuple, **options: Any):
 
 
 def _on_device(leaf):
-    return jnp.asarray(leaf) if isinstance(leaf, np.ndarray) else leaf
+    return leaf if isinstance(leaf, jax.Array) else jnp.asarray(leaf)
 
 
 def _is_large(args: tuple) -> bool:
