@@ -406,10 +406,15 @@ def test_an_interrupt_while_jax_collects_garbage_is_not_lost():
     def _xla_gc_callback():
         _interrupt(signal.SIGINT, sys._getframe())
 
-    with _raising_interrupts():
-        _xla_gc_callback()
-        with pytest.raises(KeyboardInterrupt):
-            time.sleep(20)
+    # A shell has what it runs in the background ignore interrupts.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        with _raising_interrupts():
+            _xla_gc_callback()
+            with pytest.raises(KeyboardInterrupt):
+                time.sleep(20)
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _words(text):
