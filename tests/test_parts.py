@@ -4,19 +4,25 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
-import potpourri3d as pp3d
 import pytest
+from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import testing
-from jfsf.geometry import GeodesicSolver, geodesics, pair_distances
+from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
 from jfsf.matching import _match
-from jfsf.mesh import MeshError, boundary_edges, surface_area, vertex_areas
+from jfsf.mesh import (
+    MeshError,
+    boundary_edges,
+    surface_area,
+    vertex_areas,
+    vertex_normals,
+)
 from jfsf.parts import (
-    EvidenceWeights,
     PartSettings,
+    RegisterWeights,
     cut,
     likely_part,
     longest_loop,
@@ -25,8 +31,8 @@ from jfsf.parts import (
 from jfsf.parts import _match as parts_match
 from jfsf.parts._ball_descriptors import ball_descriptors
 from jfsf.parts._beam import assign
-from jfsf.parts._evidence import curvatures
-from jfsf.parts._region import bend_onto, covered_by, nearest, target
+from jfsf.parts._region import covered_by, draw_onto, nearest, outward, target
+from jfsf.parts._register import register, whole_at_rest
 from jfsf.parts._shape import part_samples
 from jfsf.refine import ArapSettings
 from jfsf.types import Mesh
@@ -190,42 +196,97 @@ def test_the_beam_finds_the_scale():
 
 
 def test_a_part_in_place_covers_its_region():
-    onto = target(WHOLE)
-    bent = bend_onto(PART.mesh, onto, PART.index, rounds=2)
-    np.testing.assert_allclose(bent.moved, PART.mesh.vertices, atol=0.02)
-    assert bent.matched_x.all()
-    _, inside = covered_by(bent, PART.mesh, onto)
+    onto = target(PART.mesh)
+    drawn = draw_onto(WHOLE, onto, WHOLE.vertices, PART.index, rounds=2)
+    np.testing.assert_allclose(drawn.moved, WHOLE.vertices, atol=0.02)
+    assert drawn.matched_x.all()
+    np.testing.assert_array_equal(drawn.T_xy, PART.index)
+    _, inside = covered_by(onto, WHOLE, drawn)
     wanted = np.zeros(len(WHOLE.vertices), bool)
     wanted[PART.index] = True
     assert overlap(inside, wanted) > 0.97
-    # The other way round the part covers only itself.
-    _, matched = nearest(target(PART.mesh), WHOLE.vertices, onto.normal)
-    assert overlap(matched, wanted) > 0.97
+    # The other way round the whole covers all of the part.
+    _, matched = nearest(target(WHOLE), PART.mesh.vertices, onto.normal)
+    assert matched.all()
 
 
-def test_bends_share_one_solver(monkeypatch):
-    made, build = [], pp3d.MeshHeatMethodDistanceSolver
-
-    def counted(vertices, faces):
-        made.append(len(vertices))
-        return build(vertices, faces)
-
-    monkeypatch.setattr(pp3d, "MeshHeatMethodDistanceSolver", counted)
-    sides = parts_match._sides(PART.mesh, WHOLE, 1, settings=PartSettings())
-    both = [len(PART.mesh.vertices), len(WHOLE.vertices)]
-    assert made == both
-    first = parts_match._bent(sides, PART.index, 1.0, rounds=1)
-    again = parts_match._bent(sides, PART.index, 1.0, rounds=1)
-    assert made == both and first.score == again.score
-    fresh = sides._replace(y=sides.y._replace(solver=GeodesicSolver(sides.y.mesh)))
-    assert parts_match._bent(fresh, PART.index, 1.0, rounds=1).score == first.score
-    assert made == [*both, both[1]]
+def in_unit(mesh: Mesh) -> Mesh:
+    return Mesh(mesh.vertices / np.sqrt(AREA), mesh.faces)
 
 
-def test_curvature_has_no_unit():
-    there = curvatures(WHOLE, 1.0)
-    small = Mesh(WHOLE.vertices / 2, WHOLE.faces)
-    np.testing.assert_allclose(curvatures(small, 2.0), there, atol=1e-9)
+def at_rest(mesh: Mesh, sign: int = 1):
+    return whole_at_rest(mesh, outward(mesh, vertex_normals(*mesh)), sign)
+
+
+def away(moved, wanted) -> float:
+    return float(np.linalg.norm(moved - wanted, axis=1).mean())
+
+
+def shifted(by: float) -> np.ndarray:
+    """A start that is off: the vertices nearest to places beside those of the part."""
+    whole = in_unit(WHOLE)
+    beside = in_unit(PART.mesh).vertices + by * np.array([0.6, -0.8, 0])
+    return KDTree(whole.vertices).query(beside)[1]
+
+
+def test_a_whole_slides_to_its_place_on_the_part():
+    whole, part = in_unit(WHOLE), in_unit(PART.mesh)
+    start = shifted(0.1)
+    before = away(whole.vertices[start], part.vertices)
+    found = register(at_rest(whole), part, start)
+    after = away(whole.vertices[found.T], part.vertices)
+    assert before > 0.07 and after < before / 4
+    assert found.share == pytest.approx(1)
+    assert found.scale == pytest.approx(1, abs=0.03)
+    # A start far off leaves more apart, or bends more.
+    wrong = register(
+        at_rest(whole), part, KDTree(-whole.vertices).query(part.vertices)[1]
+    )
+    assert wrong.residual * wrong.energy > 2 * found.residual * found.energy
+
+
+def test_a_whole_in_place_stays_there_and_costs_nothing():
+    whole, part = in_unit(WHOLE), in_unit(PART.mesh)
+    found = register(at_rest(whole), part, PART.index)
+    np.testing.assert_allclose(found.moved, whole.vertices, atol=2e-3)
+    assert found.residual < 3e-3 and found.energy < 1e-4
+    assert np.abs(found.rotation - np.eye(3)).max() < 0.05
+
+
+def test_a_whole_is_registered_in_any_pose_and_size():
+    whole, part = in_unit(WHOLE), in_unit(PART.mesh)
+    found = register(at_rest(whole), part, shifted(0.05))
+    moved = turned(part, 4)
+    other = register(at_rest(whole), moved, shifted(0.05))
+    np.testing.assert_array_equal(other.T, found.T)
+    assert other.energy == pytest.approx(found.energy, rel=1e-6)
+    larger = Mesh(1.2 * part.vertices, part.faces)
+    assert register(at_rest(whole), larger, PART.index).scale == pytest.approx(
+        1.2, 0.03
+    )
+
+
+def test_a_mirrored_whole_is_registered_on_a_mirrored_part():
+    whole, part = in_unit(WHOLE), in_unit(PART.mesh)
+    flipped = Mesh(part.vertices * [-1, 1, 1], part.faces[:, ::-1])
+    found = register(at_rest(whole, -1), flipped, PART.index)
+    assert away(whole.vertices[found.T], part.vertices) < 0.01
+    kept = register(at_rest(whole), flipped, PART.index)
+    assert kept.energy > 10 * found.energy
+
+
+def test_what_an_open_whole_lacks_does_not_draw_it():
+    """Two parts that overlap: each lacks what the other has at its end."""
+    low, high = (np.quantile(HEIGHT, q) for q in (0.25, 0.75))
+    x, y = cut(WHOLE, HEIGHT < high), cut(WHOLE, HEIGHT > low)
+    part, whole = in_unit(x.mesh), in_unit(y.mesh)
+    start = KDTree(whole.vertices).query(part.vertices)[1]
+    found = register(at_rest(whole), part, start)
+    both = HEIGHT[x.index] > low
+    mass = vertex_areas(*part)
+    assert found.share == pytest.approx(mass[both].sum() / mass.sum(), abs=0.08)
+    at = whole.vertices[found.T]
+    assert away(at[both], part.vertices[both]) < 0.03
 
 
 # Quick: neither the region nor the maps need be right.
@@ -234,7 +295,9 @@ QUICK = PartSettings(
     beam=60,
     samples_of_part=40,
     samples_of_whole=80,
-    first_bend_rounds=1,
+    assignments=4,
+    first_updates=5,
+    reaches=(0.2, 0.1),
     bend_rounds=1,
     refinements=1,
 )
@@ -281,11 +344,17 @@ def test_settings_change_what_is_found(changed, matched_with):
     assert not same_maps(first, other)
 
 
-def test_weights_change_the_choice(matched_with):
-    alone = EvidenceWeights(0, 0, 0, 0, 1)  # the covered share counts, and no fit
-    both = [matched_with(s) for s in (QUICK, replace(QUICK, weights=alone))]
-    first, other = (float(parts.certificate.gap) for parts in both)
-    assert first != other
+def test_weights_change_the_choice():
+    sides = parts_match._sides(PART.mesh, WHOLE, 1, settings=QUICK)
+    found = [start.registered for start in parts_match._starts(sides)]
+    assert len(found) > 1
+    least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1))
+    nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0))
+    for one in found:
+        assert parts_match._rank(one, least) == pytest.approx(np.log(one.share))
+        assert parts_match._rank(one, nearest_fit) == pytest.approx(
+            np.log(one.residual)
+        )
 
 
 def test_a_region_of_too_few_vertices_is_an_error(matched_with):
@@ -312,8 +381,8 @@ def test_every_number_is_read():
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
         ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
-        ({"scale_correction": (1.1, 1.2)}, r"scale_correction is \(1.1, 1.2\)"),
-        ({"bent_twice": -1}, "bent_twice is -1; give 0 or more"),
+        ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
+        ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),
     ],
 )
 def test_numbers_that_cannot_work_are_errors(wrong, message):

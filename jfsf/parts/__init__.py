@@ -7,20 +7,20 @@ Read in this order:
 - `_hint`: whether a pair looks partial
 - `_ball_descriptors`: what a point sees within some distances
 - `_beam`: assignments of a few samples
-- `_region`: bend one shape onto the other; which part of it that covers
-- `_evidence`: how well it fits
+- `_register`: a coarse copy of the whole, drawn onto the part from a start far off
+- `_region`: the whole itself drawn onto the part; which part of it that covers
 - `_match`: the region that both share, and the maps
 """
 
 from jfsf.parts._hint import likely_part, longest_loop
 from jfsf.parts._match import Parts, match_parts
 from jfsf.parts._region import cut
-from jfsf.parts._settings import EvidenceWeights, PartSettings
+from jfsf.parts._settings import PartSettings, RegisterWeights
 
 __all__ = [
-    "EvidenceWeights",
     "PartSettings",
     "Parts",
+    "RegisterWeights",
     "cut",
     "likely_part",
     "longest_loop",

@@ -4,32 +4,42 @@ A cut changes all eigenfunctions, but where the region that both share is known,
 out of both, the shapes are whole again: the usual refinement then is as accurate as for
 whole shapes. So the work is to find that region.
 
-1. Assign a few samples by what a cut leaves (`_beam`): several assignments.
-2. Bend X onto Y by each (`_region`), and rank them by evidence (`_evidence`).
-3. Cut both shapes to the region, refine the map between the cuts, bend again: twice for
-   the best, once for its rivals.
+1. Assign a few samples by what a cut leaves (`_beam`): many assignments.
+2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
+   each of them (`_register`). What is left apart, and the energy, rank them.
+3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
+4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
+   these maps that of the best evidence (`Certificate.log_odds`) is kept.
 
 `PartSettings` holds the numbers of all of it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import boundary_edges, orient, surface_area
+from jfsf.mesh import (
+    boundary_edges,
+    decimate,
+    orient,
+    surface_area,
+    vertex_normals,
+)
 from jfsf.parts._beam import assign
-from jfsf.parts._evidence import curvatures, evidence
 from jfsf.parts._region import (
-    Bent,
+    Drawn,
     Target,
-    bend_onto,
     covered_by,
     cut,
     dense_map,
+    draw_onto,
+    nearest,
+    outward,
     target,
 )
+from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, part_samples
 from jfsf.types import Certificate, Mesh
@@ -56,29 +66,51 @@ class Parts(NamedTuple):
 
 
 class _Sides(NamedTuple):
-    """Both shapes in the unit of Y, and what is read of them once.
+    """Both shapes in the unit of Y, and coarse copies of both.
 
-    curved_x: `curvatures` by step of the scale, filled when they are needed.
+    on_x, on_y: the vertex of the shape nearest to each of its copy.
+    from_y: the vertex of the copy nearest to each of Y.
     """
 
     x: PartSamples
     y: PartSamples
-    onto: Target
-    curved_x: dict[int, np.ndarray]
-    curved_y: np.ndarray
+    coarse_x: Mesh
+    whole: Whole
+    on_x: np.ndarray
+    on_y: np.ndarray
+    from_y: np.ndarray
     sign: int
     settings: PartSettings
 
 
-class _State(NamedTuple):
-    """A map on the way; `score` is the weighted evidence, small is good."""
+class _Start(NamedTuple):
+    """An assignment, the scale of X that it has, and Y drawn onto X by it."""
 
-    bent: Bent
     scale: float
-    score: float
+    registered: Registered
+
+
+class _State(NamedTuple):
+    """A map on the way.
+
+    x: X at the size of Y.
+    T_xy, T_yx: the map so far.
+    inside: the vertices of Y that X covers.
+    match: between the regions, once it is refined.
+    """
+
+    x: Target
+    drawn: Drawn
+    scale: float
+    T_xy: np.ndarray
+    T_yx: np.ndarray
+    inside: np.ndarray
     match: Any = None
-    T_xy: Any = None
-    T_yx: Any = None
+
+    @property
+    def score(self) -> float:
+        """Small is good: the evidence of the map between the regions decides."""
+        return -float(np.nan_to_num(self.match.certificate.log_odds, nan=-np.inf))
 
 
 def match_parts(
@@ -102,34 +134,34 @@ def match_parts(
     Raises:
         ValueError: no region of enough vertices was found.
     """
-    # An open shape is bent onto a closed one, and of two open ones the smaller, so a
-    # swap changes nothing.
+    # The shape that is open, or the smaller one, is called X from here on.
     if _openness(mesh_x) < _openness(mesh_y):
         return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
-    states = []
+    starts = []
     for way in (1, -1) if sign == 0 else (sign,):
         sides = _sides(mesh_x, mesh_y, way, settings=settings)
-        states += [(state, sides) for state in _candidates(sides)]
-    states.sort(key=lambda pair: pair[0].score)
-    best = states[0][0].score
-    refined = []
-    for state, sides in states[: settings.refined]:
-        if state.score < best + settings.max_score_difference:
-            better = _refined(state, sides, refine)
-            refined += [] if better is None else [(better, sides)]
-    if not refined:
+        starts += [(sides, start) for start in _starts(sides)]
+    starts.sort(key=lambda pair: _rank(pair[1].registered, settings))
+    found = []
+    for sides, start in starts[: settings.refined]:
+        state = _refined(_drawn(sides, start), sides, refine)
+        found += [] if state is None else [(state, sides)]
+        if state is not None and -state.score >= settings.sure:
+            break
+    if not found:
         raise ValueError(
             f"match: partial=True found no region of {settings.min_vertices} vertices "
             "that both shapes share; finer meshes, or one unit for both, may help"
         )
-    refined.sort(key=lambda pair: pair[0].score)
-    state, sides = refined[0]
-    rivals = refined[1:] + states[settings.refined :]
-    others = [rival.score for rival, _ in rivals]
-    margin = min(others, default=np.inf) - state.score
+    found.sort(key=lambda pair: pair[0].score)
+    state, sides = found[0]
+    margin = found[1][0].score - state.score if found[1:] else np.inf
     for _ in range(settings.refinements - 1):
-        state = _refined(state, sides, refine) or state
-    return _result(state, sides, margin)
+        again = _refined(state, sides, refine)
+        if again is None or again.score >= state.score:
+            break
+        state = again
+    return _result(state, margin)
 
 
 def _openness(mesh: Mesh) -> tuple[float, float]:
@@ -163,86 +195,110 @@ def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int, *, settings: PartSettings) -> 
 
     x = part_samples(scaled(mesh_x), settings.samples_of_part, settings=settings)
     y = part_samples(scaled(mesh_y), settings.samples_of_whole, settings=settings)
-    onto, curved_y = target(y.mesh, settings), curvatures(y.mesh, settings=settings)
-    return _Sides(x, y, onto, {}, curved_y, sign, settings)
+    coarse_x = decimate(x.mesh, settings.coarse_part)
+    coarse_y = decimate(y.mesh, settings.coarse_whole)
+    on_x, on_y = _near(x.mesh, coarse_x), _near(y.mesh, coarse_y)
+    out = outward(coarse_y, vertex_normals(*coarse_y))
+    whole = whole_at_rest(coarse_y, out, sign)
+    from_y = _near(coarse_y, y.mesh)
+    return _Sides(x, y, coarse_x, whole, on_x, on_y, from_y, sign, settings)
 
 
-def _curved_x(sides: _Sides, scale: float) -> np.ndarray:
-    settings = sides.settings
-    step = round(float(np.log(scale)) / settings.curvature_scale_step)
-    if step not in sides.curved_x:
-        near = float(np.exp(step * settings.curvature_scale_step))
-        sides.curved_x[step] = curvatures(sides.x.mesh, near, settings=settings)
-    return sides.curved_x[step]
-
-
-def _candidates(sides: _Sides) -> list[_State]:
+def _starts(sides: _Sides) -> Iterator[_Start]:
+    """Of the assignments."""
     x, y, settings = sides.x, sides.y, sides.settings
     assigned = assign(x, y, orientation=sides.sign, settings=settings)
-    states, rounds = [], settings.first_bend_rounds
     for partner, scale in zip(assigned.partner, assigned.scale, strict=True):
         T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
-        states.append(_bent(sides, T_xy, float(scale), rounds))
-    states.sort(key=lambda state: state.score)
-    again = [_bent(sides, s.bent.T_xy, s.scale) for s in states[: settings.bent_twice]]
-    return again + states[settings.bent_twice :]
+        part, T = _scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
+        found = register(sides.whole, part, T, settings=settings)
+        yield _Start(float(scale), found)
 
 
-def _bent(sides: _Sides, T_xy, scale: float, rounds: int | None = None) -> _State:
-    """Bend X, score it, and correct the scale."""
-    mesh = _scaled(sides.x.mesh, scale)
-    bent = bend_onto(mesh, sides.onto, T_xy, sides.sign, rounds=rounds)
-    settings, curved_x = sides.settings, _curved_x(sides, scale)
-    figures, ratio = evidence(
-        *(sides.x, sides.y, curved_x, sides.curved_y, bent, scale), settings=settings
+def _rank(found: Registered, settings: PartSettings) -> float:
+    """Small is good."""
+    weights = settings.register_weights
+    figures = found.residual, found.energy, found.share
+    logs = (np.log(max(float(f), 1e-6)) for f in figures)
+    return sum(w * log for w, log in zip(weights, logs, strict=True))
+
+
+def _drawn(sides: _Sides, start: _Start) -> _State:
+    """All of Y drawn onto X, which is brought to the size that was found."""
+    scale = start.scale / start.registered.scale
+    x = target(_scaled(sides.x.mesh, scale), sides.settings)
+    moved = _moved(sides, start.registered)
+    bent = target(_wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
+    T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
+    return _state(sides, x, scale, moved, T_xy)
+
+
+def _moved(sides: _Sides, found: Registered) -> np.ndarray:
+    """Positions of Y, each moved like the near vertices of its coarse copy."""
+    settings, y = sides.settings, sides.y.mesh.vertices
+    rest = sides.whole.mesh.vertices
+    flip = np.array([sides.sign, 1, 1])
+    away, near = KDTree(rest).query(y * flip, settings.carried_by)
+    weight = 1 / (away + 1e-6) ** 2
+    weight /= weight.sum(1, keepdims=True)
+    turned = np.einsum(
+        "nkij,nkj->nki", found.rotation[near], (y * flip)[:, None] - rest[near]
     )
-    *weights, covered_weight = settings.weights
-    score = sum(w * np.log(f + 1e-4) for w, f in zip(weights, figures, strict=True))
-    mass = sides.x.mass
-    covered = max(mass[bent.matched_x].sum() / mass.sum(), 1e-3)
-    score -= covered_weight * np.log(covered)
-    corrected = scale * float(np.clip(ratio, *settings.scale_correction))
-    return _State(bent, corrected, float(score))
+    at = found.moved[near] / found.scale + turned
+    return np.einsum("nk,nki->ni", weight, at)
+
+
+def _state(sides: _Sides, x: Target, scale: float, moved, T_xy) -> _State:
+    """Draw, and read the map and the region."""
+    y = sides.y.mesh
+    drawn = draw_onto(y, x, moved, T_xy, sides.sign)
+    T_yx, inside = covered_by(x, y, drawn, sides.sign)
+    return _State(x, drawn, scale, drawn.T_xy, T_yx, inside)
 
 
 def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
-    """Cut both shapes to the region, refine the map between the cuts, bend again."""
-    x, y = _scaled(sides.x.mesh, state.scale), sides.y.mesh
-    near, inside = covered_by(state.bent, x, sides.onto, sides.sign)
-    part_x, part_y = cut(x, state.bent.matched_x), cut(y, inside)
+    """Cut both shapes to the region, refine the map between the cuts, draw again."""
+    y, drawn = sides.y.mesh, state.drawn
+    part_x, part_y = cut(state.x.mesh, drawn.matched_x), cut(y, state.inside)
     if min(len(part_x.index), len(part_y.index)) < sides.settings.min_vertices:
         return None
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
-    start = tree.query(y.vertices[state.bent.T_xy[part_x.index]])[1]
+    start = tree.query(y.vertices[drawn.T_xy[part_x.index]])[1]
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
-    T_xy = state.bent.T_xy.copy()
+    T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
-    after = _bent(sides, T_xy, state.scale)
-    T_yx, _ = covered_by(after.bent, x, sides.onto, sides.sign)
+    after = _state(sides, state.x, state.scale, drawn.moved, T_xy)
+    T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]
     outside = np.ones(len(T_xy), bool)
     outside[part_x.index] = False
-    T_xy[outside] = after.bent.T_xy[outside]
-    return after._replace(match=match, T_xy=T_xy, T_yx=T_yx)
+    T_xy[outside] = after.drawn.T_xy[outside]
+    return after._replace(T_xy=T_xy, T_yx=T_yx, match=match)
 
 
-def _result(state: _State, sides: _Sides, margin: float) -> Parts:
-    x = _scaled(sides.x.mesh, state.scale)
-    _, inside = covered_by(state.bent, x, sides.onto, sides.sign)
+def _result(state: _State, margin: float) -> Parts:
     certificate = state.match.certificate
-    gap = np.asarray(np.expm1(max(margin, 0)), certificate.gap.dtype)
+    gap = np.asarray(margin, certificate.gap.dtype)
     # It is fitted to whole shapes.
     unknown = np.full_like(np.asarray(certificate.confidence), np.nan)
     certificate = certificate._replace(confidence=unknown, gap=gap)
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
-        state.bent.matched_x,
-        inside,
+        state.drawn.matched_x,
+        state.inside,
         certificate,
         state.scale,
     )
+
+
+def _near(points: Mesh, queries: Mesh) -> np.ndarray:
+    return KDTree(points.vertices).query(queries.vertices)[1]
+
+
+def _wound(mesh: Mesh, sign: int) -> Mesh:
+    return mesh if sign > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
 
 
 def _scaled(mesh: Mesh, scale: float) -> Mesh:

@@ -1,10 +1,11 @@
-"""Which part of a shape another covers: one is bent onto the other as it is.
+"""Which part of a shape another covers: one is drawn onto the other.
 
 A vertex whose nearest vertex of the other surface lies on its boundary, on the outer
 side, is not covered. So a part covers of the whole what lies below it, and the whole
 covers all of the part.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -25,13 +26,15 @@ from jfsf.refine import deform
 from jfsf.runtime import padded_shapes, with_rows
 from jfsf.types import Mesh
 
+TINY = 1e-6  # of the mean pull
+
 
 class Target(NamedTuple):
-    """A surface at rest, and what finds its nearest vertices.
+    """A surface, and what finds its nearest vertices.
 
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
-    settings: that it was made with, and that a shape is bent onto it with.
+    settings: that it was made with.
     """
 
     mesh: Mesh
@@ -41,11 +44,11 @@ class Target(NamedTuple):
     settings: PartSettings
 
 
-class Bent(NamedTuple):
-    """A shape X bent onto Y.
+class Drawn(NamedTuple):
+    """A shape Y drawn onto X.
 
-    moved: (n_x, 3) positions.
-    T_xy: (n_x,) the nearest vertex of Y to each.
+    moved: (n_y, 3) positions.
+    T_xy: (n_x,) the nearest vertex of Y to each of X.
     matched_x: (n_x,) whether Y covers it.
     """
 
@@ -55,16 +58,21 @@ class Bent(NamedTuple):
 
 
 def target(mesh: Mesh, settings: PartSettings = PartSettings()) -> Target:
-    """The surface to bend onto."""
+    """A surface whose nearest vertices are asked for."""
     normal = vertex_normals(*mesh)
-    outward = np.zeros_like(normal)
+    points = np.concatenate([mesh.vertices, settings.bend.normal_weight * normal], 1)
+    return Target(mesh, normal, outward(mesh, normal), KDTree(points), settings)
+
+
+def outward(mesh: Mesh, normal: np.ndarray) -> np.ndarray:
+    """(n, 3) tangents out of the surface, for vertices on its boundary; else 0."""
+    out = np.zeros_like(normal)
     ends = boundary_edges(mesh.faces)
     along = mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]]
     # The face lies to the left of its edge, seen against the normal.
     for end in ends.T:
-        np.add.at(outward, end, np.cross(along, normal[end]))
-    points = np.concatenate([mesh.vertices, settings.bend.normal_weight * normal], 1)
-    return Target(mesh, normal, outward, KDTree(points), settings)
+        np.add.at(out, end, np.cross(along, normal[end]))
+    return out
 
 
 def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
@@ -77,42 +85,50 @@ def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
     return near, (away < settings.cover_distance) & ~beyond
 
 
-def bend_onto(
-    x: Mesh, y: Target, T_xy, sign: int = 1, *, rounds: int | None = None
-) -> Bent:
-    """X deformed onto Y as rigidly as possible, again and again.
+def draw_onto(
+    y: Mesh, x: Target, moved, T_xy, sign: int = 1, *, rounds: int | None = None
+) -> Drawn:
+    """Y deformed onto X as rigidly as possible, again and again.
 
-    What Y does not cover is not drawn to it.
+    What lies beyond the boundary of Y does not draw it.
 
     Args:
-        x: in the unit of Y, wound outward.
-        y: `target`.
+        y: at rest, in the unit of X, wound outward.
+        x: `target`.
+        moved: positions of Y to begin with.
         T_xy: the start.
         sign: -1 for a map that mirrors.
         rounds: deformations, each followed by a search for the nearest vertices; None
             for those of the settings.
     """
-    settings = y.settings
-    n, mass = len(x.vertices), vertex_areas(*x)
-    side = _padded_surface(x, sign, settings)
+    settings = x.settings
+    n, mass = len(y.vertices), vertex_areas(*x.mesh)
+    side = _padded_surface(y, sign, settings)
     size = len(side.mass)
-    moved, matched = y.mesh.vertices[T_xy], np.ones(n, bool)
+    faces = y.faces if sign > 0 else y.faces[:, ::-1]
+    options = replace(settings.bend, max_steps=settings.draw_steps)
+    matched = np.ones(len(mass), bool)
     for _ in range(settings.bend_rounds if rounds is None else rounds):
-        pull = np.zeros(size)
-        pull[:n] = mass * np.where(matched, 1, settings.uncovered_weight)
-        goal, start = (_rows(v, size) for v in (y.mesh.vertices[T_xy], moved))
-        pulled = side._replace(mass=jnp.asarray(pull))
-        deformed = deform(pulled, goal, start, settings=settings.bend)
-        moved = np.asarray(deformed)[:n].astype(float)
-        T_xy, matched = nearest(y, moved, sign * vertex_normals(moved, x.faces))
-    return Bent(moved, T_xy, matched)
+        weight = mass * np.where(matched, 1, settings.uncovered_weight)
+        pull = np.bincount(T_xy, weight, n)
+        goal = np.zeros((n, 3))
+        np.add.at(goal, T_xy, weight[:, None] * x.mesh.vertices)
+        drawn_to = goal / np.maximum(pull, 1e-30)[:, None]
+        goal = np.where(pull[:, None] > 0, drawn_to, moved)
+        # A mass of 0 would be padding.
+        pull += TINY * mass.sum() / n
+        pulled = side._replace(mass=jnp.asarray(with_rows(pull, size)))
+        rows = _rows(goal, size), _rows(moved, size)
+        moved = np.asarray(deform(pulled, *rows, settings=options))[:n].astype(float)
+        bent = target(Mesh(moved, faces), settings)
+        T_xy, matched = nearest(bent, x.mesh.vertices, x.normal)
+    return Drawn(moved, T_xy, matched)
 
 
-def covered_by(bent: Bent, x: Mesh, y: Target, sign: int = 1):
-    """The nearest vertex of the bent X to each of Y, and whether X covers that."""
-    faces = x.faces if sign > 0 else x.faces[:, ::-1]
-    bent_x = target(Mesh(bent.moved, faces), y.settings)
-    return nearest(bent_x, y.mesh.vertices, y.normal)
+def covered_by(x: Target, y: Mesh, drawn: Drawn, sign: int = 1):
+    """The nearest vertex of X to each of Y drawn onto it, and whether X covers that."""
+    normal = sign * vertex_normals(drawn.moved, y.faces)
+    return nearest(x, drawn.moved, normal)
 
 
 def cut(mesh: Mesh, keep: np.ndarray) -> Submesh:

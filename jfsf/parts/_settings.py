@@ -7,29 +7,23 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
+REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 
 
-class EvidenceWeights(NamedTuple):
-    """Of the logarithms of what is read of a bent part, see `PartSettings`.
+class RegisterWeights(NamedTuple):
+    """Of the logarithms of what is read of a whole that was drawn onto a part."""
 
-    The first four are those of stretch, curvature, distance and residual. `covered` is
-    of the share of the part that the whole covers, which counts for a map: else a map
-    of a corner would do.
-    """
-
-    stretch: float = 1.0
-    curvature: float = 1.5
-    distance: float = 1.0
-    residual: float = 0.5
-    covered: float = 2.0
+    residual: float = 2.4
+    energy: float = 1.0
+    share: float = -0.5
 
 
 @dataclass(frozen=True)
 class PartSettings:
     """How `match(partial=True)` finds the region. Hashable.
 
-    Of the two shapes the one that is bent is called the part, the other the whole.
+    Of the two shapes the one that is bent is called the whole, the other the part.
     Lengths are in the square root of the area of the whole. Factors have no unit.
 
     Samples:
@@ -86,46 +80,39 @@ class PartSettings:
     assignments: the best ones, by which the part is bent.
     min_partner_distance: mean distance of their partners, in which two of these differ.
 
-    Bending:
+    Registration, where a coarse copy of the whole is drawn onto one of the part by each
+    assignment:
 
     anchor_radius: distance from an anchor below which its weight for the first dense
         map levels off.
-    bend: how the part is deformed, and the weight of normals in the search for the
+    coarse_whole: vertices of the copy of the whole.
+    coarse_part: vertices of that of the part.
+    first_reach: length in which the first step smooths the motion of the whole; the
+        assignment is trusted.
+    first_updates: deformations in the first step.
+    reaches: of the steps that follow, each with a search for the nearest vertices.
+    updates: deformations in each of these.
+    registered_normal_weight: of normals in that search, as in `ArapSettings`.
+    covered_distance: in a step, what is further away than this and the reach is not
+        covered by an open whole.
+    trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
+    register_weights: of what ranks the assignments.
+
+    Region:
+
+    refined: the best assignments, by which all of the whole is drawn onto the part, and
+        the map between the regions refined: at most.
+    sure: log odds (`jfsf.types.Certificate`) of such a map that no other is tried
+        beyond. 2.2 is nine to one.
+    carried_by: vertices of the copy whose motion carries one of the whole.
+    bend: how the whole is deformed, and the weight of normals in the search for the
         nearest vertices.
-    first_bend_rounds: deformations by each assignment.
-    bend_rounds: deformations of each later bending.
+    bend_rounds: deformations, each with such a search.
+    draw_steps: of conjugate gradients in each, at most.
     cover_distance: a surface further away covers nothing.
-    uncovered_weight: how much vertices that nothing covers follow their partners,
-        beside 1 for the others.
-
-    Evidence of a bent part, all of it small for a right map: the mean logarithm of the
-    principal stretches, the mean difference of curvature in standard deviations, that
-    of geodesics relative to these, and the mean distance from the whole:
-
-    weights: of the logarithms of these.
-    max_stretch: a greater logarithm counts as this: degenerate triangles stretch
-        without bound.
-    curvature_lengths: over which curvature is read.
-    boundary_lengths: a vertex is compared if it is so many of these lengths away from
-        the boundary.
-    max_curvature_difference: in standard deviations; a greater difference counts as
-        this.
-    unread_curvature: difference of curvature, if no vertex can be compared.
-    distance_samples: samples of the part between which geodesics are compared.
-    min_distance: shorter geodesics are not compared.
-    distance_ratio_offset: added to the ratio of two geodesics before its logarithm.
-    max_distance_difference: a greater logarithm counts as this.
-    unread_distance: difference of geodesics, if no two can be compared.
-    curvature_scale_step: steps of the logarithm of a scale in which curvature is read
-        anew.
-    scale_correction: least and greatest factor by which one bending changes the scale.
-
-    Choice, by the score, which is the weighted sum of logarithms:
-
-    bent_twice: assignments that are bent again, those of the best score.
-    refined: of all, so many are refined, if their score is good enough.
-    max_score_difference: a rival whose score is worse by so much is not refined.
-    refinements: of the best map; its rivals get one.
+    uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
+        others.
+    refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
     """
@@ -152,37 +139,34 @@ class PartSettings:
     ball_weight: float = 1.2
     scale_weight: float = 0.15
     partners: int = 6
-    beam: int = 1500
+    beam: int = 4000
     beam_candidates: int = 8
     cells: int = 24
     grouped_anchors: int = 3
     min_groups: int = 12
     unassigned_cost: float = 1.1
     unassigned_cost_open: float = 0.75
-    assignments: int = 8
-    min_partner_distance: float = 0.15
+    assignments: int = 16
+    min_partner_distance: float = 0.1
     anchor_radius: float = 0.05
+    coarse_whole: int = 1000
+    coarse_part: int = 600
+    first_reach: float = 0.1
+    first_updates: int = 40
+    reaches: tuple[float, ...] = REACHES
+    updates: int = 3
+    registered_normal_weight: float = 0.1
+    covered_distance: float = 0.1
+    trimmed_reach: float = 0.14
+    register_weights: RegisterWeights = RegisterWeights()
+    refined: int = 5
+    sure: float = 2.2
+    carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
-    first_bend_rounds: int = 4
     bend_rounds: int = 6
+    draw_steps: int = 150
     cover_distance: float = 0.1
     uncovered_weight: float = 1e-3
-    weights: EvidenceWeights = EvidenceWeights()
-    max_stretch: float = 2.0
-    curvature_lengths: tuple[float, ...] = (0.015, 0.03, 0.06)
-    boundary_lengths: float = 2.0
-    max_curvature_difference: float = 3.0
-    unread_curvature: float = 1.0
-    distance_samples: int = 30
-    min_distance: float = 0.1
-    distance_ratio_offset: float = 0.05
-    max_distance_difference: float = 1.0
-    unread_distance: float = 0.1
-    curvature_scale_step: float = 0.05
-    scale_correction: tuple[float, float] = (0.9, 1.1)
-    bent_twice: int = 3
-    refined: int = 3
-    max_score_difference: float = 0.8
     refinements: int = 2
     min_vertices: int = 160
 
@@ -191,8 +175,8 @@ class PartSettings:
         for name in (
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
-            *("first_bend_rounds", "bend_rounds", "distance_samples", "refined"),
-            *("refinements", "min_vertices"),
+            *("first_updates", "updates", "bend_rounds", "draw_steps"),
+            *("carried_by", "refined", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(
@@ -201,19 +185,18 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("uncovered_weight", "curvature_scale_step"),
+            *("uncovered_weight", "first_reach"),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
                 )
-        for name in ("ball_radii", "scales", "curvature_lengths"):
+        for name in ("ball_radii", "scales", "reaches"):
             values = getattr(self, name)
             if not values or min(values) <= 0:
                 raise ValueError(
                     f"PartSettings: {name} is {values}; give one or more above 0"
                 )
-        least, greatest = self.scale_correction
         facts = {
             f"ball_radii is {self.ball_radii}; let them increase": (
                 list(self.ball_radii) == sorted(self.ball_radii)
@@ -228,9 +211,8 @@ class PartSettings:
             f"beam is {self.beam}, min_groups {self.min_groups}; follow no fewer": (
                 self.beam >= self.min_groups
             ),
-            f"scale_correction is {self.scale_correction}; give one factor from 0 to "
-            "1, and one from 1 up": 0 < least <= 1 <= greatest,
-            f"bent_twice is {self.bent_twice}; give 0 or more": self.bent_twice >= 0,
+            f"coarse_whole is {self.coarse_whole}, coarse_part {self.coarse_part}; "
+            "give 4 or more": min(self.coarse_whole, self.coarse_part) >= 4,
         }
         for message, holds in facts.items():
             if not holds:

@@ -33,7 +33,6 @@ class PartSamples(NamedTuple):
     mass: (n,) vertex areas.
     to_boundary: (n,) geodesic distance to the boundary; inf if there is none.
     around: (s, s) length of the shortest path between two samples by the boundary.
-    solver: of geodesics on the mesh; each bend of another shape onto it asks again.
     """
 
     mesh: Mesh
@@ -44,7 +43,6 @@ class PartSamples(NamedTuple):
     mass: ArrayLike
     to_boundary: ArrayLike
     around: ArrayLike
-    solver: GeodesicSolver
 
     @property
     def between(self) -> np.ndarray:
@@ -80,7 +78,7 @@ def part_samples(
     for row in from_edge[:, at]:
         around = np.minimum(around, row[:, None] + row[None])
     return PartSamples(
-        *(mesh, at, distance, direction, normal, mass, to_boundary, around, solver)
+        *(mesh, at, distance, direction, normal, mass, to_boundary, around)
     )
 
 
