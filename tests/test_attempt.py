@@ -118,7 +118,9 @@ QUICK = Settings(
 )
 
 
-@pytest.mark.parametrize("batch_size", [1, 2])
+# The other size runs the same stages: 2 counts what vmap adds, too.
+@pytest.mark.parametrize("batch_size", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.usefixtures("all_run_once")
 def test_only_pairs_in_doubt_cost_more_than_an_attempt(batch_size):
     specs = [testing.blob_spectrum(seed, 40) for seed in range(3)]
     # A shape is like itself; two blobs are less alike.
