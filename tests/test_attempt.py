@@ -1,7 +1,7 @@
 """An attempt from spectra to a match: its result, vmap, derivatives and cost."""
 
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -37,9 +37,16 @@ def error(T_xy):
     return geodesic_error(np.asarray(T_xy), mesh_y, gt_x[at], gt_y[at]).mean()
 
 
+# A small search; the gradients have the default.
+FEW = SearchSettings(
+    hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
+)
+SMALL = Settings(search=FEW)
+
+
 @cache
 def alone():
-    return jfsf.match_spectra(*pair_of("f4"))
+    return jfsf.match_spectra(*pair_of("f4"), settings=SMALL)
 
 
 def test_spectra_are_matched():
@@ -61,7 +68,7 @@ def test_spectra_are_matched():
 def test_it_vmaps():
     pair = pair_of("f4")
     stacked = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), pair)
-    both = jax.jit(jax.vmap(jfsf.match_spectra))(*stacked)
+    both = jax.jit(jax.vmap(partial(jfsf.match_spectra, settings=SMALL)))(*stacked)
     n_x = len(X[0].vertices)
     for T_xy in both.T_xy:
         # Sums under vmap have another order, which decides ties.
@@ -109,16 +116,12 @@ class Counted:
 
 # As few and small programs as can be: only the work is counted. Without bending no pair
 # is in doubt.
-QUICK = Settings(
-    search=SearchSettings(
-        hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
-    ),
-    bend_rounds=1,
-    converter=quick_sinkhorn,
-)
+QUICK = Settings(search=FEW, bend_rounds=1, converter=quick_sinkhorn)
 
 
-@pytest.mark.parametrize("batch_size", [1, 2])
+# The other size runs the same stages: 2 counts what vmap adds, too.
+@pytest.mark.parametrize("batch_size", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.usefixtures("all_run_once")
 def test_only_pairs_in_doubt_cost_more_than_an_attempt(batch_size):
     specs = [testing.blob_spectrum(seed, 40) for seed in range(3)]
     # A shape is like itself; two blobs are less alike.

@@ -25,6 +25,12 @@ PAIR = "man_walk", "man_up"
 SLOW = re.compile(r"\b(?:match|match_spectra|alternatives|fit)\(")
 PROGRAMS = {name(page): "\n".join(blocks(page.read_text(), "python")) for page in PAGES}
 PROGRAMS = {page: code for page, code in PROGRAMS.items() if code}
+# Programs that run once compile in less time, as with the fixture `run_once`.
+QUICK = """\
+from jfsf.runtime import _compiler
+_compiler.CPU_OPTIONS["xla_backend_optimization_level"] = 0
+del _compiler
+"""
 
 
 def of_speed(page):
@@ -54,7 +60,7 @@ def off(mesh):
 @pytest.mark.parametrize("page", [of_speed(page) for page in PROGRAMS])
 def test_a_page_runs(page, folder):
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAMS[page]],
+        [sys.executable, "-c", QUICK + PROGRAMS[page]],
         cwd=folder,
         env=os.environ | {"JFSF_CACHE": str(folder / "cache"), "MPLBACKEND": "Agg"},
         capture_output=True,

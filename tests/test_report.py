@@ -9,8 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from shapes import small
 
-from jfsf.data import load
+from jfsf.data import Sample, load
 from jfsf.report import (
     Considered,
     Row,
@@ -264,15 +265,16 @@ def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
     assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
 
 
+@pytest.mark.usefixtures("run_once")
 def test_candidates_of_the_search_hold_the_right_map():
-    x, y, found = pair()
-    at = np.arange(0, len(x.mesh.vertices), 7), np.arange(0, len(y.mesh.vertices), 5)
+    x, y = (Sample(*small(name, 1100)) for name in PAIR)
+    at = np.arange(0, len(x.mesh.vertices), 3), np.arange(0, len(y.mesh.vertices), 2)
     tried = considered(x.mesh, y.mesh, at=at, cache=False)
     assert 2 <= len(tried) <= 6
     assert [one.energy for one in tried] == sorted(one.energy for one in tried)
-    points = y.mesh.vertices
+    points, true = y.mesh.vertices, true_map(x, y)[at[0]]
     away = [
-        np.linalg.norm(points[at[1]][one.maps.T_xy] - points[found.T_xy[at[0]]], axis=1)
+        np.linalg.norm(points[at[1]][one.maps.T_xy] - points[true], axis=1)
         for one in tried
     ]
     means = [distance.mean() for distance in away]

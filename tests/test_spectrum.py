@@ -12,6 +12,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from shapes import small
 
 import jfsf.data
 from jfsf.mesh import MeshError
@@ -150,7 +151,7 @@ def symmetric(mesh):
 def test_nested_dissection_gives_the_same_eigenpairs(metis, monkeypatch):
     if not metis:  # as on Windows: it takes longer
         monkeypatch.setitem(sys.modules, "pymetis", None)
-    matrix = symmetric(jfsf.data.load("man_walk").mesh)
+    matrix = symmetric(small("man_walk", 4000)[0])
     order = _eigenpairs._dissection(matrix)
     if not metis:
         assert order is None
