@@ -197,7 +197,8 @@ class Certificate(NamedTuple):
     gap: the energy of the search's second candidate over that of its first, minus 1
         (`Candidates.energy`, by `jfsf.initial.best_start`). Where an orientation is
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
-        shapes equally well. inf if no second one differs, nan without a search.
+        shapes equally well. inf if no second one differs, nan without a search. Of
+        parts, the log odds beside those of the next map that was refined.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
         nan without a plan.
     recall: share of the nearest neighbours that the last search among tiles found,

@@ -226,7 +226,7 @@ def shifted(by: float) -> np.ndarray:
     """A start that is off: the vertices nearest to places beside those of the part."""
     whole = in_unit(WHOLE)
     beside = in_unit(PART.mesh).vertices + by * np.array([0.6, -0.8, 0])
-    return KDTree(whole.vertices).query(beside)[1]
+    return np.asarray(KDTree(whole.vertices).query(beside)[1])
 
 
 def test_a_whole_slides_to_its_place_on_the_part():
@@ -348,8 +348,8 @@ def test_weights_change_the_choice():
     sides = parts_match._sides(PART.mesh, WHOLE, 1, settings=QUICK)
     found = [start.registered for start in parts_match._starts(sides)]
     assert len(found) > 1
-    least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1))
-    nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0))
+    least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))
+    nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0, 0))
     for one in found:
         assert parts_match._rank(one, least) == pytest.approx(np.log(one.share))
         assert parts_match._rank(one, nearest_fit) == pytest.approx(

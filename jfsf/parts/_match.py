@@ -9,7 +9,8 @@ whole shapes. So the work is to find that region.
    each of them (`_register`). What is left apart, and the energy, rank them.
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
-   these maps that of the best evidence (`Certificate.log_odds`) is kept.
+   these maps that of the best evidence is kept: before the refinement, and after it
+   (`Certificate.log_odds`).
 
 `PartSettings` holds the numbers of all of it.
 """
@@ -94,6 +95,7 @@ class _State(NamedTuple):
     """A map on the way.
 
     x: X at the size of Y.
+    rank: of its start.
     T_xy, T_yx: the map so far.
     inside: the vertices of Y that X covers.
     match: between the regions, once it is refined.
@@ -102,15 +104,20 @@ class _State(NamedTuple):
     x: Target
     drawn: Drawn
     scale: float
+    rank: float
     T_xy: np.ndarray
     T_yx: np.ndarray
     inside: np.ndarray
     match: Any = None
 
     @property
-    def score(self) -> float:
-        """Small is good: the evidence of the map between the regions decides."""
-        return -float(np.nan_to_num(self.match.certificate.log_odds, nan=-np.inf))
+    def log_odds(self) -> float:
+        """Of the map between the regions."""
+        return float(np.nan_to_num(self.match.certificate.log_odds, nan=-np.inf))
+
+    def score(self, settings: PartSettings) -> float:
+        """Small is good: both pieces of evidence, before the refinement and after it."""
+        return self.rank + settings.register_weights.log_odds * self.log_odds
 
 
 def match_parts(
@@ -146,19 +153,19 @@ def match_parts(
     for sides, start in starts[: settings.refined]:
         state = _refined(_drawn(sides, start), sides, refine)
         found += [] if state is None else [(state, sides)]
-        if state is not None and -state.score >= settings.sure:
+        if state is not None and state.log_odds >= settings.sure:
             break
     if not found:
         raise ValueError(
             f"match: partial=True found no region of {settings.min_vertices} vertices "
             "that both shapes share; finer meshes, or one unit for both, may help"
         )
-    found.sort(key=lambda pair: pair[0].score)
+    found.sort(key=lambda pair: pair[0].score(settings))
     state, sides = found[0]
-    margin = found[1][0].score - state.score if found[1:] else np.inf
+    margin = state.log_odds - found[1][0].log_odds if found[1:] else np.inf
     for _ in range(settings.refinements - 1):
         again = _refined(state, sides, refine)
-        if again is None or again.score >= state.score:
+        if again is None or again.log_odds <= state.log_odds:
             break
         state = again
     return _result(state, margin)
@@ -217,7 +224,7 @@ def _starts(sides: _Sides) -> Iterator[_Start]:
 
 def _rank(found: Registered, settings: PartSettings) -> float:
     """Small is good."""
-    weights = settings.register_weights
+    weights = settings.register_weights[:3]
     figures = found.residual, found.energy, found.share
     logs = (np.log(max(float(f), 1e-6)) for f in figures)
     return sum(w * log for w, log in zip(weights, logs, strict=True))
@@ -230,7 +237,8 @@ def _drawn(sides: _Sides, start: _Start) -> _State:
     moved = _moved(sides, start.registered)
     bent = target(_wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
-    return _state(sides, x, scale, moved, T_xy)
+    rank = _rank(start.registered, sides.settings)
+    return _state(sides, x, scale, rank, moved, T_xy)
 
 
 def _moved(sides: _Sides, found: Registered) -> np.ndarray:
@@ -248,12 +256,12 @@ def _moved(sides: _Sides, found: Registered) -> np.ndarray:
     return np.einsum("nk,nki->ni", weight, at)
 
 
-def _state(sides: _Sides, x: Target, scale: float, moved, T_xy) -> _State:
+def _state(sides: _Sides, x: Target, scale, rank, moved, T_xy) -> _State:
     """Draw, and read the map and the region."""
     y = sides.y.mesh
     drawn = draw_onto(y, x, moved, T_xy, sides.sign)
     T_yx, inside = covered_by(x, y, drawn, sides.sign)
-    return _State(x, drawn, scale, drawn.T_xy, T_yx, inside)
+    return _State(x, drawn, scale, rank, drawn.T_xy, T_yx, inside)
 
 
 def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
@@ -268,7 +276,7 @@ def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
-    after = _state(sides, state.x, state.scale, drawn.moved, T_xy)
+    after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
     T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]
     outside = np.ones(len(T_xy), bool)
@@ -294,7 +302,7 @@ def _result(state: _State, margin: float) -> Parts:
 
 
 def _near(points: Mesh, queries: Mesh) -> np.ndarray:
-    return KDTree(points.vertices).query(queries.vertices)[1]
+    return np.asarray(KDTree(points.vertices).query(queries.vertices)[1])
 
 
 def _wound(mesh: Mesh, sign: int) -> Mesh:

@@ -122,6 +122,8 @@ def register(
     edge = whole.outward.any(1)
     scale, covered = 1.0, np.ones(len(at), bool)
     moved = _placed(whole.mesh.vertices, at, mass, T)
+    away, turned = np.zeros(len(at)), whole.along
+    rotation = np.broadcast_to(np.eye(3), (len(moved), 3, 3))
     for step, reach in enumerate((settings.first_reach, *settings.reaches)):
         goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach, settings)
         solve = splu((whole.laplacian + sp.diags(pull + TINY)).tocsc()).solve
@@ -135,7 +137,8 @@ def register(
         scale = (scale + float(np.clip(best, 0.5, 2))) / 2
         normals = whole.normal_sign * vertex_normals(moved, whole.mesh.faces)
         weighted = settings.registered_normal_weight * normals
-        away, T = KDTree(np.concatenate([moved, weighted], 1)).query(points)
+        found = KDTree(np.concatenate([moved, weighted], 1)).query(points)
+        away, T = map(np.asarray, found)
         if edge.any():
             outward = np.einsum("pij,pj->pi", rotation[T], whole.outward[T])
             beyond = np.sum((at - moved[T]) * outward, 1) > 0

@@ -12,11 +12,17 @@ SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 
 
 class RegisterWeights(NamedTuple):
-    """Of the logarithms of what is read of a whole that was drawn onto a part."""
+    """Of what ranks maps; a small sum is good.
+
+    residual, energy, share: of the logarithms of what is read of a whole that was drawn
+        onto a part (`jfsf.parts._register`).
+    log_odds: of those of the map between the regions, once it is refined.
+    """
 
     residual: float = 2.4
     energy: float = 1.0
     share: float = -0.5
+    log_odds: float = -0.5
 
 
 @dataclass(frozen=True)
