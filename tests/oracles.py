@@ -290,3 +290,14 @@ def farthest_points(points, real, num):
         gap = ((points[:, None] - points[chosen][None]) ** 2).sum(2).min(1)
         chosen.append(int(np.where(real, gap, -1).argmax()))
     return np.array(chosen)
+
+
+def unbalanced(log_k, marginal_x, marginal_y, slack, num_iters):
+    """Dense plain updates of unbalanced Sinkhorn, Y first: (f, g, plan)."""
+    f, g = np.zeros(len(log_k)), np.zeros(log_k.shape[1])
+    for _ in range(num_iters):
+        total = scipy.special.logsumexp(log_k + f[:, None], axis=0)
+        g = np.log(marginal_y) - total / (1 + slack)
+        total = scipy.special.logsumexp(log_k + g, axis=1)
+        f = np.log(marginal_x) - total / (1 + slack)
+    return f, g, np.exp(f[:, None] + log_k + g)
