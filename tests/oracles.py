@@ -293,11 +293,10 @@ def farthest_points(points, real, num):
 
 
 def unbalanced(log_k, marginal_x, marginal_y, slack, num_iters):
-    """Dense plain updates of unbalanced Sinkhorn, Y first: (f, g, plan)."""
-    f, g = np.zeros(len(log_k)), np.zeros(log_k.shape[1])
+    """Dense plain updates of unbalanced Sinkhorn, Y first: (log u, log v, plan)."""
+    kernel, power = np.exp(log_k), -1 / (1 + slack)
+    u = np.ones(len(kernel))
     for _ in range(num_iters):
-        total = scipy.special.logsumexp(log_k + f[:, None], axis=0)
-        g = np.log(marginal_y) - total / (1 + slack)
-        total = scipy.special.logsumexp(log_k + g, axis=1)
-        f = np.log(marginal_x) - total / (1 + slack)
-    return f, g, np.exp(f[:, None] + log_k + g)
+        v = marginal_y * (kernel.T @ u) ** power
+        u = marginal_x * (kernel @ v) ** power
+    return np.log(u), np.log(v), u[:, None] * kernel * v

@@ -89,6 +89,7 @@ def scale_to_tolerance(
     )
     num_iters = solution.num_steps * ABSORB_EVERY + 2
     if problem.slack is not None:
+        num_iters = num_iters + 1
         root, solution = _at(solution.value / root, problem, exact)
     # A last pair of plain updates makes the row sums exact.
     g = scaling_y(problem, solution.value / root)

@@ -96,13 +96,16 @@ def translated(
 
 def _log_target_sum(marginal: Array, log: Array, f: Array, slack: Array) -> Array:
     """log of the sum of a side's targets, exact also where slack is tiny."""
-    excess = f - log
-    least = jnp.min(jnp.where(marginal > 0, excess, jnp.inf))
-    least = jax.lax.stop_gradient(jnp.where(jnp.isfinite(least), least, 0))
-    total = jnp.where(jnp.any(marginal > 0), jnp.sum(marginal), 1)
-    excess = jnp.where(marginal > 0, excess - least, 0)
-    lost = jnp.sum(marginal * jnp.expm1(-slack * excess)) / total
-    return jnp.log(total) - slack * least + jnp.log1p(lost)
+    real = marginal > 0
+    total = jnp.where(jnp.any(real), jnp.sum(marginal), 1)
+    excess = jnp.where(real, f - log, 0)
+    mean = jnp.sum(marginal * excess) / total
+    gone = jnp.where(real, slack * (excess - mean), 0)
+    # About the mean, the logs of the small numbers that are nearly 1 have all digits.
+    tiny = jnp.max(jnp.abs(gone)) < 1
+    more = jnp.sum(marginal * jnp.expm1(jnp.where(tiny, -gone, 0))) / total
+    far = jax.nn.logsumexp(log - gone, where=real) - jnp.log(total)
+    return jnp.log(total) - slack * mean + jnp.where(tiny, jnp.log1p(more), far)
 
 
 def round_of_updates(
