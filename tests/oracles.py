@@ -290,3 +290,13 @@ def farthest_points(points, real, num):
         gap = ((points[:, None] - points[chosen][None]) ** 2).sum(2).min(1)
         chosen.append(int(np.where(real, gap, -1).argmax()))
     return np.array(chosen)
+
+
+def unbalanced(log_k, marginal_x, marginal_y, slack, num_iters):
+    """Dense plain updates of unbalanced Sinkhorn, Y first: (log u, log v, plan)."""
+    kernel, power = np.exp(log_k), -1 / (1 + slack)
+    u = np.ones(len(kernel))
+    for _ in range(num_iters):
+        v = marginal_y * (kernel.T @ u) ** power
+        u = marginal_x * (kernel @ v) ** power
+    return np.log(u), np.log(v), u[:, None] * kernel * v

@@ -8,7 +8,7 @@ data.
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from jfsf.types import Kernel, Neighbours, Plan
 
@@ -100,6 +100,12 @@ def log_matvec(kernel: Kernel, g: Float[Array, " n_y"]) -> Float[Array, " n_x"]:
     total = total.at[kernel.idx_yx].add(jnp.exp(other - top[kernel.idx_yx]))
     positive = total > 0
     return jnp.where(positive, top + jnp.log(jnp.where(positive, total, 1)), -jnp.inf)
+
+
+def has_entries(kernel: Kernel) -> Bool[Array, " n_x"]:
+    """Whether each row has any entry."""
+    own = jnp.any(jnp.isfinite(kernel.log_xy), 1)
+    return own.at[kernel.idx_yx].max(jnp.isfinite(kernel.log_yx))
 
 
 def row_argmax(kernel: Kernel, g: Float[Array, " n_y"]):

@@ -20,6 +20,7 @@ from jfsf.convert._updates import (
     round_of_updates,
     scaling_x,
     scaling_y,
+    translated,
 )
 from jfsf.types import Filtered, Kernel, Plan
 
@@ -50,7 +51,34 @@ def scale_kernel(
     Returns:
         As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
     """
-    problem = problem_of(kernel, marginal_x, marginal_y)
+    return scale(
+        kernel,
+        marginal_x,
+        marginal_y,
+        None,
+        num_iters=num_iters,
+        relax=relax,
+        tol=tol,
+        max_iters=max_iters,
+    )
+
+
+def scale(
+    kernel: Kernel,
+    marginal_x: Float[Array, " n_x"],
+    marginal_y: Float[Array, " n_y"],
+    slack: Float[Array, ""] | None,
+    *,
+    num_iters: int,
+    relax: Float[Array, ""] | float,
+    tol: Float[Array, ""] | float | None,
+    max_iters: int,
+) -> Filtered:
+    """As `scale_kernel`, where slack is not None without having to meet the marginals.
+
+    The marginal error is then the gap from the targets (`_updates.error_of`).
+    """
+    problem = problem_of(kernel, marginal_x, marginal_y, slack)
     if tol is None:
         f, g = _fixed_number(problem, num_iters, jnp.asarray(relax, marginal_x.dtype))
         made = jnp.asarray(num_iters, jnp.int32)
@@ -99,7 +127,7 @@ def _fixed_number(
             power = jnp.where(slot < end - 1, relax, 1)
             return jnp.where(slot < begin, 0, power)
 
-        return round_of_updates(problem, fg[0], fg[1], exponent)
+        return round_of_updates(problem, *translated(problem, *fg), exponent)
 
     f, g = jax.lax.fori_loop(0, rounds, one_round, (f, g))
     # Where bounded updates have not come near a row's marginal, no plan may have more

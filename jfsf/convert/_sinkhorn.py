@@ -5,7 +5,7 @@ ways (eq. 12), Sinkhorn scaling to the marginals, row and column argmax of the p
 """
 
 from functools import partial
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +15,7 @@ from jfsf.array import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._scaling import scale_kernel
 from jfsf.neighbours import NeighbourSearch, neighbours_both_ways
-from jfsf.types import Filtered, Neighbours
+from jfsf.types import Filtered, Kernel, Neighbours
 
 Scale = Literal["nearest", "max"]
 
@@ -95,7 +95,75 @@ def sinkhorn(
     Raises:
         ValueError: shapes do not fit, or an option is out of range.
     """
-    _check(emb_x, emb_y, marginal_x, marginal_y, k0, min(num_iters, max_iters), scale)
+    num = min(num_iters, max_iters)
+    check("sinkhorn", emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
+    kernel, marginal_x, marginal_y, recall = kernel_between(
+        emb_x,
+        emb_y,
+        marginal_x,
+        marginal_y,
+        search,
+        lam,
+        k0=k0,
+        scale=scale,
+        length_gradient=length_gradient,
+        power=power,
+        unilateral_weight=unilateral_weight,
+    )
+    filtered = scale_kernel(
+        kernel,
+        marginal_x,
+        marginal_y,
+        num_iters=num_iters,
+        relax=relax,
+        tol=tol,
+        max_iters=max_iters,
+    )
+    return filtered._replace(recall=recall)
+
+
+# For rounds of a refinement. These few updates are plain, as over-relaxed ones would
+# leave ties to rounding.
+quick_sinkhorn: partial[Filtered] = partial(
+    sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0
+)
+# The settings of the authors' MATLAB code, for comparison. Its loop of 10 updates
+# makes 11.
+authors_sinkhorn: partial[Filtered] = partial(
+    sinkhorn,
+    lam=500.0,
+    k0=50,
+    num_iters=11,
+    relax=1.0,
+    scale="max",
+    unilateral_weight=0.5,
+)
+
+
+class Between(NamedTuple):
+    """The kernel of two embeddings, the marginals, and the recall of the search."""
+
+    kernel: Kernel
+    marginal_x: Float[Array, " n_x"]
+    marginal_y: Float[Array, " n_y"]
+    recall: Float[Array, ""]
+
+
+def kernel_between(
+    emb_x: Array,
+    emb_y: Array,
+    marginal_x: Array | None,
+    marginal_y: Array | None,
+    search: NeighbourSearch | None,
+    lam: Array | float,
+    *,
+    k0: int,
+    scale: Scale,
+    length_gradient: bool,
+    power: float,
+    unilateral_weight: float,
+) -> Between:
+    """The kernel of eq. 12, and uniform marginals where there are none."""
     if marginal_x is None:
         marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
     if marginal_y is None:
@@ -118,34 +186,7 @@ def sinkhorn(
         power=power,
         unilateral_weight=unilateral_weight,
     )
-    filtered = scale_kernel(
-        kernel,
-        marginal_x,
-        marginal_y,
-        num_iters=num_iters,
-        relax=relax,
-        tol=tol,
-        max_iters=max_iters,
-    )
-    return filtered._replace(recall=near_both.recall)
-
-
-# For rounds of a refinement. These few updates are plain, as over-relaxed ones would
-# leave ties to rounding.
-quick_sinkhorn: partial[Filtered] = partial(
-    sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0
-)
-# The settings of the authors' MATLAB code, for comparison. Its loop of 10 updates
-# makes 11.
-authors_sinkhorn: partial[Filtered] = partial(
-    sinkhorn,
-    lam=500.0,
-    k0=50,
-    num_iters=11,
-    relax=1.0,
-    scale="max",
-    unilateral_weight=0.5,
-)
+    return Between(kernel, marginal_x, marginal_y, near_both.recall)
 
 
 def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
@@ -195,20 +236,21 @@ def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
     return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
 
 
-def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
+def check(caller, emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
+    """Refuse shapes that do not fit and options out of range, in the caller's name."""
     if emb_x.shape[1] != emb_y.shape[1]:
         raise ValueError(
-            f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
+            f"{caller}: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
         )
     for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
         if marginal is not None and marginal.shape != (len(emb),):
             raise ValueError(
-                f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
+                f"{caller}: marginal_{name} has shape {marginal.shape}, emb_{name} has "
                 f"{len(emb)} rows"
             )
     if k0 < 1 or num_iters < 1:
         raise ValueError(
-            f"sinkhorn: k0 and num_iters must be positive, got {k0} and {num_iters}"
+            f"{caller}: k0 and num_iters must be positive, got {k0} and {num_iters}"
         )
     if scale not in ("nearest", "max"):
-        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")
+        raise ValueError(f"{caller}: scale is 'nearest' or 'max', not {scale!r}")

@@ -4,7 +4,9 @@ The scaling f of X is the fixed point of a pair of plain updates. optimistix run
 over-relaxed updates until the marginals are met, and differentiates the fixed point by
 the implicit function theorem, so that no update is kept for the way back. With f times
 the root of X's marginal as unknown, the Jacobian is symmetric: conjugate gradients
-solve with it, and the kernel is only ever multiplied with.
+solve with it, and the kernel is only ever multiplied with. With slack the root is that
+of the plan's row sums, which are known at the fixed point only. So derivatives are
+taken there, by a second fixed point that begins at the first one, and ends there.
 
 The relaxation grows while the error falls slowly, and shrinks when it rises. To sharpen
 a sharp kernel gradually (epsilon continuation: Schmitzer, 2019) was tried and left out:
@@ -24,6 +26,8 @@ from jfsf.convert._updates import (
     round_of_updates,
     scaling_x,
     scaling_y,
+    sums,
+    translated,
 )
 from jfsf.solvers import fixed_point
 
@@ -66,7 +70,8 @@ def scale_to_tolerance(
         max_iters: updates of each side, at most.
     """
     dtype = problem.log_x.dtype
-    root = _root(problem)
+    root = jnp.sqrt(jnp.where(problem.marginal_x > 0, problem.marginal_x, 1))
+    rooted = _Rooted(problem, root)
     start = scaling_x(problem, scaling_y(problem, jnp.zeros_like(problem.log_x)))
     start = jax.lax.stop_gradient(start * root)
     tol = jax.lax.stop_gradient(jnp.asarray(tol, dtype))
@@ -78,27 +83,68 @@ def scale_to_tolerance(
         # A little less, as the last pair of updates has rounding errors of its own.
         _Updates(0.98 * tol, jnp.asarray(relax, dtype)),
         start,
-        problem,
+        rooted if problem.slack is None else jax.lax.stop_gradient(rooted),
         max_steps=max(-(-max_iters // ABSORB_EVERY), 1),
         linear_tol=exact,
     )
+    num_iters = solution.num_steps * ABSORB_EVERY + 2
+    if problem.slack is not None:
+        num_iters = num_iters + 1
+        root, solution = _at(solution.value / root, problem, exact)
     # A last pair of plain updates makes the row sums exact.
     g = scaling_y(problem, solution.value / root)
-    num_iters = solution.num_steps * ABSORB_EVERY + 2
     return Scaling(scaling_x(problem, g), g, num_iters)
 
 
-def _root(problem: Problem) -> Array:
-    marginal = problem.marginal_x
-    return jnp.sqrt(jnp.where(marginal > 0, marginal, 1))
+class _Rooted(NamedTuple):
+    """A problem, and what f is multiplied by so that the Jacobian is symmetric."""
+
+    problem: Problem
+    root: Float[Array, " n_x"]
 
 
-def _plain_updates(scaled_f: Array, problem: Problem) -> Array:
-    """A plain update of each side; the mean of f, which no plan depends on, is 0."""
-    root = _root(problem)
+def _at(f: Array, problem: Problem, linear_tol: Array):
+    """The fixed point f with slack, once more, with its derivatives."""
+    g = scaling_y(problem, f)
+    rows, _ = sums(problem.kernel, scaling_x(problem, g), g)
+    # A row of no mass that floats can hold has no influence, and no root either.
+    root = jnp.sqrt(jnp.where(rows > 0, rows, 1))
+    rooted = _Rooted(problem, jax.lax.stop_gradient(root))
+    start = jax.lax.stop_gradient(f * root)
+    options = {"max_steps": 1, "linear_tol": linear_tol}
+    solution = fixed_point(_plain_updates, _Known(), start, rooted, **options)
+    return rooted.root, solution
+
+
+def _plain_updates(scaled_f: Array, rooted: _Rooted) -> Array:
+    """A plain update of each side; the mean of f, which no plan depends on, is 0.
+
+    With slack the plan does depend on it.
+    """
+    problem, root = rooted
     f = scaling_x(problem, scaling_y(problem, scaled_f / root))
     mean = jnp.sum(problem.marginal_x * f) / jnp.sum(problem.marginal_x)
+    if problem.slack is not None:
+        mean = jnp.where(problem.slack > 0, 0, mean)
     return jnp.where(problem.marginal_x > 0, f - mean, 0) * root
+
+
+class _Known(NamedTuple):
+    """No step: the fixed point is known."""
+
+    def begin(self, y: Array, args: _Rooted) -> tuple[()]:
+        """Nothing to keep."""
+        return ()
+
+    def step(
+        self, y: Array, args: _Rooted, state: tuple[()]
+    ) -> tuple[Array, tuple[()]]:
+        """Never made."""
+        return y, state
+
+    def ended(self, state: tuple[()]) -> Array:
+        """At once."""
+        return jnp.array(True)
 
 
 class _State(NamedTuple):
@@ -130,21 +176,23 @@ class _Updates(NamedTuple):
     atol: Float[Array, ""]
     relax: Float[Array, ""]
 
-    def begin(self, y: Array, args: Problem) -> _State:
+    def begin(self, y: Array, args: _Rooted) -> _State:
         """No round yet."""
         inf, zero = jnp.asarray(jnp.inf, y.dtype), jnp.zeros((), jnp.int32)
-        g = scaling_y(args, y / _root(args))
+        g = scaling_y(args.problem, y / args.root)
         return _State(g, 2 - self.relax, inf, inf, inf, zero, zero)
 
-    def step(self, y: Array, args: Problem, state: _State) -> tuple[Array, _State]:
+    def step(self, y: Array, args: _Rooted, state: _State) -> tuple[Array, _State]:
         """One round."""
-        f = y / _root(args)
+        problem, root = args
+        f, g = translated(problem, y / root, state.g)
         # Over-relaxed updates overshoot: the error is that after a plain one of Y.
-        error = error_of(args, f, scaling_y(args, f))
+        error = error_of(problem, f, scaling_y(problem, f))
         state = _judge(state, error)
-        f, g = round_of_updates(args, f, state.g, lambda _: 2 - state.gap)
+        kept = y if problem.slack is None else f * root
+        f, g = round_of_updates(problem, f, g, lambda _: 2 - state.gap)
         # No more updates where the marginals were met before.
-        y = jnp.where(error <= self.atol, y, f * _root(args))
+        y = jnp.where(error <= self.atol, kept, f * root)
         return y, state._replace(g=g)
 
     def ended(self, state: _State) -> Array:
