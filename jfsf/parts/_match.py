@@ -116,7 +116,7 @@ class _State(NamedTuple):
         return float(np.nan_to_num(self.match.certificate.log_odds, nan=-np.inf))
 
     def score(self, settings: PartSettings) -> float:
-        """Small is good: both pieces of evidence, before the refinement and after it."""
+        """Small is good: the evidence before the refinement and that after it."""
         return self.rank + settings.register_weights.log_odds * self.log_odds
 
 
