@@ -22,7 +22,6 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.mesh import (
-    boundary_edges,
     decimate,
     orient,
     surface_area,
@@ -36,9 +35,13 @@ from jfsf.parts._region import (
     cut,
     dense_map,
     draw_onto,
+    near_vertices,
     nearest,
+    openness,
     outward,
+    scaled,
     target,
+    wound,
 )
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
@@ -142,7 +145,7 @@ def match_parts(
         ValueError: no region of enough vertices was found.
     """
     # The shape that is open, or the smaller one, is called X from here on.
-    if _openness(mesh_x) < _openness(mesh_y):
+    if openness(mesh_x) < openness(mesh_y):
         return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
     starts = []
     for way in (1, -1) if sign == 0 else (sign,):
@@ -171,10 +174,6 @@ def match_parts(
     return _result(state, margin)
 
 
-def _openness(mesh: Mesh) -> tuple[float, float]:
-    return len(boundary_edges(mesh.faces)) > 0, -surface_area(mesh)
-
-
 def _swapped(parts: Parts) -> Parts:
     certificate = parts.certificate
     other = {"x": "y", "y": "x", "xy": "yx", "yx": "xy"}
@@ -196,18 +195,18 @@ def _swapped(parts: Parts) -> Parts:
 def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int, *, settings: PartSettings) -> _Sides:
     unit = np.sqrt(surface_area(mesh_y))
 
-    def scaled(mesh):
-        wound = orient(mesh)
-        return Mesh(np.asarray(wound.vertices, float) / unit, np.asarray(wound.faces))
+    def in_unit(mesh):
+        own = orient(mesh)
+        return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
 
-    x = part_samples(scaled(mesh_x), settings.samples_of_part, settings=settings)
-    y = part_samples(scaled(mesh_y), settings.samples_of_whole, settings=settings)
+    x = part_samples(in_unit(mesh_x), settings.samples_of_part, settings=settings)
+    y = part_samples(in_unit(mesh_y), settings.samples_of_whole, settings=settings)
     coarse_x = decimate(x.mesh, settings.coarse_part)
     coarse_y = decimate(y.mesh, settings.coarse_whole)
-    on_x, on_y = _near(x.mesh, coarse_x), _near(y.mesh, coarse_y)
+    on_x, on_y = near_vertices(x.mesh, coarse_x), near_vertices(y.mesh, coarse_y)
     out = outward(coarse_y, vertex_normals(*coarse_y))
     whole = whole_at_rest(coarse_y, out, sign)
-    from_y = _near(coarse_y, y.mesh)
+    from_y = near_vertices(coarse_y, y.mesh)
     return _Sides(x, y, coarse_x, whole, on_x, on_y, from_y, sign, settings)
 
 
@@ -217,7 +216,7 @@ def _starts(sides: _Sides) -> Iterator[_Start]:
     assigned = assign(x, y, orientation=sides.sign, settings=settings)
     for partner, scale in zip(assigned.partner, assigned.scale, strict=True):
         T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
-        part, T = _scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
+        part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
         found = register(sides.whole, part, T, settings=settings)
         yield _Start(float(scale), found)
 
@@ -233,9 +232,9 @@ def _rank(found: Registered, settings: PartSettings) -> float:
 def _drawn(sides: _Sides, start: _Start) -> _State:
     """All of Y drawn onto X, which is brought to the size that was found."""
     scale = start.scale / start.registered.scale
-    x = target(_scaled(sides.x.mesh, scale), sides.settings)
+    x = target(scaled(sides.x.mesh, scale), sides.settings)
     moved = _moved(sides, start.registered)
-    bent = target(_wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
+    bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
     rank = _rank(start.registered, sides.settings)
     return _state(sides, x, scale, rank, moved, T_xy)
@@ -299,15 +298,3 @@ def _result(state: _State, margin: float) -> Parts:
         certificate,
         state.scale,
     )
-
-
-def _near(points: Mesh, queries: Mesh) -> np.ndarray:
-    return np.asarray(KDTree(points.vertices).query(queries.vertices)[1])
-
-
-def _wound(mesh: Mesh, sign: int) -> Mesh:
-    return mesh if sign > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
-
-
-def _scaled(mesh: Mesh, scale: float) -> Mesh:
-    return Mesh(mesh.vertices * scale, mesh.faces)

@@ -17,6 +17,7 @@ from jfsf.mesh import (
     Submesh,
     boundary_edges,
     largest_component,
+    surface_area,
     vertex_areas,
     vertex_normals,
 )
@@ -166,6 +167,26 @@ def dense_map(
         w, d = weight[:, rows].T, from_x[:, rows].T
         out[rows] = (w @ square - 2 * (w * d) @ from_y).argmin(1)
     return out
+
+
+def openness(mesh: Mesh) -> tuple[float, float]:
+    """Greater for a shape with a boundary, and for a smaller one."""
+    return len(boundary_edges(mesh.faces)) > 0, -surface_area(mesh)
+
+
+def near_vertices(points: Mesh, queries: Mesh) -> np.ndarray:
+    """The vertex of `points` nearest to each of `queries`."""
+    return np.asarray(KDTree(points.vertices).query(queries.vertices)[1])
+
+
+def wound(mesh: Mesh, sign: int) -> Mesh:
+    """Wound the other way where `sign` is -1."""
+    return mesh if sign > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
+
+
+def scaled(mesh: Mesh, scale: float) -> Mesh:
+    """`scale` times as large."""
+    return Mesh(mesh.vertices * scale, mesh.faces)
 
 
 def _padded_surface(x: Mesh, sign: int, settings: PartSettings):
