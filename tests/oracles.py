@@ -294,9 +294,10 @@ def farthest_points(points, real, num):
 
 def unbalanced(log_k, marginal_x, marginal_y, slack, num_iters):
     """Dense plain updates of unbalanced Sinkhorn, Y first: (log u, log v, plan)."""
+    a, b = np.asarray(marginal_x), np.asarray(marginal_y)
     kernel, power = np.exp(log_k), -1 / (1 + slack)
     u = np.ones(len(kernel))
     for _ in range(num_iters):
-        v = marginal_y * (kernel.T @ u) ** power
-        u = marginal_x * (kernel @ v) ** power
+        v = b * (kernel.T @ u) ** power
+        u = a * (kernel @ v) ** power
     return np.log(u), np.log(v), u[:, None] * kernel * v
