@@ -1,7 +1,7 @@
 """An attempt from spectra to a match: its result, vmap, derivatives and cost."""
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -37,16 +37,9 @@ def error(T_xy):
     return geodesic_error(np.asarray(T_xy), mesh_y, gt_x[at], gt_y[at]).mean()
 
 
-# A small search; the gradients have the default.
-FEW = SearchSettings(
-    hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
-)
-SMALL = Settings(search=FEW)
-
-
 @cache
 def alone():
-    return jfsf.match_spectra(*pair_of("f4"), settings=SMALL)
+    return jfsf.match_spectra(*pair_of("f4"))
 
 
 def test_spectra_are_matched():
@@ -68,7 +61,7 @@ def test_spectra_are_matched():
 def test_it_vmaps():
     pair = pair_of("f4")
     stacked = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), pair)
-    both = jax.jit(jax.vmap(partial(jfsf.match_spectra, settings=SMALL)))(*stacked)
+    both = jax.jit(jax.vmap(jfsf.match_spectra))(*stacked)
     n_x = len(X[0].vertices)
     for T_xy in both.T_xy:
         # Sums under vmap have another order, which decides ties.
@@ -116,7 +109,13 @@ class Counted:
 
 # As few and small programs as can be: only the work is counted. Without bending no pair
 # is in doubt.
-QUICK = Settings(search=FEW, bend_rounds=1, converter=quick_sinkhorn)
+QUICK = Settings(
+    search=SearchSettings(
+        hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
+    ),
+    bend_rounds=1,
+    converter=quick_sinkhorn,
+)
 
 
 # The other size runs the same stages: 2 counts what vmap adds, too.
