@@ -1,4 +1,4 @@
-"""Parts of embedded shapes: cut by a plane or a geodesic ball, with their ground truth.
+"""Parts of embedded shapes, cut by a plane or a geodesic ball; regions and overlaps.
 
 A cut keeps the largest piece on one side, and as much of the area as is asked for.
 """
@@ -10,8 +10,9 @@ from scipy.spatial import KDTree
 
 from jfsf.data import Sample
 from jfsf.geometry import geodesics
-from jfsf.mesh import Submesh, surface_area
+from jfsf.mesh import Submesh, surface_area, vertex_areas
 from jfsf.parts import cut
+from jfsf.types import Mesh
 
 
 class Truth(NamedTuple):
@@ -61,3 +62,20 @@ def truth(x: Sample, part: Submesh, y: Sample) -> Truth:
     points = KDTree(y.mesh.vertices[y.template_to_vertex])
     nearest = points.query(y.mesh.vertices)[1]
     return Truth(at_x[there], y.template_to_vertex[there], there[nearest])
+
+
+def near_truth(mesh: Mesh, at: np.ndarray, reach: float) -> np.ndarray:
+    """(n,) the vertices that lie within `reach` of one of the ground truth."""
+    return KDTree(mesh.vertices[at]).query(mesh.vertices)[0] <= reach
+
+
+def median_edge(mesh: Mesh) -> float:
+    """Of the first edges of the faces."""
+    ends = mesh.vertices[mesh.faces[:, :2]]
+    return float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+
+
+def overlap(mesh: Mesh, found: np.ndarray, true: np.ndarray) -> float:
+    """Intersection over union of two sets of vertices, by area."""
+    mass = vertex_areas(*mesh)
+    return float(mass[found & true].sum() / mass[found | true].sum())

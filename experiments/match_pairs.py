@@ -14,10 +14,13 @@ The JSON has for each pair the error, what the list says of a rival, the certifi
 the match, and for each attempt its source, error and certificate; `won` is the number
 of the attempt that is the match. Of some vertices it has error, evidence and confidence
 (`vertex_rows.py`); the evidence is that of shapes bent once more, by the final
-map. Further starts are attempted only for pairs in doubt;
---exhaustive attempts them for all, so that there are wrong maps to learn from, and
-writes results/match_SET_exhaustive.json. Parts are matched as such, once. Of the maps
-of coarse copies it has the error and what ranks them; the first is the map so far.
+map. Of the maps of coarse copies it has the error and what ranks them; the first is the
+map so far. Further starts are attempted only for pairs in doubt; --exhaustive attempts
+them for all, so that there are wrong maps to learn from, and writes
+results/match_SET_exhaustive.json.
+
+Parts are matched as such, once, and the regions that are found are compared with the
+true ones. They have no confidence: sure and unsure are counted for wholes only.
 """
 
 import argparse
@@ -26,6 +29,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import cuts
 import datasets
 import jax
 import numpy as np
@@ -172,8 +176,28 @@ def measure(
     if y.mirror is not None:
         mirrored = solver.rows(y.mirror[at]) / np.sqrt(surface_area(y.mesh))
         row["mirrored"] = _mean(mirrored, tried[won][1], x.truth[at])
+    if part:
+        row |= _regions(x, y, tried[won][1])
     copies = _copies(state, x.truth[at], distances)
     return {**row, "vertices": vertices, "copies": copies, "attempts": attempts}
+
+
+def _regions(x: datasets.Shape, y: datasets.Shape, match: Match) -> dict[str, float]:
+    """Overlap of the regions that are found and those of the ground truth.
+
+    A vertex is in the true region if it is within an edge of one with a partner, of the
+    coarser mesh: it may have more vertices between the partners than the other.
+    """
+    edge = max(cuts.median_edge(shape.mesh) for shape in (x, y))
+    sides = ("x", x, match.matched_x), ("y", y, match.matched_y)
+    return {
+        f"iou_{name}": cuts.overlap(
+            shape.mesh,
+            np.asarray(found),
+            cuts.near_truth(shape.mesh, shape.truth, edge),
+        )
+        for name, shape, found in sides
+    }
 
 
 def summaries(rows: list[dict]) -> dict[str, dict]:
@@ -207,6 +231,9 @@ def summary(rows: list[dict]) -> dict:
     if rivals:
         found["rival_mean"] = float(np.mean([theirs for _, theirs in rivals]))
         found["below_rival"] = sum(ours < theirs for ours, theirs in rivals)
+    for name in ("iou_x", "iou_y"):
+        if any(name in row for row in rows):
+            found[name] = float(np.mean([row[name] for row in rows]))
     flipped = [row["mirrored"] < row["error"] for row in rows if "mirrored" in row]
     if flipped:
         found["mirrored_below_direct"] = sum(flipped)

@@ -31,7 +31,7 @@ from jfsf import data
 from jfsf.convert import nearest
 from jfsf.geometry import pair_distances
 from jfsf.initial import fit
-from jfsf.mesh import surface_area, vertex_areas
+from jfsf.mesh import surface_area
 from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, spectrum, wks
 
@@ -98,11 +98,9 @@ def measure(method, name_x, name_y, keep, pair, every) -> dict:
     T_xy, inside, extra = _run(method, part.mesh, y.mesh)
     seconds = time.perf_counter() - start
     away = pair_distances(y.mesh, T_xy[truth.at_x[::every]], truth.at_y[::every])
-    mass = vertex_areas(*y.mesh)
-    common, both = truth.inside_y & inside, truth.inside_y | inside
     return {
         "error": float(away.mean() / np.sqrt(surface_area(y.mesh))),
-        "iou": float(mass[common].sum() / mass[both].sum()),
+        "iou": cuts.overlap(y.mesh, inside, truth.inside_y),
         "seconds": seconds,
         **extra,
     }

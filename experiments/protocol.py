@@ -91,9 +91,9 @@ _ROWS = (
     # Tunnels through the bone; decimated, which leaves loose pieces.
     _external("mouse_skulls", "report", "near", largest=True),
     _external("hdm_molars", "fit", "far"),  # four landmarks: for gross errors only
-    _external("becos_pf", "report", "part"),  # one camera's view, to a whole template
-    _external("becos_pp", "report", "part"),  # view to view
-    _external("psmal", "report", "part"),  # parts of different animals
+    _external("becos_pf", "fit", "part"),  # one camera's view, to a whole template
+    _external("becos_pp", "fit", "part"),  # view to view
+    _external("psmal", "choose", "part"),  # parts of different animals
 )
 SETS = {row.name: row for row in _ROWS}
 

@@ -196,8 +196,8 @@ def test_the_beam_finds_the_scale():
 
 
 def test_a_part_in_place_covers_its_region():
-    onto = target(PART.mesh)
-    drawn = draw_onto(WHOLE, onto, WHOLE.vertices, PART.index, rounds=2)
+    onto = target(PART.mesh, PartSettings(bend_rounds=2))
+    drawn = draw_onto(WHOLE, onto, WHOLE.vertices, PART.index)
     np.testing.assert_allclose(drawn.moved, WHOLE.vertices, atol=0.02)
     assert drawn.matched_x.all()
     np.testing.assert_array_equal(drawn.T_xy, PART.index)
@@ -345,7 +345,7 @@ def test_settings_change_what_is_found(changed, matched_with):
 
 
 def test_weights_change_the_choice():
-    sides = parts_match._sides(PART.mesh, WHOLE, 1, settings=QUICK)
+    sides = parts_match._sides(PART.mesh, WHOLE, settings=QUICK)
     found = [start.registered for start in parts_match._starts(sides)]
     assert len(found) > 1
     least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))

@@ -11,6 +11,7 @@ import oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from problems import N_X, N_Y, WIDTH, dense, draw, weights
 
 from jfsf import testing
 from jfsf.convert import (
@@ -35,34 +36,11 @@ from jfsf.spectral import (
 )
 from jfsf.types import Kernel, Neighbours
 
-N_X, N_Y, K0, WIDTH = 23, 31, 5, 3
+K0 = 5
 FULL = max(N_X, N_Y)
 NUM = 20
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)
 small_sinkhorn = partial(sinkhorn, k0=K0, num_iters=NUM)
-
-
-def draw(seed=0, n_x=N_X, n_y=N_Y, dtype=jnp.float64):
-    """One smooth surface, sampled twice."""
-    rng = np.random.default_rng(seed)
-    waves = rng.normal(size=(2, WIDTH)) * 2
-    return [
-        jnp.asarray(np.sin(rng.uniform(-1, 1, (n, 2)) @ waves), dtype)
-        for n in (n_x, n_y)
-    ]
-
-
-def weights(seed, n, low=0.2):
-    found = np.random.default_rng(seed).uniform(low, 1, n)
-    return jnp.asarray(found / found.sum())
-
-
-def dense(filtered):
-    """The plan (n_x, n_y); adding repeated entries, of which there are none."""
-    rows, columns, values = map(np.asarray, plan_entries(filtered))
-    out = np.zeros((len(filtered.T_xy), len(filtered.T_yx)))
-    np.add.at(out, (rows, columns), values)
-    return out
 
 
 def truth_for(

@@ -9,6 +9,7 @@ import oracles
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import dense
 from scipy.optimize import linprog
 
 from jfsf import testing
@@ -26,13 +27,6 @@ def problem(seed, dtype=jnp.float64, low=0.2):
     embs = [np.sin(rng.uniform(-1, 1, (n, 2)) @ waves) for n in (N_X, N_Y)]
     marginals = [rng.uniform(low, 1, n) for n in (N_X, N_Y)]
     return [jnp.asarray(a, dtype) for a in (*embs, *(m / m.sum() for m in marginals))]
-
-
-def dense(filtered):
-    rows, columns, values = map(np.asarray, plan_entries(filtered))
-    out = np.zeros((len(filtered.T_xy), len(filtered.T_yx)))
-    np.add.at(out, (rows, columns), values)
-    return out
 
 
 def least_error(kernel, a, b):

@@ -9,6 +9,7 @@ import oracles
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from problems import N_X, N_Y, WIDTH, dense, draw, weights
 from scipy.spatial.distance import cdist
 from scipy.special import rel_entr
 
@@ -25,34 +26,11 @@ from jfsf.refine import icp
 from jfsf.spectral import functional_map
 from jfsf.types import Kernel
 
-N_X, N_Y, K0, WIDTH = 23, 31, 5, 3
+K0 = 5
 FULL = max(N_X, N_Y)
 NUM = 20
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)
 small = partial(unbalanced_sinkhorn, k0=K0, num_iters=NUM)
-
-
-def draw(seed=0, n_x=N_X, n_y=N_Y, dtype=jnp.float64):
-    """One smooth surface, sampled twice."""
-    rng = np.random.default_rng(seed)
-    waves = rng.normal(size=(2, WIDTH)) * 2
-    return [
-        jnp.asarray(np.sin(rng.uniform(-1, 1, (n, 2)) @ waves), dtype)
-        for n in (n_x, n_y)
-    ]
-
-
-def weights(seed, n, total=1.0):
-    found = np.random.default_rng(seed).uniform(0.2, 1, n)
-    return jnp.asarray(total * found / found.sum())
-
-
-def dense(found):
-    filtered = getattr(found, "filtered", found)
-    rows, columns, values = map(np.asarray, plan_entries(filtered))
-    out = np.zeros((len(filtered.T_xy), len(filtered.T_yx)))
-    np.add.at(out, (rows, columns), values)
-    return out
 
 
 def cost_of(emb_x, emb_y):
@@ -73,7 +51,7 @@ def log_kernel(emb_x, emb_y, lam, k0):
 @given(pair=pairs, seed=testing.seeds, total=st.sampled_from([0.4, 1.0, 3.0]))
 @settings(max_examples=6)
 def test_the_dense_oracle_agrees(k0, options, pair, seed, total):
-    a, b, lam, reach = weights(seed, N_X), weights(seed + 1, N_Y, total), 8.0, 1.5
+    a, b, lam, reach = weights(seed, N_X), weights(seed + 1, N_Y, total=total), 8.0, 1.5
     ours = unbalanced_sinkhorn(
         *map(jnp.asarray, pair), a, b, lam=lam, reach=reach, k0=k0, **options
     )
@@ -113,7 +91,7 @@ def test_the_first_updates_are_those_of_the_oracle(num):
 
 def test_the_plan_is_the_least_of_the_objective():
     emb_x, emb_y = draw()
-    a, b = np.asarray(weights(0, N_X)), np.asarray(weights(1, N_Y, 0.7))
+    a, b = np.asarray(weights(0, N_X)), np.asarray(weights(1, N_Y, total=0.7))
     lam, reach = 6.0, 1.2
     plan = dense(
         unbalanced_sinkhorn(
@@ -140,7 +118,7 @@ def test_the_plan_is_the_least_of_the_objective():
 def test_pot_agrees(total):
     ot = pytest.importorskip("ot")
     emb_x, emb_y = draw()
-    a, b = weights(0, N_X), weights(1, N_Y, total)
+    a, b = weights(0, N_X), weights(1, N_Y, total=total)
     ours = unbalanced_sinkhorn(emb_x, emb_y, a, b, lam=2.0, k0=FULL, tol=1e-10)
     theirs = ot.unbalanced.sinkhorn_unbalanced(
         *map(np.asarray, (a, b)), cost_of(emb_x, emb_y), 0.5, 3.0, reg_type="kl",
@@ -331,7 +309,7 @@ def value_of(emb_x, emb_y, lam, reach, log_a, log_b, **options):
 
 def arguments(seed):
     numbers = jnp.asarray(4.0), jnp.asarray(1.3)
-    logs = jnp.log(weights(seed, N_X)), jnp.log(weights(seed + 1, N_Y, 0.8))
+    logs = jnp.log(weights(seed, N_X)), jnp.log(weights(seed + 1, N_Y, total=0.8))
     return *draw(seed), *numbers, *logs
 
 

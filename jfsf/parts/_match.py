@@ -21,12 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import (
-    decimate,
-    orient,
-    surface_area,
-    vertex_normals,
-)
+from jfsf.mesh import decimate, orient, surface_area, vertex_normals
 from jfsf.parts._beam import assign
 from jfsf.parts._region import (
     Drawn,
@@ -72,8 +67,11 @@ class Parts(NamedTuple):
 class _Sides(NamedTuple):
     """Both shapes in the unit of Y, and coarse copies of both.
 
-    on_x, on_y: the vertex of the shape nearest to each of its copy.
+    coarse_x: the copy of X.
+    whole: that of Y.
+    on_x: the vertex of X nearest to each of its copy.
     from_y: the vertex of the copy nearest to each of Y.
+    sign: -1 for maps that mirror, and the whole is mirrored.
     """
 
     x: PartSamples
@@ -81,7 +79,6 @@ class _Sides(NamedTuple):
     coarse_x: Mesh
     whole: Whole
     on_x: np.ndarray
-    on_y: np.ndarray
     from_y: np.ndarray
     sign: int
     settings: PartSettings
@@ -148,8 +145,9 @@ def match_parts(
     if openness(mesh_x) < openness(mesh_y):
         return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
     starts = []
+    both = _sides(mesh_x, mesh_y, settings=settings)
     for way in (1, -1) if sign == 0 else (sign,):
-        sides = _sides(mesh_x, mesh_y, way, settings=settings)
+        sides = both if way > 0 else _mirrored(both)
         starts += [(sides, start) for start in _starts(sides)]
     starts.sort(key=lambda pair: _rank(pair[1].registered, settings))
     found = []
@@ -192,7 +190,7 @@ def _swapped(parts: Parts) -> Parts:
     )
 
 
-def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int, *, settings: PartSettings) -> _Sides:
+def _sides(mesh_x: Mesh, mesh_y: Mesh, *, settings: PartSettings) -> _Sides:
     unit = np.sqrt(surface_area(mesh_y))
 
     def in_unit(mesh):
@@ -203,11 +201,17 @@ def _sides(mesh_x: Mesh, mesh_y: Mesh, sign: int, *, settings: PartSettings) -> 
     y = part_samples(in_unit(mesh_y), settings.samples_of_whole, settings=settings)
     coarse_x = decimate(x.mesh, settings.coarse_part)
     coarse_y = decimate(y.mesh, settings.coarse_whole)
-    on_x, on_y = near_vertices(x.mesh, coarse_x), near_vertices(y.mesh, coarse_y)
+    on_x = near_vertices(x.mesh, coarse_x)
     out = outward(coarse_y, vertex_normals(*coarse_y))
-    whole = whole_at_rest(coarse_y, out, sign)
+    whole = whole_at_rest(coarse_y, out)
     from_y = near_vertices(coarse_y, y.mesh)
-    return _Sides(x, y, coarse_x, whole, on_x, on_y, from_y, sign, settings)
+    return _Sides(x, y, coarse_x, whole, on_x, from_y, 1, settings)
+
+
+def _mirrored(sides: _Sides) -> _Sides:
+    """For maps that mirror."""
+    mesh, out = sides.whole.mesh, sides.whole.outward
+    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
 
 
 def _starts(sides: _Sides) -> Iterator[_Start]:

@@ -86,9 +86,7 @@ def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
     return near, (away < settings.cover_distance) & ~beyond
 
 
-def draw_onto(
-    y: Mesh, x: Target, moved, T_xy, sign: int = 1, *, rounds: int | None = None
-) -> Drawn:
+def draw_onto(y: Mesh, x: Target, moved, T_xy, sign: int = 1) -> Drawn:
     """Y deformed onto X as rigidly as possible, again and again.
 
     What lies beyond the boundary of Y does not draw it.
@@ -99,17 +97,14 @@ def draw_onto(
         moved: positions of Y to begin with.
         T_xy: the start.
         sign: -1 for a map that mirrors.
-        rounds: deformations, each followed by a search for the nearest vertices; None
-            for those of the settings.
     """
     settings = x.settings
     n, mass = len(y.vertices), vertex_areas(*x.mesh)
     side = _padded_surface(y, sign, settings)
     size = len(side.mass)
-    faces = y.faces if sign > 0 else y.faces[:, ::-1]
     options = replace(settings.bend, max_steps=settings.draw_steps)
     matched = np.ones(len(mass), bool)
-    for _ in range(settings.bend_rounds if rounds is None else rounds):
+    for _ in range(settings.bend_rounds):
         weight = mass * np.where(matched, 1, settings.uncovered_weight)
         pull = np.bincount(T_xy, weight, n)
         goal = np.zeros((n, 3))
@@ -121,7 +116,7 @@ def draw_onto(
         pulled = side._replace(mass=jnp.asarray(with_rows(pull, size)))
         rows = _rows(goal, size), _rows(moved, size)
         moved = np.asarray(deform(pulled, *rows, settings=options))[:n].astype(float)
-        bent = target(Mesh(moved, faces), settings)
+        bent = target(wound(Mesh(moved, y.faces), sign), settings)
         T_xy, matched = nearest(bent, x.mesh.vertices, x.normal)
     return Drawn(moved, T_xy, matched)
 

@@ -16,6 +16,7 @@ from scipy.spatial import KDTree
 from jfsf.geometry import STIFFNESS_RANGE
 from jfsf.mesh import vertex_areas, vertex_normals
 from jfsf.parts._settings import PartSettings
+from jfsf.spectral import operators
 from jfsf.types import Mesh
 
 TINY = 1e-9  # of the pull: without any, what nothing draws could be anywhere
@@ -28,8 +29,8 @@ class Whole(NamedTuple):
     normal_sign: -1 where it is mirrored.
     edges: (e, 2), each of both ways.
     along: (e, 3), from the second vertex to the first.
-    stiff: (e,) half the sum of the cotangents opposite to each.
-    laplacian: sparse, of these.
+    stiff: (e,) that of each in the Laplacian, clipped to be positive.
+    laplacian: (n, n) sparse, of these.
     sums: (n, e) sparse, adds values of edges at their first vertex.
     outward: (n, 3), tangents out of the surface on its boundary; else 0.
     """
@@ -74,27 +75,19 @@ def whole_at_rest(mesh: Mesh, outward, sign: int = 1) -> Whole:
         sign: 1 or -1.
     """
     flip, n = np.array([sign, 1, 1]), len(mesh.vertices)
-    vertices, faces = mesh.vertices * flip, mesh.faces
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    ends, half = [], []
-    for i, (u, v) in enumerate(((b - a, c - a), (c - b, a - b), (a - c, b - c))):
-        across = np.linalg.norm(np.cross(u, v), axis=1)
-        cotangent = np.sum(u * v, 1) / np.maximum(across, 1e-12)
-        ends.append(faces[:, [(i + 1) % 3, (i + 2) % 3]])
-        half.append(np.where(across > 0, np.clip(cotangent, *STIFFNESS_RANGE) / 2, 0))
-    one_way, stiff = np.concatenate(ends), np.concatenate(half)
-    edges = np.concatenate([one_way, one_way[:, ::-1]])
-    stiff = np.concatenate([stiff, stiff])
-    graph = sp.csr_matrix((stiff, edges.T), (n, n))
-    edges = np.stack(graph.nonzero(), 1)
-    stiff = np.asarray(graph[edges[:, 0], edges[:, 1]]).ravel()
-    laplacian = sp.diags(np.asarray(graph.sum(1)).ravel()) - graph
+    vertices = mesh.vertices * flip
+    off_diagonal = -sp.coo_matrix(operators(mesh)[0])
+    apart = off_diagonal.row != off_diagonal.col
+    edges = np.stack([off_diagonal.row[apart], off_diagonal.col[apart]], 1)
+    stiff = np.clip(off_diagonal.data[apart], *STIFFNESS_RANGE)
     places = edges[:, 0], np.arange(len(edges))
     sums = sp.csr_matrix((np.ones(len(edges)), places), (n, len(edges)))
+    graph = sp.csr_matrix((stiff, edges.T), (n, n))
+    laplacian = (sp.diags(sums @ stiff) - graph).tocsc()
     along = vertices[edges[:, 0]] - vertices[edges[:, 1]]
     return Whole(
-        Mesh(vertices, faces),
-        *(sign, edges, along, stiff, laplacian.tocsc(), sums, outward * flip),
+        Mesh(vertices, mesh.faces),
+        *(sign, edges, along, stiff, laplacian, sums, outward * flip),
     )
 
 

@@ -4,7 +4,7 @@ An attempt (`jfsf.attempt`) makes a match of a start, and says how likely it is 
 Sources of starts are asked in turn, for all pairs that are still in doubt: below
 `Settings.retry_below`, or after a first map that misses a landmark. So the first
 attempts of all pairs are made together, then the doubtful pairs are gathered, and pairs
-without doubt cost nothing more. With landmarks the more confident match is kept.
+without doubt cost nothing more. The more confident match is kept.
 
 The last source, of starts for other proportions, tries all of them on coarse copies
 (`jfsf.coarse`), which takes little time, together with the map so far. Only if another

@@ -1,0 +1,169 @@
+"""Fit what ranks the maps of parts: `jfsf.parts.RegisterWeights`.
+
+Of each pair of the sets of parts: all starts of `match(partial=True)`, with what is
+read of them (residual, energy, share) and the error of the map that each is drawn to;
+then the maps of the first few between the regions, refined, with log odds and errors.
+
+Weights are those of a conditional logit (McFadden 1974): within a pair, the chance of a
+map to be the right one is proportional to exp(-weights . figures). Right is below
+`protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
+0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`); how
+often the first map is right, by the weights of the package, is said of every set.
+
+    python experiments/fit_parts.py --data ROOT [--sets becos_pf] [--out RESULT.json]
+"""
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+import datasets
+import numpy as np
+import protocol
+import results_file
+from scipy.optimize import minimize
+
+import jfsf
+from jfsf.geometry import GeodesicSolver
+from jfsf.mesh import surface_area
+from jfsf.parts import PartSettings, RegisterWeights
+from jfsf.parts import _match as parts
+
+SETS = "becos_pf", "becos_pp", "psmal"
+SETTINGS = PartSettings()
+NEAR_BEST, HOPELESS = 0.01, 0.2
+RIDGE = 0.02  # of the squared weights, against few pairs
+POINTS = 250  # of ground truth, at most, in each pair
+FIGURES = "residual", "energy", "share"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Fit what ranks the maps of parts.")
+    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
+    parser.add_argument("--sets", nargs="+", choices=SETS, default=SETS)
+    out = Path(__file__).parent / "results" / "fit_parts.json"
+    parser.add_argument("--out", type=Path, default=out)
+    args = parser.parse_args()
+    if args.data is None:
+        parser.error("give --data ROOT or set JFSF_DATA")
+    rows, fitted = [], {}
+    for name in args.sets:
+        data_set = protocol.below(protocol.SETS[name], Path(args.data))
+        for pair in datasets.pairs_of(data_set):
+            x, y = datasets.load_pair_of(data_set, pair)
+            found = candidates(x, y)
+            about = {"set": name, "role": data_set.role(0), "x": pair.x, "y": pair.y}
+            rows.append(about | found)
+            best = min(one["error"] for one in found["starts"])
+            print(f"{name} {pair.x} {pair.y}: best start {best:.3f}", flush=True)
+            fitted = fit(rows)
+            settings = {"fitted to": "sets with the role fit", "shipped": shipped()}
+            results_file.write(
+                args.out, settings=settings, fitted=fitted, right=right(rows), rows=rows
+            )
+    print(fitted, right(rows), sep="\n")
+
+
+def shipped() -> dict[str, float]:
+    """The weights of the package."""
+    return RegisterWeights()._asdict()
+
+
+def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
+    """Figures and errors of the starts of a pair, and of the refined first few."""
+    swapped = parts.openness(x.mesh) < parts.openness(y.mesh)
+    if swapped:
+        x, y = y, x
+    some = np.random.default_rng(0).permutation(len(x.truth))[:POINTS]
+    rows = GeodesicSolver(y.mesh).rows(y.truth[some]) / np.sqrt(surface_area(y.mesh))
+
+    def error(T_xy) -> float:
+        return float(rows[np.arange(len(some)), T_xy[x.truth[some]]].mean())
+
+    sides = parts._sides(x.mesh, y.mesh, settings=SETTINGS)
+    starts = sorted(parts._starts(sides), key=lambda s: parts._rank(s[1], SETTINGS))
+    found, refined = [], []
+    for start in starts:
+        state = parts._drawn(sides, start)
+        figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
+        found.append({"error": error(state.T_xy), **figures})
+        if len(refined) < SETTINGS.refined:
+            after = parts._refined(state, sides, refine)
+            if after is not None:
+                own = {"error": error(after.T_xy), "log_odds": after.log_odds}
+                refined.append(own | figures)
+    return {"swapped": swapped, "starts": found, "refined": refined}
+
+
+def refine(part_x, part_y, T_xy):
+    """As `match(partial=True)` refines the map between two regions."""
+    settings = jfsf.Settings(retry_below=0)
+    return jfsf.match(part_x, part_y, initial=T_xy, settings=settings)
+
+
+def columns(maps: list[dict], names: Sequence[str]) -> np.ndarray:
+    """(maps, names); logarithms of what is read of a start."""
+    log = lambda name, value: np.log(max(value, 1e-6)) if name in FIGURES else value
+    return np.array([[log(name, one[name]) for name in names] for one in maps])
+
+
+def fit(rows: list[dict]) -> dict[str, float]:
+    """Weights, that of the energy being 1; empty before there is a pair to fit to."""
+    own = [row for row in rows if row["role"] == "fit"]
+    first = _logit([row["starts"] for row in own], FIGURES)
+    if first is None or first[1] <= 0:
+        return {}
+    weights: dict[str, float] = dict(zip(FIGURES, first / first[1], strict=True))
+
+    def with_rank(maps: list[dict]) -> list[dict]:
+        ranks = columns(maps, FIGURES) @ np.array(list(weights.values()))
+        return [one | {"rank": r} for one, r in zip(maps, ranks, strict=True)]
+
+    maps = [with_rank(row["refined"]) for row in own]
+    second = _logit(maps, ("rank", "log_odds"))
+    if second is not None and second[0] > 0:
+        weights["log_odds"] = second[1] / second[0]
+    return {name: round(float(w), 2) for name, w in weights.items()}
+
+
+def _logit(choices: list[list[dict]], names: Sequence[str]) -> np.ndarray | None:
+    """Weights of the conditional logit, or None without a pair that teaches."""
+    data = []
+    for maps in choices:
+        error = np.array([one["error"] for one in maps])
+        if not len(error) or error.min() >= HOPELESS:
+            continue
+        good = error < max(protocol.RIGHT, error.min() + NEAR_BEST)
+        if not good.all():
+            data.append((columns(maps, names), good))
+
+    def loss(w):
+        chances = [(np.exp(-(x - x.min(0)) @ w), good) for x, good in data]
+        return RIDGE * w @ w - sum(
+            np.log(p[good].sum() / p.sum()) for p, good in chances
+        )
+
+    return minimize(loss, np.zeros(len(names))).x if data else None
+
+
+def right(rows: list[dict]) -> dict[str, dict]:
+    """Of each set: pairs whose first, or any, start and refined map is right."""
+    weights = shipped()
+    by_rank = lambda one, names: columns([one], names)[0] @ [weights[n] for n in names]
+    found: dict[str, dict] = {}
+    for name in dict.fromkeys(row["set"] for row in rows):
+        own = [row for row in rows if row["set"] == name]
+        row = {"role": own[0]["role"], "pairs": len(own)}
+        for kind, names in (("starts", FIGURES), ("refined", (*FIGURES, "log_odds"))):
+            maps = [one[kind] for one in own if one[kind]]
+            first = [min(m, key=lambda one: by_rank(one, names))["error"] for m in maps]
+            best = [min(one["error"] for one in m) for m in maps]
+            row[f"{kind}: first right"] = sum(map(protocol.is_right, first))
+            row[f"{kind}: any right"] = sum(map(protocol.is_right, best))
+        found[name] = row
+    return found
+
+
+if __name__ == "__main__":
+    main()
