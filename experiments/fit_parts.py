@@ -29,6 +29,7 @@ from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import surface_area
 from jfsf.parts import PartSettings, RegisterWeights
 from jfsf.parts import _match as parts
+from jfsf.parts._starts import both_sides, starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 SETTINGS = PartSettings()
@@ -81,10 +82,10 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     def error(T_xy) -> float:
         return float(rows[np.arange(len(some)), T_xy[x.truth[some]]].mean())
 
-    sides = parts._sides(x.mesh, y.mesh, settings=SETTINGS)
-    starts = sorted(parts._starts(sides), key=lambda s: parts._rank(s[1], SETTINGS))
+    sides = both_sides(x.mesh, y.mesh, settings=SETTINGS)
+    begin = sorted(starts(sides), key=lambda start: start.rank)
     found, refined = [], []
-    for start in starts:
+    for start in begin:
         state = parts._drawn(sides, start)
         figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
         found.append({"error": error(state.T_xy), **figures})

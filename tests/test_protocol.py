@@ -46,8 +46,6 @@ def test_every_set_says_what_it_is(scripts):
         assert own.kind in protocol.KINDS and own.truth in protocol.TRUTHS
         assert not any(str(folder).startswith("/") for folder in own.folders)
         assert bool(own.folders) == (own.truth != "package")
-        # Parts have a method of their own: nothing of the wholes is fitted to them.
-        assert own.kind != "part" or own.roles == ("report",)
     used = {role for own in protocol.SETS.values() for role in own.roles}
     assert used == set(protocol.ROLES)
 

@@ -6,7 +6,8 @@ whole shapes. So the work is to find that region.
 
 1. Assign a few samples by what a cut leaves (`_beam`): many assignments.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
-   each of them (`_register`). What is left apart, and the energy, rank them.
+   each of them (`_register`). What is left apart, and the energy, rank these starts
+   (`_starts`).
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
    these maps that of the best evidence is kept: before the refinement, and after it
@@ -15,32 +16,27 @@ whole shapes. So the work is to find that region.
 `PartSettings` holds the numbers of all of it.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import decimate, orient, surface_area, vertex_normals
-from jfsf.parts._beam import assign
 from jfsf.parts._region import (
     Drawn,
     Target,
     covered_by,
     cut,
-    dense_map,
     draw_onto,
-    near_vertices,
     nearest,
     openness,
-    outward,
     scaled,
     target,
     wound,
 )
-from jfsf.parts._register import Registered, Whole, register, whole_at_rest
+from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._shape import PartSamples, part_samples
+from jfsf.parts._starts import Sides, Start, both_sides, mirrored, starts
 from jfsf.types import Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these.
@@ -62,33 +58,6 @@ class Parts(NamedTuple):
     matched_y: np.ndarray
     certificate: Certificate
     scale: float
-
-
-class _Sides(NamedTuple):
-    """Both shapes in the unit of Y, and coarse copies of both.
-
-    coarse_x: the copy of X.
-    whole: that of Y.
-    on_x: the vertex of X nearest to each of its copy.
-    from_y: the vertex of the copy nearest to each of Y.
-    sign: -1 for maps that mirror, and the whole is mirrored.
-    """
-
-    x: PartSamples
-    y: PartSamples
-    coarse_x: Mesh
-    whole: Whole
-    on_x: np.ndarray
-    from_y: np.ndarray
-    sign: int
-    settings: PartSettings
-
-
-class _Start(NamedTuple):
-    """An assignment, the scale of X that it has, and Y drawn onto X by it."""
-
-    scale: float
-    registered: Registered
 
 
 class _State(NamedTuple):
@@ -144,14 +113,14 @@ def match_parts(
     # The shape that is open, or the smaller one, is called X from here on.
     if openness(mesh_x) < openness(mesh_y):
         return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
-    starts = []
-    both = _sides(mesh_x, mesh_y, settings=settings)
+    begin = []
+    both = both_sides(mesh_x, mesh_y, settings=settings)
     for way in (1, -1) if sign == 0 else (sign,):
-        sides = both if way > 0 else _mirrored(both)
-        starts += [(sides, start) for start in _starts(sides)]
-    starts.sort(key=lambda pair: _rank(pair[1].registered, settings))
+        sides = both if way > 0 else mirrored(both)
+        begin += [(sides, start) for start in starts(sides)]
+    begin.sort(key=lambda pair: pair[1].rank)
     found = []
-    for sides, start in starts[: settings.refined]:
+    for sides, start in begin[: settings.refined]:
         state = _refined(_drawn(sides, start), sides, refine)
         found += [] if state is None else [(state, sides)]
         if state is not None and state.log_odds >= settings.sure:
@@ -190,61 +159,17 @@ def _swapped(parts: Parts) -> Parts:
     )
 
 
-def _sides(mesh_x: Mesh, mesh_y: Mesh, *, settings: PartSettings) -> _Sides:
-    unit = np.sqrt(surface_area(mesh_y))
-
-    def in_unit(mesh):
-        own = orient(mesh)
-        return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
-
-    x = part_samples(in_unit(mesh_x), settings.samples_of_part, settings=settings)
-    y = part_samples(in_unit(mesh_y), settings.samples_of_whole, settings=settings)
-    coarse_x = decimate(x.mesh, settings.coarse_part)
-    coarse_y = decimate(y.mesh, settings.coarse_whole)
-    on_x = near_vertices(x.mesh, coarse_x)
-    out = outward(coarse_y, vertex_normals(*coarse_y))
-    whole = whole_at_rest(coarse_y, out)
-    from_y = near_vertices(coarse_y, y.mesh)
-    return _Sides(x, y, coarse_x, whole, on_x, from_y, 1, settings)
-
-
-def _mirrored(sides: _Sides) -> _Sides:
-    """For maps that mirror."""
-    mesh, out = sides.whole.mesh, sides.whole.outward
-    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
-
-
-def _starts(sides: _Sides) -> Iterator[_Start]:
-    """Of the assignments."""
-    x, y, settings = sides.x, sides.y, sides.settings
-    assigned = assign(x, y, orientation=sides.sign, settings=settings)
-    for partner, scale in zip(assigned.partner, assigned.scale, strict=True):
-        T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
-        part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
-        found = register(sides.whole, part, T, settings=settings)
-        yield _Start(float(scale), found)
-
-
-def _rank(found: Registered, settings: PartSettings) -> float:
-    """Small is good."""
-    weights = settings.register_weights[:3]
-    figures = found.residual, found.energy, found.share
-    logs = (np.log(max(float(f), 1e-6)) for f in figures)
-    return sum(w * log for w, log in zip(weights, logs, strict=True))
-
-
-def _drawn(sides: _Sides, start: _Start) -> _State:
+def _drawn(sides: Sides, start: Start) -> _State:
     """All of Y drawn onto X, which is brought to the size that was found."""
     scale = start.scale / start.registered.scale
     x = target(scaled(sides.x.mesh, scale), sides.settings)
     moved = _moved(sides, start.registered)
     bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
-    rank = _rank(start.registered, sides.settings)
-    return _state(sides, x, scale, rank, moved, T_xy)
+    return _state(sides, x, scale, start.rank, moved, T_xy)
 
 
-def _moved(sides: _Sides, found: Registered) -> np.ndarray:
+def _moved(sides: Sides, found: Registered) -> np.ndarray:
     """Positions of Y, each moved like the near vertices of its coarse copy."""
     settings, y = sides.settings, sides.y.mesh.vertices
     rest = sides.whole.mesh.vertices
@@ -259,7 +184,7 @@ def _moved(sides: _Sides, found: Registered) -> np.ndarray:
     return np.einsum("nk,nki->ni", weight, at)
 
 
-def _state(sides: _Sides, x: Target, scale, rank, moved, T_xy) -> _State:
+def _state(sides: Sides, x: Target, scale, rank, moved, T_xy) -> _State:
     """Draw, and read the map and the region."""
     y = sides.y.mesh
     drawn = draw_onto(y, x, moved, T_xy, sides.sign)
@@ -267,7 +192,7 @@ def _state(sides: _Sides, x: Target, scale, rank, moved, T_xy) -> _State:
     return _State(x, drawn, scale, rank, drawn.T_xy, T_yx, inside)
 
 
-def _refined(state: _State, sides: _Sides, refine: Refine) -> _State | None:
+def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     """Cut both shapes to the region, refine the map between the cuts, draw again."""
     y, drawn = sides.y.mesh, state.drawn
     part_x, part_y = cut(state.x.mesh, drawn.matched_x), cut(y, state.inside)
