@@ -1,8 +1,8 @@
 """From where two shapes of which one is a part may be drawn together. Host side.
 
-Each start is an assignment of a few samples (`_beam`), and a coarse copy of Y drawn onto
-X by it (`_register`). What is left apart, the energy, and the share of Y that is used
-rank the starts.
+Each start is an assignment of a few samples (`_beam`), and a coarse copy of Y drawn
+onto X by it (`_register`). What is left apart, the energy, and the share of Y that is
+used rank the starts.
 """
 
 from collections.abc import Iterator
