@@ -11,10 +11,10 @@ from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
 from jfsf.evidence._bending import Bending, bending
 from jfsf.evidence._confidence import log_odds, of_certificate
-from jfsf.evidence._landmarks import Landmarks, landmark_distances, rms_distance
+from jfsf.evidence._landmarks import Landmarks, landmark_distances
 from jfsf.initial import SamplePair, SearchSamples, energies, log_stretch_std
 from jfsf.settings import Settings
-from jfsf.spectral import biharmonic, brackets, orientation_score
+from jfsf.spectral import biharmonic, brackets, orientation_score, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Array, Float, Int
 from jfsf.array import matmul
 from jfsf.initial import Start
 from jfsf.settings import EvidenceSettings, Settings
-from jfsf.spectral import DISTANCE_PAIRS, Features, biharmonic, embeddings
+from jfsf.spectral import DISTANCE_PAIRS, Features, biharmonic, embeddings, rms_distance
 from jfsf.types import Spectrum
 
 Landmarks = tuple[Int[Array, " l"], Int[Array, " l"]]  # of X, and their partners
@@ -75,9 +75,3 @@ def kept_landmarks(
     factor = factor.at[end - len(keep) : end].set(full)
     weighed_x, weighed_y = (side.columns * factor[None] for side in (x, y))
     return x._replace(columns=weighed_x), y._replace(columns=weighed_y)
-
-
-def rms_distance(points: Float[Array, "n d"], mass: Float[Array, " n"]) -> Array:
-    """Root mean squared distance of two random vertices: twice the variance."""
-    centre = matmul(mass, points)
-    return jnp.sqrt(2 * matmul(mass, jnp.sum((points - centre[None]) ** 2, 1)))

@@ -7,9 +7,8 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.evidence._confidence import COMPARED, rank
-from jfsf.evidence._landmarks import rms_distance
 from jfsf.settings import Settings
-from jfsf.spectral import DISTANCE_PAIRS, biharmonic
+from jfsf.spectral import DISTANCE_PAIRS, biharmonic, rms_distance
 from jfsf.types import Match, Spectrum
 
 

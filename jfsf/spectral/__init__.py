@@ -48,6 +48,7 @@ from jfsf.spectral._sampling import (
     even_points,
     farthest_points,
     restrict,
+    rms_distance,
     tile_points,
 )
 
@@ -62,6 +63,7 @@ __all__ = [
     "Space",
     "at_vertices",
     "biharmonic",
+    "rms_distance",
     "bracket_fields",
     "brackets",
     "carried_fields",

@@ -140,3 +140,9 @@ def biharmonic(spec: Spectrum, pairs: int = DISTANCE_PAIRS) -> Float[Array, "n d
     """
     evals = spec.evals[1:pairs]
     return spec.evecs[:, 1:pairs] / jnp.maximum(evals, 1e-6)[None]
+
+
+def rms_distance(points: Float[Array, "n d"], mass: Float[Array, " n"]) -> Array:
+    """Root mean squared distance of two random vertices: twice the variance."""
+    centre = matmul(mass, points)
+    return jnp.sqrt(2 * matmul(mass, jnp.sum((points - centre[None]) ** 2, 1)))

@@ -1,0 +1,34 @@
+"""Many shapes at once: which pairs are matched, and maps that agree round all cycles.
+
+Read in this order:
+
+- `_pairs`: a sparse graph of pairs, from the spectra alone
+- `_cycles`: which maps are right, by the maps round triangles
+- `_paths`: the template, and the way from it to each shape
+- `_grow`: pairs are matched until trusted maps reach every shape
+- `_synchronise`: functional maps of all shapes to the template, at once
+"""
+
+from jfsf.collection._cycles import Triangle, triangles, trust
+from jfsf.collection._grow import Graph, Matched, PairSettings, grow
+from jfsf.collection._pairs import first_pairs, more_pairs, signature, unlikeness
+from jfsf.collection._paths import Paths, best_paths, map_along
+from jfsf.collection._synchronise import synchronise
+
+__all__ = [
+    "Graph",
+    "Matched",
+    "PairSettings",
+    "Paths",
+    "Triangle",
+    "best_paths",
+    "first_pairs",
+    "grow",
+    "map_along",
+    "more_pairs",
+    "signature",
+    "synchronise",
+    "triangles",
+    "trust",
+    "unlikeness",
+]

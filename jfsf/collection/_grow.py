@@ -1,0 +1,107 @@
+"""Match pairs of a collection until trusted maps reach every shape."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.collection._cycles import Triangle, ruler, triangles, trust
+from jfsf.collection._pairs import (
+    Edge,
+    first_pairs,
+    more_pairs,
+    signature,
+    unlikeness,
+)
+from jfsf.collection._paths import Paths, best_paths
+from jfsf.types import Maps, Spectrum
+
+
+@dataclass(frozen=True)
+class PairSettings:
+    """Which pairs are matched, and which of their maps are trusted.
+
+    pairs_a_shape: pairs that are matched, at most, for each shape.
+    agree: the maps round a triangle agree if they are less than this apart, relative to
+        two random vertices.
+    trusted: probability of the maps on the way from the template, for a shape to belong
+        to the collection.
+    """
+
+    pairs_a_shape: float = 3.0
+    agree: float = 0.2
+    trusted: float = 0.7
+
+
+class Matched(NamedTuple):
+    """A pair that was matched.
+
+    maps: of X, which has the smaller number, and Y.
+    confidence: of the pair alone; nan where there is none.
+    """
+
+    maps: Maps
+    confidence: float
+
+
+class Graph(NamedTuple):
+    """The matched pairs of a collection.
+
+    matched: each pair (x, y), x < y.
+    found: the triangles of these.
+    right: the probability of each pair's maps, given the triangles.
+    paths: the template, and the way to each shape.
+    joined: (s,) whether the way is trusted.
+    """
+
+    matched: dict[Edge, Matched]
+    found: list[Triangle]
+    right: dict[Edge, float]
+    paths: Paths
+    joined: np.ndarray
+
+    @property
+    def maps(self) -> dict[Edge, Maps]:
+        """Of each pair."""
+        return {edge: one.maps for edge, one in self.matched.items()}
+
+
+def grow(
+    specs: Sequence[Spectrum],
+    match: Callable[[list[Edge]], Iterable[Matched]],
+    *,
+    template: int | None = None,
+    settings: PairSettings = PairSettings(),
+) -> Graph:
+    """Match a sparse graph of pairs, and more pairs for shapes that stay apart.
+
+    Args:
+        specs: of each shape, without padding.
+        match: matches pairs of the numbers of two shapes, in their order.
+        template: the number of a shape; None for the most central one.
+        settings: how many pairs at most, and what is trusted.
+
+    Raises:
+        ValueError: fewer than two shapes.
+    """
+    s = len(specs)
+    if s < 2:
+        raise ValueError(f"collection: has {s} shapes; give two or more")
+    unlike = unlikeness([signature(spec) for spec in specs])
+    rulers = [ruler(spec) for spec in specs]
+    matched: dict[Edge, Matched] = {}
+    edges, most = first_pairs(unlike), round(settings.pairs_a_shape * s)
+    while True:
+        matched |= dict(zip(edges, match(edges), strict=True))
+        maps = {edge: one.maps for edge, one in matched.items()}
+        found = triangles(maps, rulers)
+        confidence = {edge: one.confidence for edge, one in matched.items()}
+        right = trust(confidence, found, limit=settings.agree)
+        paths = best_paths(right, s, template=template)
+        joined = paths.trust >= settings.trusted
+        left = most - len(matched)
+        inside = np.flatnonzero(joined).tolist()
+        edges = more_pairs(unlike, set(matched), inside, most=max(left, 0))
+        if not edges:
+            return Graph(matched, found, right, paths, joined)

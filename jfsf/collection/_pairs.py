@@ -1,0 +1,101 @@
+"""Which pairs of a collection are matched: a sparse graph, from the spectra alone.
+
+A tree reaches all shapes. Further pairs close triangles, because a wrong map shows
+itself where the maps round a triangle disagree (`_cycles`).
+"""
+
+from collections.abc import Collection, Sequence
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse.csgraph import minimum_spanning_tree
+
+from jfsf.types import ArrayLike, Spectrum
+
+SIGNATURE = 30  # eigenvalues: how a shape differs from others as a whole
+
+Edge = tuple[int, int]  # numbers of two shapes, the smaller one first
+
+
+def signature(spec: Spectrum, *, functions: int = SIGNATURE) -> Float[np.ndarray, " f"]:
+    """Square roots of the eigenvalues, in units of their mean growth (Weyl's law).
+
+    The shape has area 1, so size plays no part; nor does the pose (Reuter et al. 2006,
+    "Laplace-Beltrami spectra as Shape-DNA").
+
+    Args:
+        spec: without padding, of functions + 1 eigenpairs or more.
+        functions: eigenvalues, without the first.
+    """
+    evals = np.asarray(spec.evals, float)[1 : functions + 1]
+    return np.sqrt(np.maximum(evals, 0) / (4 * np.pi * functions))
+
+
+def unlikeness(
+    signatures: Sequence[Float[ArrayLike, " f"]],
+) -> Float[np.ndarray, "s s"]:
+    """Root mean square difference of each two signatures."""
+    rows = np.stack([np.asarray(row) for row in signatures])
+    return np.sqrt(np.mean((rows[:, None] - rows[None]) ** 2, -1))
+
+
+def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
+    """A tree of the most alike pairs, and a triangle on each of its branches.
+
+    Args:
+        unlike: symmetric, see `unlikeness`.
+
+    Returns:
+        Sorted; s - 1 pairs of the tree, and at most as many again.
+    """
+    unlike = np.asarray(unlike, float)
+    # A zero would be no edge to scipy.
+    tree = minimum_spanning_tree(unlike + 1e-12).tocoo()
+    branches = [_edge(a, b) for a, b in zip(tree.row, tree.col, strict=True)]
+    found = set(branches)
+    for branch in sorted(branches):
+        closing = _closing(found, branch)
+        if not found & closing:
+            found |= set(sorted(closing, key=lambda edge: (unlike[edge], edge))[:1])
+    return sorted(found)
+
+
+def more_pairs(
+    unlike: Float[ArrayLike, "s s"],
+    tried: Collection[Edge],
+    joined: Collection[int],
+    *,
+    most: int,
+    each: int = 2,
+) -> list[Edge]:
+    """Pairs for the shapes that no trusted map has reached yet.
+
+    Args:
+        unlike: symmetric, see `unlikeness`.
+        tried: pairs that were matched.
+        joined: shapes that trusted maps reach.
+        most: pairs in all.
+        each: pairs for each of these shapes: with the most alike of the joined ones.
+
+    Returns:
+        Sorted; empty when all shapes are joined, or all pairs were tried.
+    """
+    unlike, found = np.asarray(unlike, float), {}
+    for a in sorted(set(range(len(unlike))) - set(joined)):
+        left = [b for b in joined if _edge(a, b) not in tried]
+        for b in sorted(left, key=lambda b: (unlike[a, b], b))[:each]:
+            found[_edge(a, b)] = unlike[a, b]
+    return sorted(sorted(found, key=lambda edge: (found[edge], edge))[:most])
+
+
+def _closing(edges: Collection[Edge], branch: Edge) -> set[Edge]:
+    """Pairs that make a triangle of a branch and an edge next to it."""
+    found = set()
+    for a, b in (branch, branch[::-1]):
+        ends = {x + y - a for x, y in edges if a in (x, y)} - {b}
+        found |= {_edge(c, b) for c in ends}
+    return found
+
+
+def _edge(a, b) -> Edge:
+    return (int(min(a, b)), int(max(a, b)))

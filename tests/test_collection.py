@@ -1,0 +1,257 @@
+"""Which pairs are matched, which maps are right, and the maps of a collection."""
+
+from itertools import combinations, product
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from jfsf.collection import (
+    Matched,
+    PairSettings,
+    Triangle,
+    best_paths,
+    first_pairs,
+    grow,
+    map_along,
+    more_pairs,
+    synchronise,
+    triangles,
+    trust,
+)
+from jfsf.collection._cycles import AGREE, Ruler, distance
+from jfsf.types import Maps
+
+
+def symmetric(rng, s):
+    half = np.triu(rng.uniform(0.1, 1, (s, s)), 1)
+    return half + half.T
+
+
+def closed(edges):
+    """Triangles of which all sides are among the edges."""
+    return [
+        (a, b, c)
+        for a, b, c in combinations(sorted({v for edge in edges for v in edge}), 3)
+        if {(a, b), (b, c), (a, c)} <= set(edges)
+    ]
+
+
+@given(st.integers(0, 50), st.integers(2, 12))
+def test_first_pairs_reach_all_shapes_and_close_triangles(seed, s):
+    unlike = symmetric(np.random.default_rng(seed), s)
+    edges = first_pairs(unlike)
+    assert edges == sorted(set(edges)) and all(a < b for a, b in edges)
+    assert len(edges) <= 2 * (s - 1)
+    paths = best_paths(dict.fromkeys(edges, 0.9), s)
+    assert (paths.trust > 0).all()
+    if s > 2:  # every shape is a corner of some triangle
+        assert {v for corners in closed(edges) for v in corners} == set(range(s))
+
+
+def test_more_pairs_are_new_and_lead_to_joined_shapes():
+    unlike = symmetric(np.random.default_rng(0), 6)
+    tried = {(0, 4), (1, 4), (0, 5)}
+    found = more_pairs(unlike, tried, [0, 1, 2, 3], most=10)
+    assert not set(found) & tried
+    assert {b for _, b in found} == {4, 5} and all(a < 4 for a, _ in found)
+    assert len(more_pairs(unlike, tried, [0, 1, 2, 3], most=1)) == 1
+    assert more_pairs(unlike, tried, range(6), most=10) == []
+
+
+def enumerated(confidence, found, limit):
+    """The definition: the sum over all ways to be right or wrong."""
+    edges = sorted(confidence)
+    total = np.zeros(len(edges))
+    whole = 0.0
+    for state in product((0, 1), repeat=len(edges)):
+        right = dict(zip(edges, state, strict=True))
+        chance = np.prod([p if right[e] else 1 - p for e, p in confidence.items()])
+        for one in found:
+            agree = AGREE[3 - sum(right[e] for e in one.edges)]
+            chance *= agree if one.apart < limit else 1 - agree
+        whole += chance
+        total += chance * np.array(state)
+    return dict(zip(edges, (total / whole).tolist(), strict=True))
+
+
+@given(
+    st.lists(st.floats(0.05, 0.95), min_size=7, max_size=7),
+    st.booleans(),
+    st.booleans(),
+)
+def test_trust_is_the_sum_over_all_states_where_triangles_form_a_tree(p, one, two):
+    edges = [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4)]
+    confidence = dict(zip(edges, p, strict=True))
+    apart = {True: 0.0, False: 1.0}
+    found = [
+        Triangle((0, 1, 2), apart[one]),
+        Triangle((1, 2, 3), apart[two]),
+        Triangle((2, 3, 4), apart[one]),
+    ]
+    ours, oracle = (
+        trust(confidence, found, limit=0.2),
+        enumerated(confidence, found, 0.2),
+    )
+    assert ours == pytest.approx(oracle, abs=1e-6)
+
+
+def test_a_wrong_map_is_found_by_its_triangles():
+    shapes = range(4)
+    confidence = {edge: 0.9 for edge in combinations(shapes, 2)}
+    wrong = (1, 2)
+    corners = combinations(shapes, 3)
+    found = [Triangle(c, 0.0) for c in corners]
+    found = [t._replace(apart=1.0) if wrong in t.edges else t for t in found]
+    right = trust(confidence, found, limit=0.2)
+    assert right[wrong] < 0.05
+    assert min(p for edge, p in right.items() if edge != wrong) > 0.95
+
+
+def test_without_a_confidence_triangles_decide():
+    confidence = {edge: float("nan") for edge in combinations(range(4), 2)}
+    found = [Triangle(c, 0.0) for c in combinations(range(4), 3)]
+    assert min(trust(confidence, found, limit=0.2).values()) > 0.9
+    assert set(trust(confidence, [], limit=0.2).values()) == {0.5}
+
+
+def test_ways_are_the_most_probable_and_maps_compose():
+    right = {(0, 1): 0.9, (1, 2): 0.9, (0, 2): 0.5, (2, 3): 0.8}
+    paths = best_paths(right, 5, template=0)
+    assert paths.way(2) == [0, 1, 2] and paths.way(3) == [0, 1, 2, 3]
+    np.testing.assert_allclose(paths.trust, [1, 0.9, 0.81, 0.648, 0], atol=1e-6)
+    assert paths.way(4) == [4] and paths.before[4] == -1
+    # The middle of the chain, not the shape that nothing reaches.
+    assert best_paths(right, 5).template in (1, 2)
+    rng = np.random.default_rng(0)
+    turn = [rng.permutation(7) for _ in range(4)]  # shape i's vertex of each label
+    maps = {
+        (a, b): Maps(turn[b][np.argsort(turn[a])], turn[a][np.argsort(turn[b])])
+        for a, b in right
+    }
+    for way in ([0, 1, 2, 3], [3, 2, 0]):
+        a, b = way[0], way[-1]
+        assert (map_along(maps, way)[turn[a]] == turn[b]).all()
+
+
+def clouds(rng, s, n=40):
+    """Shapes of one cloud, in other orders, and the true maps."""
+    points = rng.normal(size=(n, 3))
+    order = [rng.permutation(n) for _ in range(s)]
+    rulers = [Ruler(points[own], np.full(n, 1 / n)) for own in order]
+    maps = {
+        (a, b): Maps(np.argsort(order[b])[order[a]], np.argsort(order[a])[order[b]])
+        for a, b in combinations(range(s), 2)
+    }
+    return rulers, maps
+
+
+def test_triangles_measure_the_disagreement_of_their_maps():
+    rng = np.random.default_rng(0)
+    rulers, maps = clouds(rng, 4)
+    assert max(one.apart for one in triangles(maps, rulers)) == 0
+    maps[1, 2] = maps[1, 2]._replace(T_xy=rng.permutation(40))
+    for one in triangles(maps, rulers):
+        a, b, c = one.corners
+        over = maps[b, c].T_xy[maps[a, b].T_xy]
+        points = rulers[c].points
+        apart = np.linalg.norm(points[over] - points[maps[a, c].T_xy], axis=1).mean()
+        assert one.apart == pytest.approx(apart)
+        assert (one.apart > 0.3) == ((1, 2) in one.edges)
+    straight = distance(maps[0, 1].T_xy, maps[0, 1].T_xy, rulers[0], rulers[1])
+    assert straight == 0
+
+
+class FakeSpectrum:
+    """What signatures and rulers read."""
+
+    def __init__(self, rng, points):
+        self.evals = np.sort(rng.uniform(1, 50, 80))
+        self.evecs = np.concatenate([np.ones((len(points), 1)), points], 1)
+        self.mass = np.full(len(points), 1 / len(points))
+
+
+def test_more_pairs_are_matched_where_maps_are_wrong():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(40, 60))
+    specs = [FakeSpectrum(rng, points) for _ in range(6)]
+    own = np.arange(40)
+    asked = []
+
+    def match(edges):
+        asked.extend(edges)
+        # The first maps of shape 5 are wrong; the others know each other.
+        seen = sum(5 in edge for edge in asked)
+        for edge in edges:
+            bad = 5 in edge and seen <= 2
+            T = rng.permutation(40) if bad else own
+            yield Matched(Maps(T, np.argsort(T)), 0.6)
+
+    graph = grow(specs, match)  # type: ignore
+    assert graph.joined.all()
+    assert len(asked) == len(set(asked)) <= 18
+    bad = {e for e, one in graph.matched.items() if (one.maps.T_xy != own).any()}
+    assert bad and max(graph.right[e] for e in bad) < 0.5
+    few = grow(specs, match, settings=PairSettings(pairs_a_shape=0))  # type: ignore
+    assert len(few.matched) <= 10
+    with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
+        grow(specs[:1], match)  # type: ignore
+
+
+def energy(Z, edges, Cs_yx, Cs_xy, weight):
+    total = 0.0
+    for (x, y), C_yx, C_xy, w in zip(edges, Cs_yx, Cs_xy, weight, strict=True):
+        total += w * np.sum((C_yx @ Z[y] - Z[x]) ** 2)
+        total += w * np.sum((C_xy @ Z[x] - Z[y]) ** 2)
+    return total
+
+
+def functional_maps(rng, s, k, noise):
+    turns = [np.linalg.qr(rng.normal(size=(k, k)))[0] for _ in range(s)]
+    edges = np.array(list(combinations(range(s), 2)))
+    noisy = lambda C: C + noise * rng.normal(size=C.shape)
+    Cs_yx = np.stack([noisy(turns[x] @ turns[y].T) for x, y in edges])
+    Cs_xy = np.stack([noisy(turns[y] @ turns[x].T) for x, y in edges])
+    return turns, edges, Cs_yx, Cs_xy
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_consistent_maps_come_back(dtype):
+    turns, edges, *Cs = functional_maps(np.random.default_rng(0), 5, 4, 0.0)
+    Cs = [C.astype(dtype) for C in Cs]
+    Z = synchronise(edges, *Cs, np.ones(len(edges), dtype), 2, num_shapes=5)
+    assert Z.dtype == dtype
+    for own, C in zip(turns, Z, strict=True):
+        np.testing.assert_allclose(C, own @ turns[2].T, atol=2e-3)
+
+
+def test_the_energy_is_least_by_a_dense_oracle():
+    rng = np.random.default_rng(0)
+    s, k = 4, 3
+    _, edges, Cs_yx, Cs_xy = functional_maps(rng, s, k, 0.3)
+    weight = rng.uniform(0.2, 1, len(edges))
+    Z = synchronise(edges, Cs_yx, Cs_xy, weight, 0, num_shapes=s, tolerance=1e-12)
+    rows = []
+    for (x, y), C_yx, C_xy, w in zip(edges, Cs_yx, Cs_xy, weight, strict=True):
+        for a, b, C in ((x, y, C_yx), (y, x, C_xy)):
+            block = np.zeros((k, s * k))
+            block[:, b * k : (b + 1) * k] = C
+            block[:, a * k : (a + 1) * k] -= np.eye(k)
+            rows.append(np.sqrt(w) * block)
+    system = np.concatenate(rows)
+    best = np.linalg.lstsq(system[:, k:], -system[:, :k], rcond=None)[0]
+    np.testing.assert_allclose(Z[0], np.eye(k))
+    np.testing.assert_allclose(Z[1:].reshape(-1, k), best, atol=1e-8)
+
+
+def test_a_pair_of_no_weight_is_padding():
+    turns, edges, *Cs = functional_maps(np.random.default_rng(0), 4, 3, 0.1)
+    weight = np.ones(len(edges))
+    Z = synchronise(edges, *Cs, weight, 0, num_shapes=4)
+    more = np.concatenate([edges, [[0, 0]]])
+    Cs = [np.concatenate([C, np.full((1, 3, 3), 7.0)]) for C in Cs]
+    padded = synchronise(more, *Cs, np.append(weight, 0.0), 0, num_shapes=5)
+    np.testing.assert_allclose(padded[:4], Z, atol=1e-10)
+    assert (np.asarray(padded[4]) == 0).all() and jnp.isfinite(padded).all()
