@@ -31,7 +31,7 @@ only from those above its own:
 - `mapfiles`: maps, ground truth and matches on disk
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
 - `batch`: many pairs, over devices, hosts and clusters
-- `collection`: many shapes at once, and maps that agree with each other
+- `joint`: many shapes at once: which pairs are matched, and maps that agree
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer, and charts

@@ -9,11 +9,11 @@ Read in this order:
 - `_synchronise`: functional maps of all shapes to the template, at once
 """
 
-from jfsf.collection._cycles import Triangle, triangles, trust
-from jfsf.collection._grow import Graph, Matched, PairSettings, grow
-from jfsf.collection._pairs import first_pairs, more_pairs, signature, unlikeness
-from jfsf.collection._paths import Paths, best_paths, map_along
-from jfsf.collection._synchronise import synchronise
+from jfsf.joint._cycles import Triangle, triangles, trust
+from jfsf.joint._grow import Graph, Matched, PairSettings, grow
+from jfsf.joint._pairs import first_pairs, more_pairs, signature, unlikeness
+from jfsf.joint._paths import Paths, best_paths, map_along
+from jfsf.joint._synchronise import synchronise
 
 __all__ = [
     "Graph",

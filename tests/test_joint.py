@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.collection import (
+from jfsf.joint import (
     Matched,
     PairSettings,
     Triangle,
@@ -21,7 +21,7 @@ from jfsf.collection import (
     triangles,
     trust,
 )
-from jfsf.collection._cycles import AGREE, Ruler, distance
+from jfsf.joint._cycles import AGREE, Ruler, distance
 from jfsf.types import Maps
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from jfsf.collection._pairs import Edge
+from jfsf.joint._pairs import Edge
 from jfsf.types import Maps
 
 

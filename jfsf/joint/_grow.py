@@ -6,15 +6,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.collection._cycles import Triangle, ruler, triangles, trust
-from jfsf.collection._pairs import (
+from jfsf.joint._cycles import Triangle, ruler, triangles, trust
+from jfsf.joint._pairs import (
     Edge,
     first_pairs,
     more_pairs,
     signature,
     unlikeness,
 )
-from jfsf.collection._paths import Paths, best_paths
+from jfsf.joint._paths import Paths, best_paths
 from jfsf.types import Maps, Spectrum
 
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.collection._pairs import Edge
+from jfsf.joint._pairs import Edge
 from jfsf.spectral import biharmonic, rms_distance
 from jfsf.types import ArrayLike, Maps, Spectrum
 
