@@ -5,24 +5,29 @@ from itertools import combinations, product
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.joint import (
     Matched,
     PairSettings,
+    Sketch,
     Triangle,
     best_paths,
     first_pairs,
     grow,
     map_along,
     more_pairs,
+    sketch,
     synchronise,
     triangles,
     trust,
+    unlikeness,
 )
-from jfsf.joint._cycles import AGREE, Ruler, distance
-from jfsf.types import Maps
+from jfsf.joint._cycles import AGREE, distance
+from jfsf.spectral import spectrum
+from jfsf.types import Maps, Mesh
 
 
 def symmetric(rng, s):
@@ -37,6 +42,21 @@ def closed(edges):
         for a, b, c in combinations(sorted({v for edge in edges for v in edge}), 3)
         if {(a, b), (b, c), (a, c)} <= set(edges)
     ]
+
+
+def test_a_sketch_tells_shapes_apart_and_not_their_sizes():
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    ball = Mesh(np.asarray(sphere.vertices), np.asarray(sphere.faces, np.int32))
+    large = ball._replace(vertices=7 * ball.vertices)
+    egg = ball._replace(vertices=ball.vertices * [1, 1, 2])
+    of_ball, of_large, of_egg = (sketch(spectrum(m, 40)) for m in (ball, large, egg))
+    apart = unlikeness([s.signature for s in (of_ball, of_large, of_egg)])
+    assert apart[0, 1] < 1e-3 < 0.02 < apart[0, 2]
+    # Weyl's law: the first mode of the sphere is 2 of 4 pi, the thirtieth near 30.
+    assert of_ball.signature[0] == pytest.approx(np.sqrt(2 / 30), rel=0.02)
+    centre = of_ball.mass @ of_ball.points
+    spread = of_ball.mass @ np.sum((of_ball.points - centre) ** 2, 1)
+    assert 2 * spread == pytest.approx(1, rel=1e-4)
 
 
 @given(st.integers(0, 50), st.integers(2, 12))
@@ -140,43 +160,34 @@ def clouds(rng, s, n=40):
     """Shapes of one cloud, in other orders, and the true maps."""
     points = rng.normal(size=(n, 3))
     order = [rng.permutation(n) for _ in range(s)]
-    rulers = [Ruler(points[own], np.full(n, 1 / n)) for own in order]
+    sketches = [Sketch(np.ones(30), points[own], np.full(n, 1 / n)) for own in order]
     maps = {
         (a, b): Maps(np.argsort(order[b])[order[a]], np.argsort(order[a])[order[b]])
         for a, b in combinations(range(s), 2)
     }
-    return rulers, maps
+    return sketches, maps
 
 
 def test_triangles_measure_the_disagreement_of_their_maps():
     rng = np.random.default_rng(0)
-    rulers, maps = clouds(rng, 4)
-    assert max(one.apart for one in triangles(maps, rulers)) == 0
+    sketches, maps = clouds(rng, 4)
+    assert max(one.apart for one in triangles(maps, sketches)) == 0
     maps[1, 2] = maps[1, 2]._replace(T_xy=rng.permutation(40))
-    for one in triangles(maps, rulers):
+    for one in triangles(maps, sketches):
         a, b, c = one.corners
         over = maps[b, c].T_xy[maps[a, b].T_xy]
-        points = rulers[c].points
+        points = sketches[c].points
         apart = np.linalg.norm(points[over] - points[maps[a, c].T_xy], axis=1).mean()
         assert one.apart == pytest.approx(apart)
         assert (one.apart > 0.3) == ((1, 2) in one.edges)
-    straight = distance(maps[0, 1].T_xy, maps[0, 1].T_xy, rulers[0], rulers[1])
+    straight = distance(maps[0, 1].T_xy, maps[0, 1].T_xy, sketches[0], sketches[1])
     assert straight == 0
-
-
-class FakeSpectrum:
-    """What signatures and rulers read."""
-
-    def __init__(self, rng, points):
-        self.evals = np.sort(rng.uniform(1, 50, 80))
-        self.evecs = np.concatenate([np.ones((len(points), 1)), points], 1)
-        self.mass = np.full(len(points), 1 / len(points))
 
 
 def test_more_pairs_are_matched_where_maps_are_wrong():
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(40, 60))
-    specs = [FakeSpectrum(rng, points) for _ in range(6)]
+    points, mass = rng.normal(size=(40, 60)) / 11, np.full(40, 1 / 40)
+    sketches = [Sketch(rng.uniform(size=30), points, mass) for _ in range(6)]
     own = np.arange(40)
     asked = []
 
@@ -189,15 +200,15 @@ def test_more_pairs_are_matched_where_maps_are_wrong():
             T = rng.permutation(40) if bad else own
             yield Matched(Maps(T, np.argsort(T)), 0.6)
 
-    graph = grow(specs, match)  # type: ignore
+    graph = grow(sketches, match)
     assert graph.joined.all()
     assert len(asked) == len(set(asked)) <= 18
     bad = {e for e, one in graph.matched.items() if (one.maps.T_xy != own).any()}
     assert bad and max(graph.right[e] for e in bad) < 0.5
-    few = grow(specs, match, settings=PairSettings(pairs_a_shape=0))  # type: ignore
+    few = grow(sketches, match, settings=PairSettings(pairs_a_shape=0))
     assert len(few.matched) <= 10
     with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
-        grow(specs[:1], match)  # type: ignore
+        grow(sketches[:1], match)
 
 
 def energy(Z, edges, Cs_yx, Cs_xy, weight):

@@ -2,6 +2,7 @@
 
 Read in this order:
 
+- `_sketch`: what is kept of each shape
 - `_pairs`: a sparse graph of pairs, from the spectra alone
 - `_cycles`: which maps are right, by the maps round triangles
 - `_paths`: the template, and the way from it to each shape
@@ -11,8 +12,9 @@ Read in this order:
 
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._grow import Graph, Matched, PairSettings, grow
-from jfsf.joint._pairs import first_pairs, more_pairs, signature, unlikeness
+from jfsf.joint._pairs import first_pairs, more_pairs, unlikeness
 from jfsf.joint._paths import Paths, best_paths, map_along
+from jfsf.joint._sketch import Sketch, sketch
 from jfsf.joint._synchronise import synchronise
 
 __all__ = [
@@ -20,13 +22,14 @@ __all__ = [
     "Matched",
     "PairSettings",
     "Paths",
+    "Sketch",
     "Triangle",
     "best_paths",
     "first_pairs",
     "grow",
     "map_along",
     "more_pairs",
-    "signature",
+    "sketch",
     "synchronise",
     "triangles",
     "trust",

@@ -14,26 +14,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.joint._pairs import Edge
-from jfsf.spectral import biharmonic, rms_distance
-from jfsf.types import ArrayLike, Maps, Spectrum
+from jfsf.joint._sketch import Sketch
+from jfsf.types import ArrayLike, Maps
 
 # Probability that the maps round a triangle agree, by how many of them are wrong. One
 # wrong map among right ones shows; two wrong ones agree if both, say, turn one shape.
 AGREE = np.array([0.98, 0.01, 0.1, 0.1])
 SWEEPS, DAMPING = 50, 0.5
 LEAST = 0.02  # no confidence counts for more than 1 - LEAST, nor for less than this
-
-
-class Ruler(NamedTuple):
-    """Distances on a shape.
-
-    points: (n, d), their Euclidean distance is the biharmonic one; that of two random
-        vertices has root mean square 1.
-    mass: (n,), sums to 1.
-    """
-
-    points: Float[ArrayLike, "n d"]
-    mass: Float[ArrayLike, " n"]
 
 
 class Triangle(NamedTuple):
@@ -54,19 +42,12 @@ class Triangle(NamedTuple):
         return (a, b), (b, c), (a, c)
 
 
-def ruler(spec: Spectrum) -> Ruler:
-    """Of a spectrum without padding."""
-    points = biharmonic(spec)
-    unit = rms_distance(points, spec.mass)
-    return Ruler(np.asarray(points) / float(unit), np.asarray(spec.mass))
-
-
-def triangles(maps: Mapping[Edge, Maps], rulers: Sequence[Ruler]) -> list[Triangle]:
+def triangles(maps: Mapping[Edge, Maps], sketches: Sequence[Sketch]) -> list[Triangle]:
     """All triangles of matched pairs, and how far the maps round them disagree.
 
     Args:
         maps: of each matched pair (x, y), x < y.
-        rulers: of each shape.
+        sketches: of each shape.
     """
     found, edges = [], set(maps)
     after = {a: sorted(y for x, y in edges if x == a) for a, _ in edges}
@@ -75,13 +56,13 @@ def triangles(maps: Mapping[Edge, Maps], rulers: Sequence[Ruler]) -> list[Triang
             if (a, c) in edges:
                 over = np.asarray(maps[b, c].T_xy)[np.asarray(maps[a, b].T_xy)]
                 straight = np.asarray(maps[a, c].T_xy)
-                apart = distance(over, straight, rulers[a], rulers[c])
+                apart = distance(over, straight, sketches[a], sketches[c])
                 found.append(Triangle((a, b, c), apart))
     return found
 
 
 def distance(
-    T: Int[ArrayLike, " n_x"], other: Int[ArrayLike, " n_x"], x: Ruler, y: Ruler
+    T: Int[ArrayLike, " n_x"], other: Int[ArrayLike, " n_x"], x: Sketch, y: Sketch
 ) -> float:
     """Mean distance on Y between the images of X under two maps.
 

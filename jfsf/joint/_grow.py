@@ -6,16 +6,16 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.joint._cycles import Triangle, ruler, triangles, trust
+from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._pairs import (
     Edge,
     first_pairs,
     more_pairs,
-    signature,
     unlikeness,
 )
 from jfsf.joint._paths import Paths, best_paths
-from jfsf.types import Maps, Spectrum
+from jfsf.joint._sketch import Sketch
+from jfsf.types import Maps
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ class Graph(NamedTuple):
 
 
 def grow(
-    specs: Sequence[Spectrum],
-    match: Callable[[list[Edge]], Iterable[Matched]],
+    sketches: Sequence[Sketch],
+    match: Callable[[list[Edge]], Iterable[Matched | None]],
     *,
     template: int | None = None,
     settings: PairSettings = PairSettings(),
@@ -77,31 +77,34 @@ def grow(
     """Match a sparse graph of pairs, and more pairs for shapes that stay apart.
 
     Args:
-        specs: of each shape, without padding.
-        match: matches pairs of the numbers of two shapes, in their order.
+        sketches: of each shape.
+        match: matches pairs of the numbers of two shapes, in their order; None for one
+            that cannot be matched.
         template: the number of a shape; None for the most central one.
         settings: how many pairs at most, and what is trusted.
 
     Raises:
         ValueError: fewer than two shapes.
     """
-    s = len(specs)
+    s = len(sketches)
     if s < 2:
         raise ValueError(f"collection: has {s} shapes; give two or more")
-    unlike = unlikeness([signature(spec) for spec in specs])
-    rulers = [ruler(spec) for spec in specs]
+    unlike = unlikeness([one.signature for one in sketches])
+    tried: set[Edge] = set()
     matched: dict[Edge, Matched] = {}
     edges, most = first_pairs(unlike), round(settings.pairs_a_shape * s)
     while True:
-        matched |= dict(zip(edges, match(edges), strict=True))
+        outcomes = zip(edges, match(edges), strict=True)
+        matched |= {edge: one for edge, one in outcomes if one is not None}
+        tried |= set(edges)
         maps = {edge: one.maps for edge, one in matched.items()}
-        found = triangles(maps, rulers)
+        found = triangles(maps, sketches)
         confidence = {edge: one.confidence for edge, one in matched.items()}
         right = trust(confidence, found, limit=settings.agree)
         paths = best_paths(right, s, template=template)
         joined = paths.trust >= settings.trusted
-        left = most - len(matched)
+        left = most - len(tried)
         inside = np.flatnonzero(joined).tolist()
-        edges = more_pairs(unlike, set(matched), inside, most=max(left, 0))
+        edges = more_pairs(unlike, tried, inside, most=max(left, 0))
         if not edges:
             return Graph(matched, found, right, paths, joined)

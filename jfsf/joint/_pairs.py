@@ -10,25 +10,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse.csgraph import minimum_spanning_tree
 
-from jfsf.types import ArrayLike, Spectrum
-
-SIGNATURE = 30  # eigenvalues: how a shape differs from others as a whole
+from jfsf.types import ArrayLike
 
 Edge = tuple[int, int]  # numbers of two shapes, the smaller one first
-
-
-def signature(spec: Spectrum, *, functions: int = SIGNATURE) -> Float[np.ndarray, " f"]:
-    """Square roots of the eigenvalues, in units of their mean growth (Weyl's law).
-
-    The shape has area 1, so size plays no part; nor does the pose (Reuter et al. 2006,
-    "Laplace-Beltrami spectra as Shape-DNA").
-
-    Args:
-        spec: without padding, of functions + 1 eigenpairs or more.
-        functions: eigenvalues, without the first.
-    """
-    evals = np.asarray(spec.evals, float)[1 : functions + 1]
-    return np.sqrt(np.maximum(evals, 0) / (4 * np.pi * functions))
 
 
 def unlikeness(

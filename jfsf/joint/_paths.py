@@ -45,7 +45,7 @@ def best_paths(
         template: None for the shape whose product over all ways is the greatest: the
             most central one.
     """
-    edges = np.array(sorted(right)).reshape(-1, 2)
+    edges = np.array(sorted(right), int).reshape(-1, 2)
     cost = -np.log([max(right[a, b], 1e-12) for a, b in edges.tolist()])
     # A zero would be no edge to scipy.
     lengths = coo_matrix((cost + 1e-9, edges.T), (num_shapes, num_shapes)).tocsr()

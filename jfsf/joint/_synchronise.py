@@ -74,4 +74,4 @@ def synchronise(
         tol=tolerance,
         maxiter=max_steps,
     )
-    return jnp.where(free, Z, fixed)
+    return jnp.where(free, jnp.asarray(Z), fixed)
