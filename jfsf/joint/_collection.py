@@ -1,0 +1,248 @@
+"""Many meshes -> one topology: pairs, a template, and the template on every shape."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jfsf.initial import Orientation
+from jfsf.joint._grow import Graph, Matched, PairSettings, grow
+from jfsf.joint._pairs import Edge
+from jfsf.joint._paths import map_along
+from jfsf.joint._sketch import sketch
+from jfsf.matching import basis, check_matchable, match
+from jfsf.model import ShapeModel, fit_model
+from jfsf.registration import Registration, RegistrationSettings, register
+from jfsf.settings import Settings
+from jfsf.types import ArrayLike, Certificate, Maps, Mesh
+
+
+@dataclass(frozen=True)
+class CollectionSettings:
+    """How a collection is matched.
+
+    match: of each pair.
+    pairs: which pairs, and which of their maps are trusted.
+    registration: of the template onto each shape.
+    """
+
+    match: Settings = Settings()
+    pairs: PairSettings = PairSettings()
+    registration: RegistrationSettings = RegistrationSettings()
+
+
+class Member(NamedTuple):
+    """A shape of a collection.
+
+    maps: X is the template, Y the shape.
+    certificate: of these maps; None for the template itself.
+    registration: the template on the shape.
+    """
+
+    maps: Maps
+    certificate: Certificate | None
+    registration: Registration
+
+    @property
+    def confidence(self) -> float:
+        """Of the maps; 1 for the template itself."""
+        return 1.0 if self.certificate is None else float(self.certificate.confidence)
+
+
+class Collection(NamedTuple):
+    """Many shapes with one topology.
+
+    names: of the shapes.
+    meshes: as they were given.
+    graph: the pairs that were matched, and what is trusted.
+    members: of each shape; None for one that is left out.
+    """
+
+    names: tuple[str, ...]
+    meshes: tuple[Mesh, ...]
+    graph: Graph
+    members: tuple[Member | None, ...]
+
+    @property
+    def template(self) -> int:
+        """The number of the shape whose topology all have."""
+        return self.graph.paths.template
+
+    @property
+    def joined(self) -> list[int]:
+        """Numbers of the shapes that were not left out."""
+        return [i for i, one in enumerate(self.members) if one is not None]
+
+    @property
+    def registered(self) -> Float[ArrayLike, "j n 3"]:
+        """The template on each of the joined shapes, in their own units."""
+        members = [one for one in self.members if one is not None]
+        return np.stack([one.registration.vertices for one in members])
+
+    def map_between(self, x: int, y: int) -> Int[np.ndarray, " n_x"]:
+        """The vertex of shape y for each vertex of shape x, by way of the template.
+
+        These maps agree round all cycles: from x to y and on to z is from x to z.
+
+        Raises:
+            ValueError: a shape that was left out.
+        """
+        for i in (x, y):
+            if self.members[i] is None:
+                raise ValueError(
+                    f"map_between: shape {self.names[i]} is not in the collection: "
+                    f"{reason(self.graph, self.names, i)}"
+                )
+        return np.asarray(self.members[y].maps.T_xy)[self.members[x].maps.T_yx]  # type: ignore
+
+    def model(self, *, modes: int | None = None, scale: bool = False) -> ShapeModel:
+        """The mean of the joined shapes and how they vary (`jfsf.model.fit_model`).
+
+        Raises:
+            ValueError: fewer than two shapes were joined.
+        """
+        faces = self.meshes[self.template].faces
+        return fit_model(self.registered, faces, modes=modes, scale=scale)
+
+
+def collection(
+    meshes: Sequence[Mesh],
+    *,
+    names: Sequence[str] | None = None,
+    template: int | None = None,
+    orientation: Orientation = "preserve",
+    settings: CollectionSettings = CollectionSettings(),
+    cache: bool = True,
+    progress: Callable[[str], object] | None = None,
+) -> Collection:
+    """Give many shapes one topology, that of the most central one.
+
+    A sparse graph of pairs is matched (`first_pairs`); maps that disagree round
+    triangles are not trusted (`trust`), and more pairs are matched until trusted maps
+    reach every shape or `PairSettings.pairs_a_shape` is spent. The maps on the way from
+    the template to a shape make the start of the map between both, which is refined,
+    and by which the template is deformed onto the shape (`jfsf.register`).
+
+    Args:
+        meshes: two or more, each as `match` takes it, any units and poses.
+        names: of the shapes; numbers if None.
+        template: the number of the shape that the others are registered with; the most
+            central one if None.
+        orientation, cache: as `match`.
+        settings: the numbers of all steps.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        The members, those left out being None: `reason` says why.
+
+    Raises:
+        MeshError: a mesh that cannot be matched; the message begins with its name.
+        ValueError: fewer than two meshes, or names or a template that do not fit.
+    """
+    names = tuple(map(str, range(len(meshes)))) if names is None else tuple(names)
+    _check(meshes, names, template)
+    for name, mesh in zip(names, meshes, strict=True):
+        check_matchable(mesh, name=name, settings=settings.match)
+    say = progress or (lambda step: None)
+    sketches = []
+    for name, mesh in zip(names, meshes, strict=True):
+        say(f"spectrum of {name}")
+        spec = basis(mesh, name=name, settings=settings.match, cache=cache)
+        sketches.append(sketch(spec))
+
+    def match_pairs(edges: list[Edge]):
+        for number, (a, b) in enumerate(edges, 1):
+            say(f"pair {number} of {len(edges)}: {names[a]}, {names[b]}")
+            found = match(
+                meshes[a],
+                meshes[b],
+                orientation=orientation,
+                settings=settings.match,
+                cache=cache,
+            )
+            maps = Maps(np.asarray(found.T_xy), np.asarray(found.T_yx))
+            yield Matched(maps, float(found.certificate.confidence))
+
+    graph = grow(sketches, match_pairs, template=template, settings=settings.pairs)
+    base = meshes[graph.paths.template]
+    members: list[Member | None] = []
+    for i, mesh in enumerate(meshes):
+        way = graph.paths.way(i)
+        if not graph.joined[i]:
+            members.append(None)
+        elif len(way) == 1:
+            members.append(itself(base, settings=settings))
+        else:
+            say(f"template onto {names[i]}")
+            T = map_along(graph.maps, way)
+            members.append(member(base, mesh, T, settings=settings, cache=cache))
+    return Collection(names, tuple(meshes), graph, tuple(members))
+
+
+def member(
+    template: Mesh,
+    mesh: Mesh,
+    T: Int[ArrayLike, " n"],
+    *,
+    settings: CollectionSettings = CollectionSettings(),
+    cache: bool = True,
+) -> Member:
+    """The template on a shape, from a map that may be rough.
+
+    Args:
+        template: its topology is kept.
+        mesh: the shape.
+        T: the vertex of the shape for each vertex of the template.
+        settings, cache: as `collection`.
+
+    Raises:
+        MeshError, ValueError: as `match`.
+    """
+    # What is tried beside the start was weighed when the pairs were matched.
+    own = replace(settings.match, retry_below=0.0)
+    T = np.asarray(T, np.int32)
+    found = match(template, mesh, initial=T, settings=own, cache=cache)
+    maps = Maps(np.asarray(found.T_xy), np.asarray(found.T_yx))
+    on_shape = register(template, mesh, maps.T_xy, settings=settings.registration)
+    return Member(maps, found.certificate, on_shape)
+
+
+def itself(
+    template: Mesh, *, settings: CollectionSettings = CollectionSettings()
+) -> Member:
+    """The template as a member of its own collection."""
+    own = np.arange(len(template.vertices), dtype=np.int32)
+    on_itself = register(template, template, own, settings=settings.registration)
+    return Member(Maps(own, own), None, on_itself)
+
+
+def reason(graph: Graph, names: Sequence[str], shape: int) -> str:
+    """Why a shape was left out, in a sentence."""
+    own = {edge: p for edge, p in graph.right.items() if shape in edge}
+    if not own:
+        return "no pair with it could be matched"
+    tried = ", ".join(
+        f"{names[a + b - shape]} ({p:.2f})" for (a, b), p in sorted(own.items())
+    )
+    return (
+        "no trusted map leads to it; the probability of its maps, with the shapes that "
+        f"were tried: {tried}"
+    )
+
+
+def _check(meshes, names, template) -> None:
+    s = len(meshes)
+    if s < 2:
+        raise ValueError(f"collection: has {s} shapes; give two or more")
+    if len(names) != s:
+        raise ValueError(f"collection: {len(names)} names for {s} shapes")
+    if len(set(names)) < s:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"collection: two shapes are named {twice!r}; rename one")
+    if template is not None and not 0 <= template < s:
+        raise ValueError(
+            f"collection: template is {template}; it is the number of a shape, from 0 "
+            f"to {s - 1}"
+        )
