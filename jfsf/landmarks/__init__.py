@@ -1,8 +1,8 @@
-"""Landmark files of 3D Slicer, MeshLab and spreadsheets: read, written, paired, carried.
+"""Landmark files of 3D Slicer, MeshLab and tables: read, written, paired, carried.
 
 A file holds named points of one shape. On a mesh they become vertices or points of the
-surface. Two shapes' landmarks are paired by name or by order, and a map carries those of
-one shape to another.
+surface. Two shapes' landmarks are paired by name or by order, and a map carries those
+of one shape to another.
 
 Read in this order:
 

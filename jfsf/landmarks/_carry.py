@@ -18,10 +18,11 @@ def carry_landmarks(
 ) -> Landmarks:
     """Landmarks of Y, carried to X.
 
-    Each is a point of a triangle of Y (`on_surface`). The images of the three corners on
-    X are averaged with its barycentric coordinates, and the nearest point of the surface
-    of X is taken. An image that is farther than `TORN` from that of the nearest corner
-    is left out. To carry landmarks of X to Y, exchange the meshes and give `T_xy`.
+    Each is a point of a triangle of Y (`on_surface`). The images of the three corners
+    on X are averaged with its barycentric coordinates, and the nearest point of the
+    surface of X is taken. An image that is farther than `TORN` from that of the nearest
+    corner is left out. To carry landmarks of X to Y, exchange the meshes and give
+    `T_xy`.
 
     Args:
         landmarks: on Y: points in its coordinates, or vertices of it.
@@ -44,8 +45,8 @@ def carry_landmarks(
     T_yx, n_y = np.asarray(T_yx), len(mesh_y.vertices)
     if T_yx.shape != (n_y,) or T_yx.dtype.kind not in "iu":
         raise ValueError(
-            f"carry_landmarks: T_yx is {T_yx.dtype} {T_yx.shape}, expected whole numbers "
-            f"({n_y},): the vertex of X for each of Y"
+            f"carry_landmarks: T_yx is {T_yx.dtype} {T_yx.shape}, expected whole "
+            f"numbers ({n_y},): the vertex of X for each of Y"
         )
     if len(T_yx) and not 0 <= T_yx.min() <= T_yx.max() < len(vertices):
         raise ValueError(

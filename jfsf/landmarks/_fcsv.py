@@ -1,9 +1,10 @@
 """Landmarks of 3D Slicer as comma separated text (.fcsv).
 
 Written by Slicer 3 (label,x,y,z,sel,vis) and 4 (an id first, the label in column 12);
-the system is a number up to 4.10, a word from 4.11 on. Slicer 5 adds two columns without
-a title: the status of the position (2: it is defined), and whether Slicer made the point
-itself. Without a word on the coordinate system it is RAS, as in Slicer 3 and 4.
+the system is a number up to 4.10, a word from 4.11 on. Slicer 5 adds two columns
+without a title: the status of the position (2: it is defined), and whether Slicer made
+the point itself. Without a word on the coordinate system it is RAS, as in Slicer 3 and
+the first of 4.
 """
 
 import csv

@@ -40,13 +40,15 @@ def read_markups(text: str, path: object) -> Landmarks:
     lists = tree.get("markups") if isinstance(tree, dict) else None
     if not isinstance(lists, list) or not all(isinstance(a, dict) for a in lists):
         raise ValueError(
-            f"{path}: has no list of markups; save the points from 3D Slicer as .mrk.json"
+            f"{path}: has no list of markups; save the points as .mrk.json in Slicer"
         )
     names, points, systems, without = [], [], [], []
     for markups in lists:
         found = markups.get("controlPoints", [])
         if not isinstance(found, list) or not all(isinstance(a, dict) for a in found):
-            raise ValueError(f"{path}: controlPoints is no list of points; save it again")
+            raise ValueError(
+                f"{path}: controlPoints is no list of points; save it again"
+            )
         if found:
             word = markups.get("coordinateSystem", "LPS")
             systems.append(to_system(str(word), path))
@@ -64,9 +66,7 @@ def read_markups(text: str, path: object) -> Landmarks:
         )
     if not names:
         raise ValueError(f"{path}: has no point with a position; place some")
-    return Landmarks(
-        tuple(names), np.array(points), None, systems[0], skipped(without)
-    )
+    return Landmarks(tuple(names), np.array(points), None, systems[0], skipped(without))
 
 
 def markups_text(landmarks: Landmarks) -> str:

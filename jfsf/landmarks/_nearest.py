@@ -29,8 +29,8 @@ class Nearest(NamedTuple):
 def nearest_points(mesh: Mesh, points: ArrayLike) -> Nearest:
     """The point of the mesh nearest to each point.
 
-    The centre of the nearest triangle is no farther from a point than the nearest corner
-    is, and the radius of that triangle more. All triangles for which that holds are
+    The centre of the nearest triangle is no farther from a point than the nearest
+    vertex, and the radius of that triangle more. All triangles for which that holds are
     measured.
 
     Args:

@@ -15,8 +15,8 @@ _NUMBERED = re.compile(r"(.*?)([0-9]*)", re.DOTALL)
 class Pairing(NamedTuple):
     """Landmarks that belong together.
 
-    rows: (p, 2) int64, the number of a landmark of X and of its partner of Y, from 0 on,
-        in the order of X.
+    rows: (p, 2) int64, the number of a landmark of X and of its partner of Y, from 0
+        on, in the order of X.
     names: a name for each row.
     said: what was paired how, and what has no partner, a sentence each.
     """
@@ -52,7 +52,7 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
         names = tuple(landmarks_x.names[i] for i in rows[:, 0])
         said = [f"{len(rows)} paired by name: {', '.join(names)}"]
         for side, found, paired in (("X", x, rows[:, 0]), ("Y", y, rows[:, 1])):
-            alone = [found[i] for i in range(len(found)) if i not in set(paired)]
+            alone = [found[i] for i in np.setdiff1d(np.arange(len(found)), paired)]
             if alone:
                 said.append(f"without a partner, of {side}: {_listed(alone)}")
         return Pairing(rows, names, said)
@@ -64,13 +64,13 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
         side, found = ("X", x) if len(set(_named(x))) < len(_named(x)) else ("Y", y)
         twice = sorted({name for name in found if name and found.count(name) > 1})
         raise ValueError(
-            f"landmarks of {side} have the same name: {_listed(twice)}; give each a name "
-            "of its own"
+            f"landmarks of {side} have the same name: {_listed(twice)}; give each "
+            "a name of its own"
         )
     raise ValueError(
         f"no landmark has the same name in both files: X has {_listed(x)}, Y has "
-        f"{_listed(y)}; name those that belong together alike, or give as many of both, "
-        "in one order, without names"
+        f"{_listed(y)}; name those that belong together alike, or give as many of "
+        "both, in one order, without names"
     )
 
 
@@ -94,9 +94,10 @@ def _generated(names: list[str]) -> bool:
 
 def _shifted(x: list[str], y: list[str]) -> bool:
     """Whether one is counted from 0 on without a gap, the other from 1 on."""
-    number = lambda name: int(name[len(name.rstrip("0123456789")) :] or -1)
+    # Not as numbers: Python refuses those of thousands of digits.
+    number = lambda name: name[len(name.rstrip("0123456789")) :]
     counted = [[number(name) for name in names] for names in (x, y)]
-    runs = [list(range(first, first + len(x))) for first in (0, 1)]
+    runs = [[str(first + i) for i in range(len(x))] for first in (0, 1)]
     return counted == runs or counted == runs[::-1]
 
 

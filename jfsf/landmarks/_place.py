@@ -100,8 +100,8 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
         mesh: n vertices, m faces; of a point cloud the nearest vertices are found.
 
     Raises:
-        ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of its
-            bounding box, or is a vertex that it does not have; wrong shapes.
+        ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of
+            its bounding box, or is a vertex that it does not have; wrong shapes.
     """
     landmarks = checked(landmarks, "on_surface")
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
@@ -111,14 +111,16 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
         wrong = (landmarks.vertices < 0) | (landmarks.vertices >= len(vertices))
         if len(lost := np.flatnonzero(wrong)):
             raise ValueError(
-                f"{titled(names, lost[0])} is vertex {landmarks.vertices[lost[0]]}, and "
-                f"the mesh has {len(vertices)} vertices, from 0 on; is the file of "
+                f"{titled(names, lost[0])} is vertex {landmarks.vertices[lost[0]]}, "
+                f"and the mesh has {len(vertices)} vertices, from 0 on; is the file of "
                 "another mesh?"
             )
         found = at_vertices(mesh, landmarks.vertices)
         return OnSurface(*found, landmarks.system, [])
     if not names:
-        return OnSurface(*at_vertices(mesh, np.zeros(0, np.int64)), landmarks.system, [])
+        return OnSurface(
+            *at_vertices(mesh, np.zeros(0, np.int64)), landmarks.system, []
+        )
     diagonal = float(np.linalg.norm(np.ptp(vertices.astype(np.float64), axis=0)))
     found, system, said = _placed(landmarks, mesh, diagonal)
     worst = found.distances.argmax()
@@ -127,8 +129,8 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
         share = f"{away / diagonal:.0%}" if diagonal else "far more"
         raise ValueError(
             f"{titled(names, worst)} is {away:.4g} from the mesh, {share} of the "
-            f"diagonal of its bounding box ({diagonal:.4g}); are both in the same units "
-            "and axes, and is the file of another mesh, or of one that was moved?"
+            f"diagonal of its bounding box ({diagonal:.4g}); are both in the same "
+            "units and axes, and is the file of another mesh, or of one that was moved?"
         )
     return OnSurface(*found, system, said)
 
@@ -164,5 +166,3 @@ def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
         f"{vertices[i]}: the mesh is coarse there"
         for i in np.flatnonzero(first != np.arange(len(names)))
     ]
-
-

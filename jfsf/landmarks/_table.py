@@ -1,8 +1,8 @@
-"""Landmarks in a table of text (.csv, .tsv, .txt), as spreadsheets and scripts write it.
+"""Landmarks in a table of text (.csv, .tsv, .txt), of spreadsheets and scripts.
 
-A line holds name, x, y and z; or x, y and z; or a name and a vertex; or a vertex. A line
-of titles may say in which columns these are. Between them stand tabs, semicolons, commas
-or blanks; where it is no comma, numbers may have a decimal comma.
+A line holds name, x, y and z; or x, y and z; or a name and a vertex; or a vertex. A
+line of titles may say in which columns these are. Between them stand tabs, semicolons,
+commas or blanks; where it is no comma, numbers may have a decimal comma.
 """
 
 import csv
@@ -22,14 +22,25 @@ from jfsf.landmarks._record import (
 )
 
 EXPECTED = (
-    "a line holds name,x,y,z or x,y,z or name,vertex or a vertex counted from 0, and the "
-    "first may hold their titles"
+    "a line holds name,x,y,z or x,y,z or name,vertex or a vertex counted from 0, and "
+    "the first may hold their titles"
 )
 _COMMENT = re.compile(r"#(?!\d)")  # but #1 is the name of a landmark
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
 # Titles in small letters, without units in brackets; the first of a list that is there.
-_NAMES = ["name", "label", "landmark", "landmarks", "point", "title", "id", "no", "nr", ""]
+_NAMES = [
+    "name",
+    "label",
+    "landmark",
+    "landmarks",
+    "point",
+    "title",
+    "id",
+    "no",
+    "nr",
+    "",
+]
 _AXES = {"xyz": None, "ras": "RAS", "lps": "LPS"}  # Slicer's table has the last two
 _VERTICES = ["vertex", "vertices", "vertex_id", "vertex id", "index", "idx", "v"]
 _MISSING = {"", "na", "n/a", "nan", "none", "null"}
@@ -88,7 +99,9 @@ def read_table(text: str, path: object) -> Landmarks:
         raise ValueError(f"{path}: has no landmark with a position; {EXPECTED}")
     said = skipped(without)
     if len(values[0]) == 1:
-        return Landmarks(tuple(names), None, np.array(values, np.int64)[:, 0], said=said)
+        return Landmarks(
+            tuple(names), None, np.array(values, np.int64)[:, 0], said=said
+        )
     system = None if columns is None else columns.system
     return Landmarks(tuple(names), np.array(values, np.float64), None, system, said)
 
@@ -119,7 +132,9 @@ def _separator(line: str) -> str:
             return separator
     words = line.split()
     # As in: nose 1,5 2 3,5
-    commas_in_numbers = len(words) > 2 and all(map(_DECIMAL_COMMA.fullmatch, words[-3:]))
+    commas_in_numbers = len(words) > 2 and all(
+        map(_DECIMAL_COMMA.fullmatch, words[-3:])
+    )
     return "," if "," in line and not commas_in_numbers else " "
 
 

@@ -1,4 +1,4 @@
-"""Pairs of vertices of two shapes in a file of text: a vertex of X and one of Y a line."""
+"""Pairs of vertices of two shapes in a file of text: one of X and one of Y a line."""
 
 import re
 from pathlib import Path

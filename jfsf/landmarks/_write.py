@@ -51,7 +51,7 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
     for name in landmarks.names:
         if clean_name(name) != name:
             raise ValueError(
-                f"{path}: the name {name!r} has line ends, control characters or blanks "
-                "around it; rename that landmark"
+                f"{path}: the name {name!r} has line ends, control characters or "
+                "blanks around it; rename that landmark"
             )
     write_text(path, _WRITERS[suffix](landmarks))
