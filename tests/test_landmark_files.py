@@ -465,10 +465,14 @@ def test_points_of_the_surface_are_the_nearest():
 
 def test_far_landmarks_are_refused():
     points = X.vertices[[3, 50]] + [[0, 0, 0], [0, 0, 1]]
-    with pytest.raises(ValueError, match="'b' is 0.*same units"):
+    with pytest.raises(ValueError, match="'b' is .* from the mesh.*same units"):
         to_vertices(Landmarks(("a", "b"), points), X)
-    with pytest.raises(ValueError, match="landmark 2 is .* far|landmark 2 is 1.*diag"):
-        on_surface(Landmarks(("", ""), X.vertices[[3, 50]] * [[1.0], [1000]]), X)
+    cloud = Mesh(X.vertices, np.zeros((0, 3), np.int32))
+    for scale in (1000, 1e200, 1e307):
+        far = Landmarks(("", ""), X.vertices[[3, 50]] * [[1.0], [scale]], None, "RAS")
+        for mesh in (X, cloud):
+            with pytest.raises(ValueError, match="landmark 2 is .* from the mesh"):
+                on_surface(far, mesh)
     with pytest.raises(ValueError, match=f"'a' is vertex {N}"):
         to_vertices(Landmarks(("a",), None, np.array([N])), X)
 

@@ -23,7 +23,7 @@ from jfsf.landmarks._record import (
 
 _COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 _OLD_COLUMNS = "label,x,y,z,sel,vis"
-_STATUS, _DEFINED = 14, "2"
+_STATUS, _UNDEFINED = 14, {"0", "1", "3"}  # not placed, not yet, and missing
 _VERSION = "Markups fiducial file version"
 
 
@@ -62,8 +62,8 @@ def read_fcsv(text: str, path: object) -> Landmarks:
         name = clean_name(cells[label] if known else "")
         found = [cells[at].strip() for at in places if at < len(cells)]
         # NaN is what older ones write for a point without a position.
-        lost = cells[_STATUS:] and cells[_STATUS].strip() != _DEFINED
-        if lost or [cell.lower() for cell in found] == ["nan"] * 3:
+        status = cells[_STATUS].strip() if len(cells) > _STATUS == len(titles) else ""
+        if status in _UNDEFINED or [cell.lower() for cell in found] == ["nan"] * 3:
             without.append(name)
             continue
         point = [to_number(cell) for cell in found]

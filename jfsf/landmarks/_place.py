@@ -18,6 +18,8 @@ from jfsf.types import ArrayLike, Mesh
 # hand, or of a copy with other vertices, are within 0.01; those in other units or axes
 # seldom within 0.05.
 FAR, NEAR = 0.05, 0.01
+# So far outside of the box that no axes are tried.
+HOPELESS = 1e6
 # The other axes are taken if the farthest landmark is this much nearer to the surface.
 CLEARLY = 4
 _OTHER = {"LPS": "RAS", "RAS": "LPS"}
@@ -122,17 +124,25 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
             *at_vertices(mesh, np.zeros(0, np.int64)), landmarks.system, []
         )
     diagonal = float(np.linalg.norm(np.ptp(vertices.astype(np.float64), axis=0)))
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    with np.errstate(over="ignore"):
+        outside = np.maximum(low - landmarks.points, landmarks.points - high).max(1)
+    # Squares of such distances may be infinite.
+    _refuse_far(names, outside, diagonal, HOPELESS)
     found, system, said = _placed(landmarks, mesh, diagonal)
-    worst = found.distances.argmax()
-    away = float(found.distances[worst])
-    if away > FAR * diagonal:
-        share = f"{away / diagonal:.0%}" if diagonal else "far more"
-        raise ValueError(
-            f"{titled(names, worst)} is {away:.4g} from the mesh, {share} of the "
-            f"diagonal of its bounding box ({diagonal:.4g}); are both in the same "
-            "units and axes, and is the file of another mesh, or of one that was moved?"
-        )
+    _refuse_far(names, found.distances, diagonal, FAR)
     return OnSurface(*found, system, said)
+
+
+def _refuse_far(names: tuple[str, ...], away: ArrayLike, diagonal: float, most: float):
+    worst = int(away.argmax())
+    if away[worst] > most * diagonal:
+        raise ValueError(
+            f"{titled(names, worst)} is {away[worst]:.4g} from the mesh, more than "
+            f"{FAR:.0%} of the diagonal of its bounding box ({diagonal:.4g}); are both "
+            "in the same units and axes, and is the file of another mesh, or of one "
+            "that was moved?"
+        )
 
 
 def _placed(landmarks: Landmarks, mesh: Mesh, diagonal: float):
