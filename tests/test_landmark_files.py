@@ -685,7 +685,7 @@ def test_vertices_without_a_face_go_where_the_nearest_goes(folder, seen):
     result = run(*args)
     assert result.exit_code == 0, result.output
     assert f"{stray}: 3 vertices without a face left out" in result.stdout
-    assert "y.ply: " not in result.stdout  # of Y there is nothing to say
+    assert f"{folder / 'y.ply'}: " not in result.stdout  # of Y nothing is to be said
     assert seen["sizes"] == (N, N) and seen["landmarks"].tolist() == [[100, 7]]
     found, there = read_match(out), (np.arange(N) + 5) % N
     assert found.T_xy.shape == (N + 3,) and found.T_yx.shape == (N,)

@@ -8,9 +8,10 @@ from jfsf.landmarks._record import Landmarks
 from jfsf.mesh import check_values
 from jfsf.types import ArrayLike, Mesh
 
-# In diagonals of the bounding box of X. Images of one triangle that are farther apart
-# are a tear of the map: their mean would be between two places.
-TORN = 0.1
+# Images of two corners of a triangle that are farther apart than this share of the
+# diagonal of X's bounding box, and than the corners are this many times over, are a
+# tear of the map: their mean would be between two places.
+TORN, STRETCHED = 0.1, 4
 
 
 def carry_landmarks(
@@ -20,9 +21,9 @@ def carry_landmarks(
 
     Each is a point of a triangle of Y (`on_surface`). The images of the three corners
     on X are averaged with its barycentric coordinates, and the nearest point of the
-    surface of X is taken. An image that is farther than `TORN` from that of the nearest
-    corner is left out. To carry landmarks of X to Y, exchange the meshes and give
-    `T_xy`.
+    surface of X is taken. Where the map tears a triangle apart, only the images near
+    that of the nearest corner count. To carry landmarks of X to Y, exchange the meshes
+    and give `T_xy`.
 
     Args:
         landmarks: on Y: points in its coordinates, or vertices of it.
@@ -56,12 +57,23 @@ def carry_landmarks(
     if not landmarks.names:
         return Landmarks((), np.zeros((0, 3)), None, found.system)
     images = vertices[T_yx[found.corners]]
-    heaviest = found.weights.argmax(1)[:, None, None]
-    apart = images - np.take_along_axis(images, heaviest, 1)
-    diagonal = np.linalg.norm(np.ptp(vertices, axis=0))
-    near = np.linalg.norm(apart, axis=2) <= TORN * diagonal
+    near = _together(images, found, vertices, np.asarray(mesh_y.vertices, np.float64))
     weights = np.where(near, found.weights, 0)
     weights /= weights.sum(1, keepdims=True)
     on_x = nearest_points(mesh_x, (weights[:, :, None] * images).sum(1)).points
     said = (*landmarks.said, *found.said)
     return Landmarks(tuple(landmarks.names), on_x, None, found.system, said)
+
+
+def _together(images, found, vertices_x, vertices_y):
+    """Whether the image of each corner (l, 3) is where that of the nearest one is."""
+    heaviest = found.weights.argmax(1)[:, None, None]
+    corners = vertices_y[found.corners]
+    on_x, on_y = (
+        np.linalg.norm(a - np.take_along_axis(a, heaviest, 1), axis=2)
+        for a in (images, corners)
+    )
+    size_x, size_y = (
+        np.linalg.norm(np.ptp(v, axis=0)) for v in (vertices_x, vertices_y)
+    )
+    return (on_x <= TORN * size_x) | (on_x * size_y <= STRETCHED * on_y * size_x)

@@ -99,12 +99,13 @@ def decoded(data: bytes) -> str:
 
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
-    """The lines that hold something, without blanks around, and their numbers from 1.
+    """The lines that hold something, and their numbers from 1.
 
-    Not `splitlines`, which also splits at rarer characters that names may hold.
+    A tab before the first word stays: the cell before it is empty. Not `splitlines`,
+    which also splits at rarer characters that names may hold.
     """
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
-    return [(i, line.strip()) for i, line in enumerate(lines, 1) if line.strip()]
+    return [(i, line.strip(" ")) for i, line in enumerate(lines, 1) if line.strip()]
 
 
 def to_number(cell: str, decimal_comma: bool = False) -> float | None:

@@ -25,7 +25,7 @@ EXPECTED = (
     "a line holds name,x,y,z or x,y,z or name,vertex or a vertex counted from 0, and "
     "the first may hold their titles"
 )
-_COMMENT = re.compile(r"#(?!\d)")  # but #1 is the name of a landmark
+_COMMENT = re.compile(r"\s*#(?!\d)")  # but #1 is the name of a landmark
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _DECIMAL_COMMA = re.compile(r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
 # Titles in small letters, without units in brackets; the first of a list that is there.
