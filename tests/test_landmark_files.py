@@ -568,7 +568,7 @@ def test_a_torn_map_carries_to_one_of_its_sides():
     T_yx[corners[corners != 0][0]] = far
     point = np.array([0.6, 0.2, 0.2]) @ X.vertices[[0, *corners[corners != 0]]]
     found = carry_landmarks(Landmarks(("a",), point[None]), X, X, T_yx)
-    assert np.linalg.norm(found.points[0] - point) < 0.3
+    assert np.linalg.norm(np.asarray(found.points)[0] - point) < 0.3
 
 
 def test_a_map_of_the_other_direction_is_refused():
@@ -705,6 +705,29 @@ def test_vertices_without_a_face_go_where_the_nearest_goes(folder, seen):
     pairs.write_text("0 7\n")
     result = run(*args)
     assert result.exit_code == 1 and "belongs to no face" in result.stderr
+
+
+def test_evaluate_measures_without_stray_vertices(folder):
+    stray, kept = folder / "stray.ply", np.delete(np.arange(N + 3), [0, N // 2 + 1])[:N]
+    export_mesh(stray, with_strays(X))
+    figures = []
+    for path, T_xy, T_yx, points in (
+        (folder / "x.ply", np.arange(N), np.arange(N), np.arange(N)),
+        (stray, np.zeros(N + 3, int), kept, kept),
+    ):
+        T_xy[points] = np.arange(N)
+        np.savez(folder / "m.npz", T_xy=T_xy, T_yx=T_yx)
+        for name, own in (("x", points), ("y", np.arange(N))):
+            # The last point of the second lies on a vertex without a face.
+            lost = [N + 3] if len(T_xy) > N and name == "x" else [1]
+            np.savetxt(folder / f"{name}.vts", [*(own + 1), *lost], "%d")
+        files = [path, folder / "y.ply", folder / "m.npz", "--json", folder / "m.json"]
+        truth = ["--gt-x", folder / "x.vts", "--gt-y", folder / "y.vts"]
+        result = run("evaluate", *files, *truth)
+        assert result.exit_code == 0, result.output
+        figures.append(json.loads((folder / "m.json").read_text())["figures"])
+    assert figures[0] == pytest.approx(figures[1])
+    assert np.isfinite(list(figures[1].values())).all()
 
 
 def test_info_says_that_stray_vertices_are_left_out(folder):

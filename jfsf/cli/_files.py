@@ -242,6 +242,7 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
     A map of `match --largest-component` counts the vertices that were kept. Then the
     meshes are cut to these, and points of the ground truth that were not kept are left
     out. With `mend` the meshes are repaired, and the map becomes one between these.
+    Else vertices without a face are left out, to which no distance is finite.
     """
     from jfsf.mapfiles import read_ground_truth, read_stored
     from jfsf.mesh import read
@@ -268,6 +269,8 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
                 faces = new[faces]
                 meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
                 partners[side] = new
+        if maps.index_x is None and maps.index_y is None:
+            meshes, maps, partners[:] = _pair_without_strays(meshes, maps)
     if truth is not None:
         truth = kept_points(truth, partners)
     return *meshes, maps, truth
@@ -294,3 +297,20 @@ def _mended_pair(meshes, maps, paths):
                 "match with --repair too"
             )
     return [x.mesh, y.mesh], maps._replace(T_xy=T_xy, T_yx=T_yx), (x.partner, y.partner)
+
+
+def _pair_without_strays(meshes, maps):
+    """The meshes without vertices that have no face, the maps and partners likewise.
+
+    An image without a face becomes the nearest vertex with one.
+    """
+    from jfsf.mesh import nearest_kept, without_strays
+
+    x, y = both = [without_strays(mesh) for mesh in meshes]
+    if not (x.done or y.done):
+        return meshes, maps, (None, None)
+    near_x, near_y = map(nearest_kept, meshes, both)
+    T_xy = near_y[maps.T_xy[x.index]]
+    T_yx = None if maps.T_yx is None else near_x[maps.T_yx[y.index]]
+    maps = maps._replace(T_xy=T_xy, T_yx=T_yx)
+    return [x.mesh, y.mesh], maps, (x.partner, y.partner)

@@ -57,13 +57,13 @@ def known_pairs(files: LandmarkFiles, shapes: tuple[Shape, Shape]) -> KnownPairs
     """
     if files.pairs is not None:
         partners = tuple(shape.partner for shape in shapes)
-        return KnownPairs(read_pairs(files.pairs, partners))
+        return KnownPairs(read_known_pairs(files.pairs, partners))
     if files.x is None or files.y is None:
         return None
     return _paired((files.x, files.y), shapes)
 
 
-def read_pairs(path: Path, partners) -> np.ndarray:
+def read_known_pairs(path: Path, partners) -> np.ndarray:
     """Rows (vertex of X, vertex of Y) of a file of text.
 
     Args:

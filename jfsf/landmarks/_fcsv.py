@@ -49,7 +49,7 @@ def read_fcsv(text: str, path: object) -> Landmarks:
             "save the landmarks again"
         )
     places = [titles.index(axis) for axis in "xyz"]
-    label = titles.index("label") if "label" in titles else None
+    label = titles.index("label") if "label" in titles else -1
     names, points, without = [], [], []
     for number, line in lines:
         if line.startswith("#"):
@@ -58,8 +58,7 @@ def read_fcsv(text: str, path: object) -> Landmarks:
             (cells,) = csv.reader([line])
         except csv.Error as error:
             raise ValueError(f"{path}: line {number}: {error}") from None
-        known = label is not None and label < len(cells)
-        name = clean_name(cells[label] if known else "")
+        name = clean_name(cells[label] if 0 <= label < len(cells) else "")
         found = [cells[at].strip() for at in places if at < len(cells)]
         # NaN is what older ones write for a point without a position.
         status = cells[_STATUS].strip() if len(cells) > _STATUS == len(titles) else ""

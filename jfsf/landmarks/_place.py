@@ -174,5 +174,5 @@ def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
     return [
         f"{titled(names, first[i])} and {titled(names, i)} are both at vertex "
         f"{vertices[i]}: the mesh is coarse there"
-        for i in np.flatnonzero(first != np.arange(len(names)))
+        for i in map(int, np.flatnonzero(first != np.arange(len(names))))
     ]

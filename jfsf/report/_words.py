@@ -170,8 +170,9 @@ def findings(
     ]
     doubts = [Finding(why, advice) for wrong, why, advice in known if wrong]
     for row in np.flatnonzero(np.asarray(certificate.landmarks) > MISSED):
-        name = f" ({landmarks[row]})" if row < len(landmarks) and landmarks[row] else ""
-        why = f"landmark {row + 1}{name} ends far from its partner: check that row"
+        name = landmarks[int(row)] if row < len(landmarks) else ""
+        known = f" ({name})" if name else ""
+        why = f"landmark {row + 1}{known} ends far from its partner: check that row"
         advice = "Either the row is wrong, or the map is. Try without it."
         doubts.append(Finding(why, advice))
     return doubts
