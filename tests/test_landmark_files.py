@@ -702,6 +702,13 @@ def test_vertices_without_a_face_go_where_the_nearest_goes(folder, seen):
     assert np.array_equal(back.T_yx, np.argsort(there))
     assert np.allclose(back.confidence_x, np.linspace(0, 1, N))
 
+    # A file of each shape counts the vertices of the file too.
+    for side, rows in (("x", f"a,{kept[100]}\nb,{kept[7]}\n"), ("y", "b,8\na,9\n")):
+        (folder / f"{side}.csv").write_text(rows)
+    files = "--landmarks-x", folder / "x.csv", "--landmarks-y", folder / "y.csv"
+    assert run(*args[:5], *files).exit_code == 0
+    assert seen["landmarks"].tolist() == [[100, 9], [7, 8]]
+
     pairs.write_text("0 7\n")
     result = run(*args)
     assert result.exit_code == 1 and "belongs to no face" in result.stderr
