@@ -29,6 +29,7 @@ only from those above its own:
 - `policy`: which starts are attempted, for one pair or many, and when it ends
 - `matching`: meshes to maps
 - `mapfiles`: maps, ground truth and matches on disk
+- `landmarks`: landmark files of other programs: read, written, paired, carried
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
 - `batch`: many pairs, over devices, hosts and clusters
 - `joint`: many shapes at once: which pairs are matched, and maps that agree
@@ -101,6 +102,7 @@ _HOMES = {
 _ROOMS = (
     *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
     *("evidence", "stages", "arguments", "coarse", "policy", "mapfiles"),
+    *("landmarks",),
     *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
     *("cli", "guide"),
     *_HOMES,

@@ -45,7 +45,7 @@ jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 
-settings.register_profile("jfsf", derandomize=True, deadline=None, max_examples=20)
+settings.register_profile("jfsf", derandomize=True, deadline=None, max_examples=12)
 # Other draws in every run, and more: --hypothesis-profile=anew.
 settings.register_profile("anew", deadline=None, max_examples=100, print_blob=True)
 settings.load_profile("jfsf")

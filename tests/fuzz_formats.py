@@ -16,6 +16,7 @@ import scipy.io
 import trimesh
 
 from jfsf import testing
+from jfsf.landmarks import Landmarks, write_landmarks
 from jfsf.mapfiles import write_match
 from jfsf.types import Certificate, Match
 
@@ -125,6 +126,8 @@ def formats() -> dict[str, Format]:
     np.savez(held := io.BytesIO(), T_xy=T - 1)
     found["npz"] = Format(".npz", held.getvalue(), npz_parts)
     found["match"] = Format(".npz", _match(), npz_parts)
+    for suffix in (".json", ".fcsv", ".pp", ".tsv"):
+        found[suffix[1:]] = Format(suffix, _landmarks(suffix, v[:5]))
     return found
 
 
@@ -146,6 +149,14 @@ def _match() -> bytes:
     match = Match(np.arange(59) % 42, np.arange(42), np.eye(4), certificate)
     with tempfile.TemporaryDirectory() as folder:
         write_match(path := Path(folder) / "a.npz", match, index_x=np.arange(59))
+        return path.read_bytes()
+
+
+def _landmarks(suffix: str, points) -> bytes:
+    names = ('left "eye"', "a,b;c", "Ohr", "", "5")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"a{suffix}"
+        write_landmarks(path, Landmarks(names, points, system="RAS"))
         return path.read_bytes()
 
 

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from jfsf.batch import read_pairs
-from jfsf.cli._files import read_landmarks
+from jfsf.cli._landmarks import read_known_pairs
+from jfsf.landmarks import read_landmarks
 from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
 from jfsf.mesh import MeshError, read
 
@@ -57,9 +58,18 @@ def pairs(path):
     assert not any("/" in pair.name or "\0" in f"{pair.x}{pair.y}" for pair in found)
 
 
-def landmarks(path):
-    found = read_landmarks(path, (None, None))
+def landmark_pairs(path):
+    found = read_known_pairs(path, (None, None))
     assert found.shape == (len(found), 2) and found.dtype.kind == "i"
+
+
+def landmarks(path):
+    names, points, vertices, system, _ = read_landmarks(path)
+    assert names and system in (None, "LPS", "RAS")
+    if points is None:
+        assert vertices.shape == (len(names),) and vertices.min() >= 0
+    else:
+        assert points.shape == (len(names), 3) and np.isfinite(points).all()
 
 
 def grow(path):
@@ -71,8 +81,10 @@ READERS = {
     **dict.fromkeys([".off", ".obj", ".ply", ".stl", ".glb", ".gltf"], [mesh]),
     **dict.fromkeys([".vts", ".map", ".mat"], MAPS),
     ".npz": [*MAPS, match],
-    ".csv": [pairs],
-    ".txt": [landmarks],
+    ".csv": [pairs, landmarks],
+    ".txt": [landmark_pairs, landmarks],
+    ".tsv": [landmarks],
+    **dict.fromkeys([".json", ".fcsv", ".pp"], [landmarks]),
     # What the process that started this one must notice.
     ".die": [lambda path: os.abort()],
     ".hang": [lambda path: time.sleep(600)],

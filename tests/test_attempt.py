@@ -69,6 +69,7 @@ def test_it_vmaps():
         assert (T_xy == alone().T_xy)[:n_x].mean() > 0.9
 
 
+@pytest.mark.slow
 def test_it_is_differentiated_with_default_settings():
     x, y = pair_of("f8")
     weight = np.random.default_rng(0).normal(size=(len(x.evals), len(y.evals)))
@@ -118,8 +119,8 @@ QUICK = Settings(
 )
 
 
-# The other size runs the same stages: 2 counts what vmap adds, too.
-@pytest.mark.parametrize("batch_size", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("batch_size", [1, 2])
 @pytest.mark.usefixtures("all_run_once")
 def test_only_pairs_in_doubt_cost_more_than_an_attempt(batch_size):
     specs = [testing.blob_spectrum(seed, 40) for seed in range(3)]

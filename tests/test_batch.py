@@ -240,6 +240,7 @@ def test_four_devices_share_the_pairs():
     ends(start(SHARDED, XLA_FLAGS="--xla_force_host_platform_device_count=4"))
 
 
+@pytest.mark.slow
 def test_two_processes_share_the_pairs(tmp_path):
     port = free_port()
     both = [start(HOST, port, i, tmp_path / f"{i}.npz") for i in range(2)]

@@ -17,6 +17,7 @@ def script(monkeypatch):
     return import_module("calibration")
 
 
+@pytest.mark.slow
 def test_the_shipped_constants_are_the_scripts(script):
     assert script.text_of(script.RESULTS) == script.CONSTANTS.read_text()
 

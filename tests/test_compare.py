@@ -56,6 +56,7 @@ def run(compare, args, calls, stop_at=None):
     compare.run(args, methods, lambda _, pair: pair, **options)
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on(compare, args):
     calls = []
     with pytest.raises(KeyboardInterrupt):

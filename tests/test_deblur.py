@@ -49,7 +49,9 @@ def off(pmap):
     return np.linalg.norm(points - FINE.vertices, axis=1).mean()
 
 
-@pytest.mark.parametrize("space", ["adjoint", "direct"])
+@pytest.mark.parametrize(
+    "space", [pytest.param("adjoint", marks=pytest.mark.slow), "direct"]
+)
 def test_points_lie_on_triangles(space):
     found = deblur_precise(SPEC_X, SPEC_Y, T_XY, num_iters=2, space=space)
     for pmap, mesh, n in zip(found, (COARSE, FINE), (N_X, N_Y), strict=True):

@@ -57,7 +57,8 @@ def exported_stages(spec, landmarks, settings):
     return runner.programs
 
 
-@pytest.mark.parametrize("large", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("large", [False, True])
 def test_every_stage_lowers_for_accelerators(large):
     small = Settings(samples_above=1000, samples=512, exhaustive_up_to=1000)
     settings = small if large else Settings()

@@ -123,6 +123,7 @@ def test_starts_from_extremities_find_the_identity():
     assert found.C_yx.shape == (3, FEW.final_ks[-1], FEW.final_ks[-1])
 
 
+@pytest.mark.slow
 def test_candidates_ignore_padding_and_units():
     (x, desc), y = (SPEC, DESC), (OTHER, OTHER_DESC)
     found = far((x, desc), y)

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from scipy.spatial import KDTree
 
 from jfsf import data
@@ -18,6 +19,7 @@ from jfsf.spectral import (
 SETTINGS = SearchSettings()
 
 
+@pytest.mark.slow
 def test_zooming_out_from_the_truth_does_not_exchange_hands():
     # With descriptors at full weight it does.
     shapes = [data.load(name) for name in ("woman_up", "woman_walk")]

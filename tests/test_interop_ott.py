@@ -41,7 +41,9 @@ def feasible(seed=0, k0=3):
     return found.kernel, *(jnp.asarray(plan.sum(i) / plan.sum()) for i in (1, 0))
 
 
-@pytest.mark.parametrize("epsilon", [1.0, 0.05, 7.0])
+@pytest.mark.parametrize(
+    "epsilon", [1.0, 0.05, pytest.param(7.0, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("k0", [3, N_X])
 def test_ott_finds_our_plan_and_potentials(epsilon, k0):
     from ott.solvers.linear import solve

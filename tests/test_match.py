@@ -408,6 +408,7 @@ def test_one_landmark_decides_a_flip():
         assert geodesic_error(found.T_xy, mesh_y, gt_x[at], truth[at]).mean() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_exchanged_landmarks_are_named_and_not_obeyed():
     (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
@@ -437,6 +438,7 @@ def test_point_clouds_are_not_mirrored():
     assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatch):
     # Of 300 points, neighbours are on several limbs.
@@ -551,6 +553,7 @@ def functions_of_the_guide():
     return names
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_the_guides_own_stages_match_a_shape_that_was_turned():
     (mesh_x, gt_x), _ = shapes()

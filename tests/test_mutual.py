@@ -83,6 +83,7 @@ def test_with_bins_the_nearest_is_found_and_few_others_are_missed(dtype):
         assert all(len(set(row)) == K0 for row in np.asarray(near.idx))
 
 
+@pytest.mark.slow
 def test_the_order_of_the_vertices_of_a_mesh_costs_no_neighbours():
     # Neighbours on a mesh are neighbours in its file, or a fixed stride apart.
     x = data.load("man_walk").mesh.vertices.astype(np.float32)

@@ -23,6 +23,7 @@ def held(seed):
     return tuple(map(tiles, points(seed)))
 
 
+@pytest.mark.slow
 def test_equal_static_fields_share_a_program():
     traced = []
 

@@ -17,6 +17,8 @@ from jfsf.types import Mesh
 
 K = 6
 LOSSES = ("square", "huber", "geman-mcclure")
+# The square is the quickest; the others run with the slow tests.
+ONE_QUICK = ["square", *(pytest.param(x, marks=pytest.mark.slow) for x in LOSSES[1:])]
 WEIGHTS = Weights(*jnp.array([1.0, 0.2, 0.3, 0.4]))
 
 
@@ -50,7 +52,7 @@ def rho(r, scale, loss):
     return r**2
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", ONE_QUICK)
 @settings(max_examples=3)
 @given(seed=st.integers(0, 10**6))
 def test_scipy_finds_the_same_minimum(loss, seed):
@@ -120,7 +122,7 @@ def test_orthogonality_grows_with_its_weight():
     assert gap == sorted(gap, reverse=True) and gap[-1] < 0.5 * gap[0]
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", ONE_QUICK)
 def test_gradients_are_those_of_the_minimum(loss):
     def value(desc_x, weights, scale, orthogonality):
         options = {"k": K, "loss": loss, "scale": scale}
@@ -154,7 +156,7 @@ def test_vmap_equals_the_loop():
         assert close(batch[i], run(desc_x[i]), 1e-6)
 
 
-@pytest.mark.parametrize("loss", LOSSES)
+@pytest.mark.parametrize("loss", ONE_QUICK)
 def test_float32(loss):
     short = [cast(spec, jnp.float32) for spec in (X, Y)]
     short += [desc.astype(jnp.float32) for desc in (DESC_X, DESC_Y)]

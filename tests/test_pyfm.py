@@ -1,6 +1,7 @@
 """An example: somebody else's method against the laws, by `jfsf.testing`."""
 
 import numpy as np
+import pytest
 from hypothesis import given
 from pyFM.spectral import FM_to_p2p
 
@@ -16,6 +17,7 @@ def convert(spec_x, spec_y, C_yx):
     return Maps(FM_to_p2p(C_yx, *evecs, use_adj=True), FM_to_p2p(C_yx.T, *evecs[::-1]))
 
 
+@pytest.mark.slow
 @given(SPECTRA, SPECTRA, testing.permutations(162), testing.permutations(162))
 def test_relabelling_relabels(x, y, order_x, order_y):
     wanted = testing.relabel_maps(convert(x, y, EYE), order_x, order_y)

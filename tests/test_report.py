@@ -265,6 +265,7 @@ def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
     assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_candidates_of_the_search_hold_the_right_map():
     x, y = (Sample(*small(name, 1100)) for name in PAIR)

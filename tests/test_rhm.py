@@ -73,6 +73,7 @@ def test_the_energy_of_the_maps_falls():
     assert sum(after) < sum(rhm_energy(X, Y, rounded)) < sum(before)
 
 
+@pytest.mark.slow
 def test_every_block_lowers_the_energy_at_a_fixed_penalty():
     alpha, beta = 1e-2, 5e-2
     x, y = module._shapes("rhm", X, Y, 8)
@@ -97,6 +98,7 @@ def test_every_block_lowers_the_energy_at_a_fixed_penalty():
     assert seen[-1] < 0.5 * seen[0]
 
 
+@pytest.mark.slow
 def test_energies_by_round():
     found = rhm_precise(X, Y, NOISY, growth=1, num_iters=12, tol=0.0)
     assert found.energies.shape == (24, 4)

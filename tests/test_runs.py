@@ -192,6 +192,7 @@ def test_a_killed_run_goes_on_where_it_was(tmp_path):
     assert all(path.stat().st_mtime_ns == then for path, then in before.items())
 
 
+@pytest.mark.slow
 def test_a_killed_worker_is_replaced(tmp_path):
     texts = {"b": "deadly", "c": "fragile"}
     jobs = jobs_of(tmp_path, ["ab", "ac", "ad", "dd"], **texts)

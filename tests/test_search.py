@@ -54,6 +54,7 @@ def test_the_smallest_budget_finds_the_identity():
     np.testing.assert_allclose(found.C_yx[0], identity, atol=0.05)
 
 
+@pytest.mark.slow
 def test_orthogonal_fits_join_the_starts():
     settings = SearchSettings(hypotheses=63, orthogonal_fits=DEFAULT.fits)
     assert (settings.starts, settings.parents) == (52, 1)

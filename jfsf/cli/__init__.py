@@ -5,6 +5,7 @@ Heavy imports are made inside the commands, so that help and wrong usage answer 
 Read in this order:
 
 - `_files`: the files that the commands read, check and write
+- `_landmarks`: the landmarks of `jfsf match`
 - `_stages`: a bar that names the stage
 - `_report`: the certificate as a table, and the figures of a map
 - `_summary`: the results of many pairs, as a table and as files

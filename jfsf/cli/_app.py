@@ -30,11 +30,16 @@ from jfsf.cli._files import (
     known_confidence,
     matchable,
     need_matplotlib,
-    read_landmarks,
     sides_in_doubt,
     write_found,
 )
 from jfsf.cli._info import info
+from jfsf.cli._landmarks import (
+    KnownPairs,
+    LandmarkFiles,
+    check_landmark_options,
+    known_pairs,
+)
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
@@ -192,6 +197,18 @@ def match(
             "counted from 0."
         ),
     ] = None,
+    landmarks_x: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), or a "
+            "table of name,x,y,z or name,vertex (.csv, .tsv, .txt). Goes with "
+            "--landmarks-y; they are paired by name, or by order.",
+        ),
+    ] = None,
+    landmarks_y: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The same for Y.")
+    ] = None,
     largest_component: Annotated[
         bool,
         typer.Option(
@@ -243,19 +260,19 @@ def match(
     exports = export or []
     can_export(exports, checker, (x, y))
     can_report(report, gt_x, gt_y)
+    files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
+    check_landmark_options(files)
     shape_x, shape_y = (matchable(path, largest_component, repair) for path in (x, y))
     mesh_x, mesh_y = shape_x.mesh, shape_y.mesh
     truth = kept_truth(gt_x, gt_y, (shape_x, shape_y))
-    pairs = None
-    if landmarks is not None:
-        pairs = read_landmarks(landmarks, (shape_x.partner, shape_y.partner))
+    known = known_pairs(files, (shape_x, shape_y))
     started = perf_counter()
     with stage_bar(_STAGES) as stage:
         matched = match_meshes(
             mesh_x,
             mesh_y,
             orientation=orientation.value,
-            landmarks=pairs,  # type: ignore
+            landmarks=None if known is None else known.rows,  # type: ignore
             partial=partial,
             cache=not no_cache,
             progress=stage,
@@ -288,7 +305,8 @@ def match(
     console.print(certificate_table(matched.certificate))
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
-    notes = warnings_of(matched.certificate, orientation.value)
+    known = known or KnownPairs(np.zeros((0, 2), np.int64))
+    notes = warnings_of(matched.certificate, orientation.value, landmarks=known.names)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if doubt := sides_in_doubt(mesh):
             notes.append(f"{path}: {doubt}; check left and right")
@@ -298,6 +316,8 @@ def match(
         if shape.repaired is not None:
             words = ", ".join(shape.repaired.done) or "nothing to repair"
             console.print(f"{path}: {words}", soft_wrap=True, markup=False)
+    for line in known.said:
+        console.print(line, soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in filter(None, (out, png, *exports, report)):

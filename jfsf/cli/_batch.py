@@ -20,6 +20,7 @@ from jfsf.cli._files import (
     Orientation,
     OrientationOption,
     can_write_in,
+    kept_match,
     matchable,
     need_matplotlib,
     write_found,
@@ -151,7 +152,8 @@ def work(job, orientation: str, largest_component: bool, report: bool = False) -
 
     x, y = (matchable(path, largest_component) for path in job.inputs)
     if report and _is_done(job):
-        result, seconds = read_match(job.out), {}  # only its page is missing
+        # Only its page is missing.
+        result, seconds = kept_match(read_match(job.out), x, y), {}
     else:
         started = perf_counter()
         result = match(x.mesh, y.mesh, orientation=orientation)  # type: ignore

@@ -3,7 +3,6 @@
 This file is long because all commands check their files alike, before any work.
 """
 
-import re
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,7 +28,6 @@ OrientationOption = Annotated[
 ]
 
 
-_DIGITS = re.compile("[0-9]{1,18}")
 FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
@@ -116,7 +114,8 @@ class Shape(NamedTuple):
     partner: (n_file,) the vertex that each one in the file became, -1 if it was
         removed; likewise.
     file: the mesh of the file.
-    repaired: its repair, if one was asked for.
+    repaired: its repair, if one was asked for, or if vertices without a face were left
+        out. Maps then are between all vertices of the files.
     """
 
     mesh: Mesh
@@ -127,7 +126,7 @@ class Shape(NamedTuple):
 
 
 def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
-    """Read a mesh that can be matched.
+    """Read a mesh that can be matched, without vertices that belong to no face.
 
     Args:
         path: its file.
@@ -137,7 +136,7 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     Raises:
         MeshError: it cannot be matched.
     """
-    from jfsf.mesh import largest_component, read, repair
+    from jfsf.mesh import largest_component, read, repair, without_strays
 
     file = read(path)
     shape = Shape(file, None, None, file)
@@ -150,6 +149,8 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
         partner = np.full(len(file.vertices), -1, np.int32)
         partner[index] = np.arange(len(index))
         shape = Shape(mesh, index, partner, file)
+    elif (left := without_strays(file)).done:
+        shape = Shape(*left[:3], file, left)
     check_mesh(shape.mesh, path)
     return shape
 
@@ -159,25 +160,46 @@ def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
     from jfsf.mapfiles import write_match
     from jfsf.mesh import map_of_originals, nearest_kept
 
-    if x.repaired is None or y.repaired is None:
+    if x.repaired is None and y.repaired is None:
         write_match(path, match, index_x=x.index, index_y=y.index)
         return
-    both = x.repaired, y.repaired
+    both = _repaired(x), _repaired(y)
     match = match._replace(
         T_xy=map_of_originals(match.T_xy, x.file, *both),
         T_yx=map_of_originals(match.T_yx, y.file, *both[::-1]),
     )
-    if match.matched_x is not None and match.matched_y is not None:
-        match = match._replace(
-            matched_x=match.matched_x[nearest_kept(x.file, x.repaired)],
-            matched_y=match.matched_y[nearest_kept(y.file, y.repaired)],
-        )
-    if match.confidence_x is not None and match.confidence_y is not None:
-        match = match._replace(
-            confidence_x=match.confidence_x[nearest_kept(x.file, x.repaired)],
-            confidence_y=match.confidence_y[nearest_kept(y.file, y.repaired)],
-        )
-    write_match(path, match)
+    at = [nearest_kept(s.file, own) for s, own in zip((x, y), both, strict=True)]
+    write_match(path, _values_at(match, *at))
+
+
+def kept_match(match: Match, x: Shape, y: Shape) -> Match:
+    """The match of the shapes from that of their files, as `write_found` wrote it."""
+    if x.repaired is None and y.repaired is None:
+        return match
+    one, two = _repaired(x), _repaired(y)
+    match = match._replace(
+        T_xy=two.partner[np.asarray(match.T_xy)[one.index]],
+        T_yx=one.partner[np.asarray(match.T_yx)[two.index]],
+    )
+    return _values_at(match, one.index, two.index)
+
+
+def _repaired(shape: Shape):
+    """The repair of a shape; of one that is whole, that nothing was removed."""
+    from jfsf.mesh import Repaired
+
+    same = np.arange(len(shape.file.vertices), dtype=np.int32)
+    return shape.repaired or Repaired(shape.mesh, same, same, ())
+
+
+def _values_at(match: Match, at_x, at_y) -> Match:
+    """The values of vertices, where there are any, at these vertices of X and of Y."""
+    names = [f"{name}_{side}" for name in ("matched", "confidence") for side in "xy"]
+    known = [name for name in names if getattr(match, name) is not None]
+    at = {"x": at_x, "y": at_y}
+    return match._replace(
+        **{n: np.asarray(getattr(match, n))[at[n[-1]]] for n in known}
+    )
 
 
 def known_confidence(match: Match) -> np.ndarray | None:
@@ -214,44 +236,13 @@ def kept_points(truth, partners) -> tuple[np.ndarray, np.ndarray]:
     return one[known], two[known]
 
 
-def read_landmarks(path: Path, partners) -> np.ndarray:
-    """Rows (vertex of X, vertex of Y) of a text file.
-
-    Args:
-        path: a pair of vertices a line, counted from 0; # begins a comment.
-        partners: of the `Shape` of X and of Y, whose vertices the rows that are
-            returned count.
-
-    Raises:
-        ValueError: another format, or a vertex that was not kept.
-    """
-    text = path.read_text(encoding="utf-8-sig", errors="replace")
-    lines = [line.split("#")[0].split() for line in text.splitlines()]
-    # int() takes 1_0 for 10.
-    is_pair = lambda line: len(line) == 2 and all(map(_DIGITS.fullmatch, line))
-    pairs = [line for line in lines if line]
-    if not pairs or not all(map(is_pair, pairs)):
-        raise ValueError(
-            f"{path}: a line holds a vertex of X and one of Y, counted from 0"
-        )
-    pairs = np.array(pairs, np.int64)
-    for column, partner in enumerate(partners):
-        at = numbered(pairs[:, column], partner)
-        if (lost := at < 0).any():
-            raise ValueError(
-                f"{path}: vertex {pairs[lost, column][0]} of {'XY'[column]} is not in "
-                "the largest piece, or was removed by the repair; leave that line out"
-            )
-        pairs[:, column] = at
-    return pairs
-
-
 def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
     """Both meshes, the arrays of the map file, and the ground truth or None.
 
     A map of `match --largest-component` counts the vertices that were kept. Then the
     meshes are cut to these, and points of the ground truth that were not kept are left
     out. With `mend` the meshes are repaired, and the map becomes one between these.
+    Else vertices without a face are left out, to which no distance is finite.
     """
     from jfsf.mapfiles import read_ground_truth, read_stored
     from jfsf.mesh import read
@@ -278,6 +269,8 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
                 faces = new[faces]
                 meshes[side] = Mesh(vertices[index], faces[(faces >= 0).all(1)])
                 partners[side] = new
+        if maps.index_x is None and maps.index_y is None:
+            meshes, maps, partners[:] = _pair_without_strays(meshes, maps)
     if truth is not None:
         truth = kept_points(truth, partners)
     return *meshes, maps, truth
@@ -304,3 +297,20 @@ def _mended_pair(meshes, maps, paths):
                 "match with --repair too"
             )
     return [x.mesh, y.mesh], maps._replace(T_xy=T_xy, T_yx=T_yx), (x.partner, y.partner)
+
+
+def _pair_without_strays(meshes, maps):
+    """The meshes without vertices that have no face, the maps and partners likewise.
+
+    An image without a face becomes the nearest vertex with one.
+    """
+    from jfsf.mesh import nearest_kept, without_strays
+
+    x, y = both = [without_strays(mesh) for mesh in meshes]
+    if not (x.done or y.done):
+        return meshes, maps, (None, None)
+    near_x, near_y = map(nearest_kept, meshes, both)
+    T_xy = near_y[maps.T_xy[x.index]]
+    T_yx = None if maps.T_yx is None else near_x[maps.T_yx[y.index]]
+    maps = maps._replace(T_xy=T_xy, T_yx=T_yx)
+    return [x.mesh, y.mesh], maps, (x.partner, y.partner)

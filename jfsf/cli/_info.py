@@ -33,7 +33,7 @@ def info(
     Example: jfsf info scan.obj --repair scan.ply
     """
     from jfsf.export import export_mesh
-    from jfsf.mesh import MeshError, check, read, reconstruct
+    from jfsf.mesh import MeshError, check, read, reconstruct, without_strays
     from jfsf.mesh import repair as repaired
 
     if repair is not None:
@@ -57,7 +57,7 @@ def info(
         console.print(f"wrote {repair}", soft_wrap=True, markup=False)
         mesh, path = mended.mesh, repair
     try:
-        check_mesh(mesh, path)
+        check_mesh(without_strays(mesh).mesh, path)
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
         if mended.done and repair is None:
@@ -94,9 +94,12 @@ def _flaws(mesh: Mesh) -> list[str]:
         unclear_winding,
         without_holes,
         without_spikes,
+        without_strays,
     )
 
     flaws = []
+    if number := len(mesh.vertices) - len(without_strays(mesh).mesh.vertices):
+        flaws.append(f"vertices without a face: match leaves out {number}")
     if number := int(spikes(mesh).sum()):
         flaws.append(f"spikes: match flattens them, at {number} or more vertices")
     if size := noise(without_spikes(mesh)):

@@ -43,7 +43,13 @@ from jfsf.mesh._holes import without_holes
 from jfsf.mesh._paths import edge_graph, farthest_vertices
 from jfsf.mesh._read import read
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
-from jfsf.mesh._repair import Repaired, map_of_originals, nearest_kept, repair
+from jfsf.mesh._repair import (
+    Repaired,
+    map_of_originals,
+    nearest_kept,
+    repair,
+    without_strays,
+)
 from jfsf.mesh._values import MeshError, check_values, checked_mesh, triangulate
 from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
@@ -87,4 +93,5 @@ __all__ = [
     "weld",
     "without_holes",
     "without_spikes",
+    "without_strays",
 ]

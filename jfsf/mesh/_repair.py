@@ -102,6 +102,25 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     return _kept(vertices, wound, first, np.unique(wound), done)
 
 
+def without_strays(mesh: Mesh) -> Repaired:
+    """Leave out vertices that belong to no face, and mend nothing else.
+
+    Args:
+        mesh: n vertices, m faces whose indices are in range. A point cloud stays whole.
+
+    Returns:
+        The mesh with both index maps; `done` is empty if every vertex has a face.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    n, done = len(vertices), []
+    if len(faces) == 0:
+        return _kept(vertices, faces, np.arange(n), np.arange(n), done)
+    index = np.unique(faces)
+    text = "{vertices} without a face left out, to go where the nearest goes"
+    _note(done, n - len(index), text)
+    return _kept(vertices, faces, np.arange(n), index, done)
+
+
 def map_of_originals(
     T_xy: ArrayLike, mesh_x: Mesh, repaired_x: Repaired, repaired_y: Repaired
 ) -> ArrayLike:

@@ -1,5 +1,6 @@
 """A certificate in words: how sure, why, and what to try."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -95,12 +96,15 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
     return texts
 
 
-def findings(certificate: Certificate, orientation: str) -> list[Finding]:
+def findings(
+    certificate: Certificate, orientation: str, *, landmarks: Sequence[str] = ()
+) -> list[Finding]:
     """Each figure of the certificate that makes the map doubtful, gravest first.
 
     Args:
         certificate: of one map.
         orientation: "preserve", "reverse" or "any", as the map was asked for.
+        landmarks: their names, in the order of the rows, where they have any.
     """
     score = float(certificate.orientation)
     agrees = {"preserve": score, "reverse": -score, "any": abs(score)}[orientation]
@@ -166,19 +170,24 @@ def findings(certificate: Certificate, orientation: str) -> list[Finding]:
     ]
     doubts = [Finding(why, advice) for wrong, why, advice in known if wrong]
     for row in np.flatnonzero(np.asarray(certificate.landmarks) > MISSED):
-        why = f"landmark {row + 1} ends far from its partner: check that row"
+        name = landmarks[int(row)] if row < len(landmarks) else ""
+        known = f" ({name})" if name else ""
+        why = f"landmark {row + 1}{known} ends far from its partner: check that row"
         advice = "Either the row is wrong, or the map is. Try without it."
         doubts.append(Finding(why, advice))
     return doubts
 
 
-def warnings_of(certificate: Certificate, orientation: str) -> list[str]:
+def warnings_of(
+    certificate: Certificate, orientation: str, *, landmarks: Sequence[str] = ()
+) -> list[str]:
     """A line for each figure of the certificate that makes the map doubtful.
 
     Args:
-        certificate, orientation: as `findings`.
+        certificate, orientation, landmarks: as `findings`.
     """
-    return [finding.why for finding in findings(certificate, orientation)]
+    found = findings(certificate, orientation, landmarks=landmarks)
+    return [finding.why for finding in found]
 
 
 def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str]:
