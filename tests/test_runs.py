@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.batch import Job, connect, read_pairs, run_jobs
 from jfsf.cli import app
-from jfsf.cli._batch import _interrupt, _raising_interrupts
+from jfsf.cli._runs import _interrupt, raising_interrupts
 from jfsf.mapfiles import read_match
 from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
@@ -410,7 +410,7 @@ def test_an_interrupt_while_jax_collects_garbage_is_not_lost():
     # A shell has what it runs in the background ignore interrupts.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        with _raising_interrupts():
+        with raising_interrupts():
             _xla_gc_callback()
             with pytest.raises(KeyboardInterrupt):
                 time.sleep(20)

@@ -1,20 +1,13 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
-import json
-import os
-import signal
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from threading import Timer, current_thread, main_thread
 from time import perf_counter
 from typing import Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.progress import TimeRemainingColumn as Remaining
 
 from jfsf.cli._files import (
     Orientation,
@@ -26,14 +19,13 @@ from jfsf.cli._files import (
     write_found,
 )
 from jfsf.cli._pages import batch_index, pages_of, pair_page
+from jfsf.cli._runs import bars, begin, raising_interrupts
 from jfsf.cli._summary import (
     doubtful_first,
     summary_row,
     summary_table,
     write_summary,
 )
-
-SETTINGS = "settings.json"
 
 
 def batch(
@@ -101,22 +93,24 @@ def batch(
         "largest_component": largest_component,
     }
     rows = {}
-    with _raising_interrupts(), connect(scheduler, workers=workers) as client:
-        _begin(out, options)
-        with _bars() as bars:
-            shapes = bars.add_task("spectra", total=None)
-            done = bars.add_task("pairs", total=len(jobs))
+    with raising_interrupts(), connect(scheduler, workers=workers) as client:
+        begin(out, options)
+        with bars() as shown:
+            shapes = shown.add_task("spectra", total=None)
+            done = shown.add_task("pairs", total=len(jobs))
             outcomes = run_jobs(
                 list(jobs.values()),
                 client,
                 prepare=partial(prepare, largest=largest_component),
                 work=partial(work, report=report, **options),
                 done=_is_reported if report else _is_done,
-                progress=lambda n, total: bars.update(shapes, completed=n, total=total),
+                progress=lambda n, total: shown.update(
+                    shapes, completed=n, total=total
+                ),
             )
             for outcome in outcomes:
                 rows[outcome.job.out.name] = summary_row(outcome, orientation.value)
-                bars.advance(done)
+                shown.advance(done)
     ordered = doubtful_first(
         [
             {"x": str(pair.x), "y": str(pair.y), **rows[f"{pair.name}.npz"]}
@@ -181,60 +175,3 @@ def _is_reported(job) -> bool:
     made = job.out.stat().st_mtime_ns
     files = pages_of(job.out)
     return all(f.exists() and f.stat().st_mtime_ns >= made for f in files)
-
-
-def _begin(out: Path, options: dict) -> None:
-    """Make the folder; refuse to mix results of different settings."""
-    from jfsf import __version__
-    from jfsf.storage import write_text
-
-    options = {**options, "jfsf": __version__}
-    path = out / SETTINGS
-    if path.exists():
-        try:
-            before = json.loads(path.read_text())
-        except ValueError:
-            before = None
-        if before != options:
-            raise ValueError(
-                f"{path}: the results there were made with {before}, not {options}; "
-                "name another folder, or remove it"
-            )
-    out.mkdir(parents=True, exist_ok=True)
-    # Unfinished files of a killed run.
-    for part in out.glob("*.tmp"):
-        part.unlink(missing_ok=True)
-    write_text(path, json.dumps(options, indent=2) + "\n")
-
-
-@contextmanager
-def _raising_interrupts():
-    """An interrupt is a KeyboardInterrupt, so that the workers are closed."""
-    before = signal.getsignal(signal.SIGINT)
-    # Ignored in the background; and only the main thread may change it.
-    if not callable(before) or current_thread() is not main_thread():
-        yield
-        return
-    signal.signal(signal.SIGINT, _interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-def _interrupt(number, frame) -> None:
-    """A KeyboardInterrupt; a little later where jax collects garbage, or it is lost."""
-    if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
-        Timer(0.1, os.kill, (os.getpid(), number)).start()
-    else:
-        signal.default_int_handler(number, frame)
-
-
-def _bars() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Remaining(),
-        console=Console(stderr=True),
-    )

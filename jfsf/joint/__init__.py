@@ -8,8 +8,18 @@ Read in this order:
 - `_paths`: the template, and the way from it to each shape
 - `_grow`: pairs are matched until trusted maps reach every shape
 - `_synchronise`: functional maps of all shapes to the template, at once
+- `_collection`: many meshes to one topology
 """
 
+from jfsf.joint._collection import (
+    Collection,
+    CollectionSettings,
+    Member,
+    collection,
+    itself,
+    member,
+    reason,
+)
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._grow import Graph, Matched, PairSettings, grow
 from jfsf.joint._pairs import first_pairs, more_pairs, unlikeness
@@ -18,6 +28,9 @@ from jfsf.joint._sketch import Sketch, sketch
 from jfsf.joint._synchronise import synchronise
 
 __all__ = [
+    "Collection",
+    "CollectionSettings",
+    "Member",
     "Graph",
     "Matched",
     "PairSettings",
@@ -25,10 +38,14 @@ __all__ = [
     "Sketch",
     "Triangle",
     "best_paths",
+    "collection",
     "first_pairs",
     "grow",
+    "itself",
     "map_along",
+    "member",
     "more_pairs",
+    "reason",
     "sketch",
     "synchronise",
     "triangles",

@@ -16,7 +16,7 @@ from jfsf.matching import basis, check_matchable, match
 from jfsf.model import ShapeModel, fit_model
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.settings import Settings
-from jfsf.types import ArrayLike, Certificate, Maps, Mesh
+from jfsf.types import ArrayLike, Maps, Match, Mesh
 
 
 @dataclass(frozen=True)
@@ -37,18 +37,18 @@ class Member(NamedTuple):
     """A shape of a collection.
 
     maps: X is the template, Y the shape.
-    certificate: of these maps; None for the template itself.
+    match: where the maps are from; None for the template itself.
     registration: the template on the shape.
     """
 
     maps: Maps
-    certificate: Certificate | None
+    match: Match | None
     registration: Registration
 
     @property
     def confidence(self) -> float:
         """Of the maps; 1 for the template itself."""
-        return 1.0 if self.certificate is None else float(self.certificate.confidence)
+        return 1.0 if self.match is None else float(self.match.certificate.confidence)
 
 
 class Collection(NamedTuple):
@@ -92,7 +92,7 @@ class Collection(NamedTuple):
         for i in (x, y):
             if self.members[i] is None:
                 raise ValueError(
-                    f"map_between: shape {self.names[i]} is not in the collection: "
+                    f"map_between: {self.names[i]} was left out: "
                     f"{reason(self.graph, self.names, i)}"
                 )
         return np.asarray(self.members[y].maps.T_xy)[self.members[x].maps.T_yx]  # type: ignore
@@ -206,7 +206,7 @@ def member(
     found = match(template, mesh, initial=T, settings=own, cache=cache)
     maps = Maps(np.asarray(found.T_xy), np.asarray(found.T_yx))
     on_shape = register(template, mesh, maps.T_xy, settings=settings.registration)
-    return Member(maps, found.certificate, on_shape)
+    return Member(maps, found, on_shape)
 
 
 def itself(

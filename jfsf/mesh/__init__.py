@@ -41,7 +41,7 @@ from jfsf.mesh._geometry import (
 )
 from jfsf.mesh._holes import without_holes
 from jfsf.mesh._paths import edge_graph, farthest_vertices
-from jfsf.mesh._read import read
+from jfsf.mesh._read import SUFFIXES, read
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import (
     Repaired,
@@ -55,6 +55,7 @@ from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
 __all__ = [
     "MAX_UNCLEAR",
+    "SUFFIXES",
     "Edges",
     "MeshError",
     "Reconstruction",

@@ -13,6 +13,7 @@ from jfsf.types import Mesh
 
 _PARSERS = {".off": parse_off, ".obj": parse_obj, ".ply": parse_ply, ".stl": parse_stl}
 _SCENES = (".glb", ".gltf")
+SUFFIXES = (*_PARSERS, *_SCENES)  # of files that can be read
 
 
 def read(path: str | os.PathLike[str]) -> Mesh:
@@ -36,8 +37,8 @@ def read(path: str | os.PathLike[str]) -> Mesh:
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
         raise MeshError(f"{path}: {what}; pass the path of a mesh file")
-    if suffix not in _PARSERS and suffix not in _SCENES:
-        known = ", ".join((*_PARSERS, *_SCENES))
+    if suffix not in SUFFIXES:
+        known = ", ".join(SUFFIXES)
         raise MeshError(f"{path}: has format {suffix!r}; convert it to one of {known}")
     try:
         data = path.read_bytes()

@@ -1,0 +1,420 @@
+"""jfsf collection: a folder of meshes to one topology and a shape model."""
+
+import csv
+import io
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from jfsf.cli._collection_jobs import (
+    keep,
+    kept,
+    match_pair,
+    nothing,
+    put_template,
+    read_maps,
+)
+from jfsf.cli._files import (
+    Orientation,
+    OrientationOption,
+    can_write_in,
+    need_matplotlib,
+)
+from jfsf.cli._pages import batch_index
+from jfsf.cli._runs import bars, begin, raising_interrupts
+from jfsf.mesh import surface_area
+from jfsf.types import Mesh
+
+PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
+COLUMNS = (
+    "name",
+    "trust",
+    "confidence",
+    "mean_distance",
+    "most_distance",
+    "bridged",
+    "flipped",
+    "collapsed",
+    "reason",
+)
+
+
+def collection(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Meshes: two files or more.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The mesh whose topology all get; the most central one if absent.",
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of --template, to be carried to all: .mrk.json, .fcsv, "
+            ".pp, .csv or .txt.",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="A dask scheduler, host:port; its workers must see the same files. "
+            "Without it, processes on this machine.",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="Local processes, one a core by default. Give 1 for one GPU."
+        ),
+    ] = None,
+    orientation: OrientationOption = Orientation.preserve,
+    scale: Annotated[
+        bool,
+        typer.Option("--scale", help="Take differences of size out of the model."),
+    ] = False,
+    largest_component: Annotated[
+        bool,
+        typer.Option(
+            "--largest-component", help="Take the largest pieces only; see match."
+        ),
+    ] = False,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair all meshes first, see info.")
+    ] = False,
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report", help="A page a shape, and index.html with links to all."
+        ),
+    ] = False,
+) -> None:
+    """Give all meshes of a folder one topology, and fit a shape model.
+
+    Matches a sparse graph of pairs, leaves out maps that disagree with the others, and
+    puts the most central shape, the template, onto every other. Writes registered/*.ply
+    (the template's faces on each shape), maps/*.npz, summary.csv, model.npz (mean,
+    modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that fit none
+    are named and left out. Run it again to continue a stopped run, or to add shapes.
+    Exit code 1 if a shape was left out.
+
+    Example: jfsf collection scans --out model --report
+    """
+    from jfsf.batch import connect
+    from jfsf.joint import reason
+
+    if report:
+        need_matplotlib()
+    if landmarks is not None and template is None:
+        raise ValueError(
+            f"{landmarks}: --landmarks are those of the template; name it: --template"
+        )
+    paths = _meshes_in(folder)
+    if template is not None and template.absolute() not in paths.values():
+        paths = _with_template(template, paths)
+    points = _points(landmarks, template)
+    can_write_in(out)
+    out = out.absolute()
+    options = {
+        "orientation": orientation.value,
+        "largest_component": largest_component,
+        "repair": repair,
+    }
+    with raising_interrupts(), connect(scheduler, workers=workers) as client:
+        begin(out, options)
+        for part in PARTS:
+            (out / part).mkdir(exist_ok=True)
+        with bars() as shown:
+            run = partial(_outcomes, client, shown)
+            work = partial(keep, largest=largest_component, mend=repair)
+            shapes, reasons = _kept_shapes(out, paths, partial(run, work=work))
+            base = _number(shapes, reasons, template)
+            work = partial(match_pair, orientation=orientation.value)
+            graph = _grown(out, shapes, base, partial(run, work=work))
+            work = partial(put_template, report=report)
+            names = list(shapes)
+            failed = _put(out, names, graph, partial(run, work=work))
+    reasons |= {
+        names[i]: reason(graph, names, i) for i in np.flatnonzero(~graph.joined)
+    }
+    reasons |= failed
+    rows = _rows(out, paths, shapes, graph, reasons)
+    mean = shapes[names[graph.paths.template]].mesh
+    written, notes = _write_model(out, rows, mean.faces, scale=scale)
+    written.insert(0, _write_summary(out, rows))
+    if points is not None:
+        written += _carried(out, rows, mean, points, landmarks.suffix)
+    if report:
+        written.append(_index(out, rows))
+    console = Console()
+    title = f"template {names[graph.paths.template]}, {len(graph.matched)} pairs"
+    console.print(_table(rows, title))
+    for name, why in reasons.items():
+        text = f"left out: {paths[name]}: {why}"
+        console.print(text, soft_wrap=True, markup=False)
+    for line in notes:
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    if reasons:
+        raise typer.Exit(1)
+
+
+def _meshes_in(folder: Path) -> dict[str, Path]:
+    """The mesh files of a folder by their names without endings, in order."""
+    from jfsf.mesh import SUFFIXES
+
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: is no folder; give one with two meshes or more")
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.suffix.lower() in SUFFIXES and path.is_file():
+            if path.stem in found:
+                raise ValueError(
+                    f"{path}: has the name of {found[path.stem]}; rename one"
+                )
+            found[path.stem] = path.absolute()
+    return found
+
+
+def _outcomes(client, shown, jobs, *, label: str, work) -> dict[Path, str | None]:
+    """Do the jobs; why each failed, by its file, None for those that did not."""
+    from jfsf.batch import run_jobs
+
+    bar = shown.add_task(label, total=len(jobs))
+    reasons = {}
+    for outcome in run_jobs(jobs, client, prepare=nothing, work=work):
+        reasons[outcome.job.out] = outcome.reason
+        shown.advance(bar)
+    return reasons
+
+
+def _kept_shapes(out, paths, run):
+    """What is kept of each shape, and why some are not, by name."""
+    from jfsf.batch import Job
+
+    jobs = {name: Job((path,), _shape(out, name)) for name, path in paths.items()}
+    found = run(list(jobs.values()), label="shapes")
+    reasons = {name: found[job.out] for name, job in jobs.items()}
+    bad = {name: why for name, why in reasons.items() if why is not None}
+    good = {name: kept(jobs[name].out) for name in paths if name not in bad}
+    if len(good) < 2:
+        raise ValueError(
+            f"collection: {len(good)} of {len(paths)} shapes can be matched, two are "
+            f"needed: {'; '.join(bad.values()) or 'name a folder with more meshes'}"
+        )
+    return good, bad
+
+
+def _number(shapes, reasons, template: Path | None) -> int | None:
+    """Of the template among the shapes."""
+    if template is None:
+        return None
+    if template.stem in reasons:
+        raise ValueError(f"{template}: {reasons[template.stem]}")
+    return list(shapes).index(template.stem)
+
+
+def _grown(out, shapes, template, run):
+    """The graph of matched pairs."""
+    from jfsf.batch import Job
+    from jfsf.joint import grow
+
+    names = list(shapes)
+
+    def match(edges):
+        jobs = [
+            Job(
+                (_shape(out, names[a]), _shape(out, names[b])),
+                out / "pairs" / f"{names[a]}__{names[b]}.npz",
+            )
+            for a, b in edges
+        ]
+        failed = run(jobs, label="pairs")
+        return [None if failed[job.out] else read_maps(job.out) for job in jobs]
+
+    return grow([own.sketch for own in shapes.values()], match, template=template)
+
+
+def _put(out, names, graph, run) -> dict[str, str]:
+    """The template on each joined shape; why it could not be put on some, by name."""
+    from jfsf.batch import Job
+    from jfsf.joint import map_along
+
+    base, jobs = graph.paths.template, {}
+    for i in np.flatnonzero(graph.joined):
+        inputs = _shape(out, names[base]), _shape(out, names[i])
+        if i != base:
+            way = out / "ways" / f"{names[i]}.npz"
+            _write_way(way, map_along(graph.maps, graph.paths.way(i)))
+            inputs = *inputs, way
+        jobs[names[i]] = Job(inputs, out / "registered" / f"{names[i]}.npz")
+    failed = run(list(jobs.values()), label="registered")
+    return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
+
+
+def _write_way(path: Path, T_xy) -> None:
+    """Write a map; an equal one keeps its date, and what was made of it counts."""
+    from jfsf.storage import write_atomically
+
+    if path.exists():
+        with np.load(path) as file:
+            if np.array_equal(file["T_xy"], T_xy):
+                return
+    write_atomically(path, lambda file: np.savez(file, T_xy=T_xy))
+
+
+def _shape(out: Path, name: str) -> Path:
+    return out / "shapes" / f"{name}.npz"
+
+
+def _with_template(template: Path, paths: dict[str, Path]) -> dict[str, Path]:
+    """The files, with a template that is not in the folder before them."""
+    if not template.is_file():
+        raise ValueError(f"{template}: is no file; check the path")
+    if template.stem in paths:
+        raise ValueError(
+            f"{template}: has the name of {paths[template.stem]}; rename one"
+        )
+    return {template.stem: template.absolute(), **paths}
+
+
+def _points(landmarks: Path | None, template: Path | None):
+    """The landmarks, which lie on the template; None without any."""
+    from jfsf.landmarks import on_surface, read_landmarks
+    from jfsf.mesh import read
+
+    if landmarks is None or template is None:
+        return None
+    found = read_landmarks(landmarks)
+    on_surface(found, read(template))
+    return found
+
+
+def _rows(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
+    """What is known of each shape: those left out first, then the least confident."""
+    number = {name: i for i, name in enumerate(shapes)}
+    rows = []
+    for name in paths:
+        row = dict.fromkeys(COLUMNS) | {"name": name, "reason": reasons.get(name, "")}
+        if name in number:
+            row["trust"] = float(graph.paths.trust[number[name]])
+        if not row["reason"]:
+            with np.load(_registered(out, name)) as file:
+                unit = np.sqrt(surface_area(shapes[name].mesh))
+                away = file["distance"] / unit
+                row |= {
+                    "confidence": float(file["confidence"]),
+                    "mean_distance": float(away.mean()),
+                    "most_distance": float(np.quantile(away, 0.95)),
+                    "bridged": float(file["bridged"].mean()),
+                    "flipped": int(file["flipped"]),
+                    "collapsed": int(file["collapsed"]),
+                }
+        rows.append(row)
+    sure = lambda row: (row["confidence"] is not None, row["confidence"] or 0.0)
+    return sorted(rows, key=sure)
+
+
+def _write_summary(out: Path, rows) -> Path:
+    """Write summary.csv: a row a shape."""
+    from jfsf.storage import write_text
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    path = out / "summary.csv"
+    write_text(path, text.getvalue())
+    return path
+
+
+def _write_model(out: Path, rows, faces, *, scale: bool) -> tuple[list[Path], list]:
+    """Write the model of the joined shapes; the files, and what to say of it."""
+    from jfsf.model import (
+        bending_warning,
+        fit_model,
+        write_model,
+        write_modes,
+        write_scores,
+    )
+
+    names = sorted(row["name"] for row in rows if not row["reason"])
+    if len(names) < 2:
+        return [], ["a model needs two shapes or more, and there is none"]
+    positions = np.stack([np.load(_registered(out, n))["vertices"] for n in names])
+    model = fit_model(positions, faces, scale=scale)
+    write_model(out / "model.npz", model)
+    write_scores(out / "scores.csv", names, model)
+    written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
+    said = bending_warning(positions, faces)
+    return written, [said] if said else []
+
+
+def _carried(out: Path, rows, mesh: Mesh, landmarks, suffix: str) -> list[Path]:
+    """Write the template's landmarks on each joined shape."""
+    from jfsf.landmarks import Landmarks, on_surface, write_landmarks
+
+    found = on_surface(landmarks, mesh)
+    folder = out / "landmarks"
+    folder.mkdir(exist_ok=True)
+    for row in rows:
+        if not row["reason"]:
+            vertices = np.load(_registered(out, row["name"]))["vertices"]
+            points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
+            own = Landmarks(landmarks.names, points, None, found.system)
+            write_landmarks(folder / f"{row['name']}{suffix}", own)
+    return [folder]
+
+
+def _index(out: Path, rows) -> Path:
+    """Write the index of the pages of the shapes, beside the maps."""
+    template = next(r["name"] for r in rows if r["trust"] == 1 and not r["reason"])
+    listed = [
+        {
+            "x": template,
+            "y": row["name"],
+            "file": f"{row['name']}.npz",
+            "confidence": row["confidence"],
+            "warnings": [],
+            "reason": row["reason"],
+        }
+        for row in rows
+        if row["name"] != template
+    ]
+    return batch_index(out / "maps", listed)
+
+
+def _table(rows, title: str) -> Table:
+    """A line a shape, those to be looked at first."""
+    joined = sum(not row["reason"] for row in rows)
+    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {title}")
+    shown.add_column("shape")
+    for name in ("confidence", "mean distance", "95 %", "bridged", "flipped faces"):
+        shown.add_column(name, justify="right")
+    for row in rows:
+        if not row["reason"]:
+            shown.add_row(
+                row["name"],
+                f"{row['confidence']:.2f}",
+                f"{row['mean_distance']:.2%}",
+                f"{row['most_distance']:.2%}",
+                f"{row['bridged']:.1%}",
+                str(row["flipped"]),
+            )
+    shown.caption = "Distances between template and shape, in % of sqrt(area)."
+    return shown
+
+
+def _registered(out: Path, name: str) -> Path:
+    return out / "registered" / f"{name}.npz"

@@ -1,0 +1,121 @@
+"""The jobs of `jfsf collection`: each makes one file from some others.
+
+They run in worker processes, which may be other machines that see the same files.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jfsf.cli._files import matchable
+from jfsf.types import Mesh
+
+
+class Kept(NamedTuple):
+    """A mesh of a collection, as it is matched.
+
+    mesh: what is left of the file.
+    index: the vertex in the file of each vertex.
+    sketch: of `jfsf.joint.sketch`.
+    """
+
+    mesh: Mesh
+    index: np.ndarray
+    sketch: Any
+
+
+def nothing(path: Path) -> None:
+    """No preparation: the spectra are those of the first jobs."""
+
+
+def keep(job, largest: bool, mend: bool) -> None:
+    """Write what is kept of a mesh, and put its spectrum into the cache."""
+    from jfsf.joint import sketch
+    from jfsf.matching import basis
+    from jfsf.storage import write_atomically
+
+    (path,) = job.inputs
+    shape = matchable(path, largest, mend)
+    n = len(shape.mesh.vertices)
+    index = np.arange(n) if shape.index is None else np.asarray(shape.index)
+    arrays = {
+        "vertices": np.asarray(shape.mesh.vertices),
+        "faces": np.asarray(shape.mesh.faces),
+        "index": index.astype(np.int32),
+        **sketch(basis(shape.mesh, name=str(path)))._asdict(),
+    }
+    write_atomically(job.out, lambda file: np.savez(file, **arrays))
+
+
+def kept(path: Path) -> Kept:
+    """What `keep` wrote."""
+    from jfsf.joint import Sketch
+
+    with np.load(path) as file:
+        mesh = Mesh(file["vertices"], file["faces"])
+        numbers = Sketch(*(file[name] for name in Sketch._fields))
+        return Kept(mesh, file["index"], numbers)
+
+
+def match_pair(job, orientation: str) -> None:
+    """Match two shapes."""
+    from jfsf.matching import match
+
+    x, y = map(kept, job.inputs)
+    write_maps(job.out, match(x.mesh, y.mesh, orientation=orientation), x, y)  # type: ignore
+
+
+def write_maps(path: Path, match, x: Kept, y: Kept) -> None:
+    """Write a match as `jfsf match` does; the same file in every run."""
+    from jfsf.mapfiles import write_match
+
+    # How long it took would make equal results unequal files.
+    match = match._replace(info=None)
+    write_match(path, match, index_x=x.index, index_y=y.index)
+
+
+def read_maps(path: Path):
+    """The maps of a file of `write_maps`, and their confidence."""
+    from jfsf.joint import Matched
+    from jfsf.mapfiles import read_match
+    from jfsf.types import Maps
+
+    match = read_match(path)
+    maps = Maps(np.asarray(match.T_xy), np.asarray(match.T_yx))
+    return Matched(maps, float(match.certificate.confidence))
+
+
+def put_template(job, report: bool) -> None:
+    """Match the template with a shape by way of other shapes, and put it there.
+
+    job: the kept template, the kept shape and the way (T_xy) are its inputs.
+    """
+    from jfsf.cli._pages import pair_page
+    from jfsf.export import export_mesh
+    from jfsf.joint import itself, member
+    from jfsf.storage import write_atomically
+
+    template, shape = map(kept, job.inputs[:2])
+    name = job.out.stem
+    if job.inputs[0] == job.inputs[1]:
+        found = itself(template.mesh)
+    else:
+        T = np.load(job.inputs[2])["T_xy"]
+        found = member(template.mesh, shape.mesh, T)
+        maps = job.out.parent.parent / "maps" / f"{name}.npz"
+        maps.parent.mkdir(exist_ok=True)
+        write_maps(maps, found.match, template, shape)
+        if report:
+            inputs = [
+                (path, own.mesh, own.index)
+                for path, own in zip(job.inputs[:2], (template, shape), strict=True)
+            ]
+            pair_page(maps, inputs, found.match)
+    own = found.registration
+    values = {"quality": own.distance, "bridged": own.bridged}
+    on_shape = Mesh(own.vertices, template.mesh.faces)
+    export_mesh(job.out.with_suffix(".ply"), on_shape, values=values)
+    arrays = {field: np.asarray(value) for field, value in own._asdict().items()}
+    arrays["confidence"] = np.asarray(found.confidence)
+    write_atomically(job.out, lambda file: np.savez(file, **arrays))

@@ -1,0 +1,72 @@
+"""What the commands of many jobs share: their settings on disk, interrupts, bars."""
+
+import json
+import os
+import signal
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Timer, current_thread, main_thread
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import TimeRemainingColumn as Remaining
+
+SETTINGS = "settings.json"
+
+
+def begin(out: Path, options: dict) -> None:
+    """Make the folder; refuse to mix results of different settings."""
+    from jfsf import __version__
+    from jfsf.storage import write_text
+
+    options = {**options, "jfsf": __version__}
+    path = out / SETTINGS
+    if path.exists():
+        try:
+            before = json.loads(path.read_text())
+        except ValueError:
+            before = None
+        if before != options:
+            raise ValueError(
+                f"{path}: the results there were made with {before}, not {options}; "
+                "name another folder, or remove it"
+            )
+    out.mkdir(parents=True, exist_ok=True)
+    # Unfinished files of a killed run.
+    for part in out.rglob("*.tmp"):
+        part.unlink(missing_ok=True)
+    write_text(path, json.dumps(options, indent=2) + "\n")
+
+
+@contextmanager
+def raising_interrupts():
+    """An interrupt is a KeyboardInterrupt, so that the workers are closed."""
+    before = signal.getsignal(signal.SIGINT)
+    # Ignored in the background; and only the main thread may change it.
+    if not callable(before) or current_thread() is not main_thread():
+        yield
+        return
+    signal.signal(signal.SIGINT, _interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def _interrupt(number, frame) -> None:
+    """A KeyboardInterrupt; a little later where jax collects garbage, or it is lost."""
+    if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+        Timer(0.1, os.kill, (os.getpid(), number)).start()
+    else:
+        signal.default_int_handler(number, frame)
+
+
+def bars() -> Progress:
+    """Bars of jobs that are done, on stderr."""
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        Remaining(),
+        console=Console(stderr=True),
+    )
