@@ -1,0 +1,39 @@
+"""The tuned numbers of a registration."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """How a template is deformed onto a scan. Lengths are in sqrt(area) of the scan.
+
+    A vertex is drawn with the force of its area over the square of a reach: the larger
+    the reach, the stiffer the template.
+
+    map_reaches: those of the rounds in which a vertex is drawn to its image.
+    reaches: those of the rounds after these, to the nearest point of the scan.
+    updates: rotations, each followed by a linear solve, of a round.
+    rotation_rings: surroundings that turn together while vertices are at their images.
+    max_distance: no point of the scan farther away draws a vertex.
+    min_alike: least cosine of the angle between the normals of a vertex and of the
+        point that draws it.
+    normal_weight: distance that normals at an angle of 1 count for, where nearest
+        points are looked for.
+    candidates: pieces of the scan that are looked at for each vertex.
+    scale_neighbours: share of the vertices in a neighbourhood that scale and side are
+        read from.
+    mending_rounds: how often flaws are mended, at most.
+    easing: factor of the force around a flaw, each time.
+    """
+
+    map_reaches: tuple[float, ...] = (0.1, 0.06, 0.04)
+    reaches: tuple[float, ...] = (0.03, 0.02, 0.014, 0.01, 0.007, 0.005, 0.0035, 0.0025)
+    updates: int = 3
+    rotation_rings: int = 2
+    max_distance: float = 0.1
+    min_alike: float = 0.5
+    normal_weight: float = 0.05
+    candidates: int = 12
+    scale_neighbours: float = 0.01
+    mending_rounds: int = 12
+    easing: float = 0.3
