@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh._geometry import edge_keys, face_areas, face_normals
+from jfsf.mesh._geometry import edge_keys, face_normals
 from jfsf.mesh._values import MeshError
 from jfsf.types import ArrayLike, Mesh
 

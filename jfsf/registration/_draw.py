@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from jfsf.mesh import on_rim, vertex_areas, vertex_normals
-from jfsf.refine import Rest, edges_of, rotations_of, turned
+from jfsf.refine import Rest, closest_rotations, edges_of, rotations_of, turned
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import Scan, facing
 from jfsf.registration._settings import RegistrationSettings
@@ -31,15 +31,25 @@ def draw(
     mass = vertex_areas(*rest.mesh)
     image = scan.surface.mesh.vertices[T]
     trusted = own_rim | ~scan.surface.rim_vertex[T]
+    looks = vertex_normals(image, rest.mesh.faces)
+    alike = np.sum(looks * scan.normal[T], 1)
+    facing_sign = np.sign(mass @ alike)
+    smooth = _diffused(rest, mass / settings.side_reach**2, facing_sign * alike)
+    trusted = trusted & (smooth > settings.min_side)
     moved, scale = image, 1.0
     for number, reach in enumerate(settings.map_reaches):
+        pull = mass * trusted / reach**2
         for i in range(settings.updates):
-            rings = settings.rotation_rings if number + i == 0 else 0
-            moved = _solved(rest, moved, scale, image, mass * trusted / reach**2, rings)
+            rotation = rotations_of(rest, moved)
+            if number == i == 0:
+                rotation = _diffused(
+                    rest,
+                    mass * trusted / settings.turn_reach**2 + 1e-6 * mass,
+                    rotations_of(rest, moved, settings.rotation_rings).reshape(-1, 9),
+                )
+                rotation = closest_rotations(rotation.reshape(-1, 3, 3))
+            moved = _solved(rest, moved, scale, image, pull, rotation)
         scale = _rescaled(rest, moved, scale)
-    facing_sign = np.sign(
-        mass @ np.sum(vertex_normals(moved, rest.mesh.faces) * scan.normal[T], 1)
-    )
     ease = np.ones(len(mass))
     drawn = np.ones(len(mass), bool)
 
@@ -71,10 +81,18 @@ def draw(
     return Drawn(moved, scale, drawn)
 
 
-def _solved(rest: Rest, moved, scale, goal, pull, rings=0):
+def _diffused(rest: Rest, weight, values):
+    return splu((rest.laplacian + sp.diags(weight)).tocsc()).solve(
+        weight.reshape(-1, *[1] * (values.ndim - 1)) * values
+    )
+
+
+def _solved(rest: Rest, moved, scale, goal, pull, rotation=None):
     """The vertices after one update of rotations and positions."""
+    if rotation is None:
+        rotation = rotations_of(rest, moved)
     tiny = TINY * pull.mean()
-    ahead = scale * turned(rest, rotations_of(rest, moved, rings))
+    ahead = scale * turned(rest, rotation)
     solve = splu((rest.laplacian + sp.diags(pull + tiny)).tocsc()).solve
     right = rest.sums @ (rest.stiff[:, None] * ahead)
     return solve(right + pull[:, None] * goal + tiny * moved)

@@ -10,7 +10,6 @@ from jfsf.mesh import (
     closest,
     orient,
     surface_area,
-    validate,
 )
 from jfsf.refine import at_rest
 from jfsf.registration._draw import draw

@@ -30,6 +30,9 @@ class RegistrationSettings:
     reaches: tuple[float, ...] = (0.03, 0.02, 0.014, 0.01, 0.007, 0.005, 0.0035, 0.0025)
     updates: int = 3
     rotation_rings: int = 2
+    side_reach: float = 0.05
+    min_side: float = 0.2
+    turn_reach: float = 0.1
     max_distance: float = 0.1
     min_alike: float = 0.5
     normal_weight: float = 0.05
