@@ -10,9 +10,10 @@ from jfsf.mesh import (
     closest,
     orient,
     surface_area,
+    vertex_areas,
 )
 from jfsf.refine import at_rest
-from jfsf.registration._draw import draw
+from jfsf.registration._draw import Template, draw
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import scan_of
 from jfsf.registration._settings import RegistrationSettings
@@ -58,7 +59,8 @@ def register(
     own_rim = np.zeros(len(T), bool)
     own_rim[boundary_edges(wound.faces)] = True
     target = scan_of(orient(onto), settings)
-    found = draw(rest, own_rim, target, T, settings=settings)
+    whole = Template(rest, vertex_areas(*rest.mesh), own_rim)
+    found = draw(whole, target, T, np.ones(len(T), bool), settings)
     flaws = flaws_of(rest, found.moved, found.scale)
     surface = target.surface._replace(mesh=onto)
     below = closest(surface, found.moved)
