@@ -82,12 +82,17 @@ def register(
             "--largest-component is for finding the map; a map of match "
             "--largest-component says itself which vertices it has; leave it out"
         )
-    certificate = None
-    with stage_bar(1 if map_file else _STAGES) as stage:
+    certificate = matched = None
+    with stage_bar(2 if map_file else _STAGES) as stage:
         if map_file is not None:
-            pair = read_pair(template, scan, map_file, None, None, None, mend=repair)
-            mesh, onto, T = *pair[:2], pair[2].T_xy
-            certificate = _certificate(map_file)
+            mesh, onto, maps, _ = read_pair(
+                template, scan, map_file, None, None, None, mend=repair
+            )
+            T = maps.T_xy
+            if (stored := _stored(map_file)) is not None:
+                certificate = stored.certificate
+                if not repair:
+                    matched = stored.matched_x
         else:
             from jfsf.matching import match
 
@@ -104,7 +109,7 @@ def register(
             )
             T, certificate = np.asarray(found.T_xy), found.certificate
         stage("registration")
-        warped = register_mesh(mesh, onto, T)
+        warped = register_mesh(mesh, onto, T, matched=matched)
         stage("writing")
         # A mirrored template would show its inside.
         faces = mesh.faces if warped.orientation_sign > 0 else mesh.faces[:, ::-1]
@@ -120,12 +125,12 @@ def register(
     console.print(f"wrote {out}", soft_wrap=True, markup=False)
 
 
-def _certificate(path: Path):
-    """Of a file of match; None of another."""
+def _stored(path: Path):
+    """The match in a file of match; None of another map."""
     from jfsf.mapfiles import MapFileError, read_match
 
     try:
-        return read_match(path).certificate
+        return read_match(path)
     except MapFileError:
         return None
 

@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from jfsf.mesh import on_rim, vertex_areas, vertex_normals
+from jfsf.mesh import on_rim, vertex_normals
 from jfsf.refine import Rest, closest_rotations, edges_of, rotations_of, turned
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import Scan, facing
@@ -21,7 +21,8 @@ from jfsf.registration._settings import RegistrationSettings
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
-MENDED_RINGS = 2  # of faces around a flaw
+MENDED_RINGS = 2  # of faces around a flaw; one more after every `ROUNDS_A_RING`
+ROUNDS_A_RING = 4
 
 
 class Template(NamedTuple):
@@ -30,11 +31,13 @@ class Template(NamedTuple):
     rest: in the unit of the scan.
     mass: (n,) areas.
     rim: (n,) whether a vertex is on the boundary.
+    matched: (n,) whether its image counts.
     """
 
     rest: Rest
     mass: np.ndarray
     rim: np.ndarray
+    matched: np.ndarray
 
 
 class Drawn(NamedTuple):
@@ -43,18 +46,19 @@ class Drawn(NamedTuple):
     moved: (n, 3) positions.
     scale: factor of the lengths at rest.
     drawn: (n,) whether the scan draws each vertex.
+    sign: -1 where its faces look into the scan.
     """
 
     moved: np.ndarray
     scale: float
     drawn: np.ndarray
+    sign: int
 
 
 def draw(
     template: Template,
     scan: Scan,
     T: np.ndarray,
-    matched: np.ndarray,
     settings: RegistrationSettings,
 ) -> Drawn:
     """Deform a template onto a scan.
@@ -63,17 +67,16 @@ def draw(
         template: at rest.
         scan: `scan_of`.
         T: (n,) the vertex of the scan for each of the template.
-        matched: (n,) whether that counts.
         settings: see `RegistrationSettings`.
     """
     image = scan.surface.mesh.vertices[T]
     # Beyond a hole all images are on its rim.
-    known = matched & (template.rim | ~scan.surface.rim_vertex[T])
+    known = template.matched & (template.rim | ~scan.surface.rim_vertex[T])
     sign, side = _sides(template, scan, T, settings)
     known &= side > settings.min_side
-    placed = _to_images(template, image, known, settings)
+    placed = _to_images(template, image, known, sign, settings)
     hold = template.mass * known / settings.hold**2
-    return _to_surface(template, scan, placed, sign, (hold, image), settings)
+    return _to_surface(template, scan, placed, (hold, image), settings)
 
 
 def _sides(template: Template, scan: Scan, T, settings):
@@ -90,7 +93,7 @@ def _sides(template: Template, scan: Scan, T, settings):
     return sign, sign * _spread(rest, mass / settings.side_reach**2, alike)
 
 
-def _to_images(template: Template, image, known, settings) -> Drawn:
+def _to_images(template: Template, image, known, sign, settings) -> Drawn:
     """The template drawn to the images of its vertices, where these are known."""
     rest, mass = template.rest, template.mass
     moved, scale = image, 1.0
@@ -102,57 +105,75 @@ def _to_images(template: Template, image, known, settings) -> Drawn:
             moved = _solved(rest, rotation, scale, pull, pull[:, None] * image, moved)
             rotation = rotations_of(rest, moved)
         scale = _rescaled(rest, moved, scale)
-    return Drawn(moved, scale, known)
+    return Drawn(moved, scale, known, sign)
 
 
-def _to_surface(template: Template, scan: Scan, placed: Drawn, sign, hold, settings):
-    """The template drawn to the surface of the scan, and its flaws mended."""
-    rest, mass, rim = template
-    moved, scale, drawn = placed
-    force = np.ones(len(moved))
-    rounds = len(settings.reaches)
-    for number in range(rounds + settings.mending_rounds):
-        reach = settings.reaches[min(number, rounds - 1)]
-        flawed = _around_flaws(rest, moved, scale)
-        if number >= rounds and not flawed.any():
-            break
+def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
+    """The template drawn to the surface of the scan, softer round by round."""
+    force = np.ones(len(placed.moved))
+    state = placed
+    for reach in settings.reaches:
+        flawed = _around_flaws(template, scan, state, MENDED_RINGS)[0]
+        # Here and now only: with the next round the surroundings may be right.
         eased = force * np.where(flawed, settings.easing, 1)
-        if number >= rounds:
-            force = eased
+        state = _round(template, scan, state, hold, (flawed, eased), reach, settings)
+        state = state._replace(scale=_rescaled(template.rest, *state[:2]))
+    # The best of what was tried to mend the last flaws.
+    best, fewest = state, np.inf
+    for number in range(settings.mending_rounds + 1):
+        rings = MENDED_RINGS + number // ROUNDS_A_RING
+        flawed, count = _around_flaws(template, scan, state, rings)
+        if count < fewest:
+            best, fewest = state, count
+        if count == 0 or number == settings.mending_rounds:
+            break
+        force = force * np.where(flawed, settings.easing, 1)
+        reach = settings.reaches[-1]
+        state = _round(template, scan, state, hold, (flawed, force), reach, settings)
+    return best
+
+
+def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, settings):
+    """Some updates with one reach.
+
+    Args:
+        template, scan, state: as they are.
+        hold: (n,) how much the map holds each vertex, and (n, 3) where.
+        eased: (n,) whether a vertex is near a flaw, and a factor of its force.
+        reach, settings: see `RegistrationSettings`.
+    """
+    rest, mass, rim, matched = template
+    limit = np.where(matched, settings.max_distance, settings.unmatched_distance)
+    moved, scale, drawn, sign = state
+    (held, image), (flawed, factor) = hold, eased
+    rotation = rotations_of(rest, moved)
+    if flawed.any():
+        # A fold keeps itself: its vertices have turned with it.
+        rotation = _from_around(rest, rotation, mass * ~flawed, settings.mending_reach)
+    for _ in range(settings.updates):
+        normal = sign * vertex_normals(moved, rest.mesh.faces)
+        found = facing(scan, moved, normal, settings)
+        drawn = found.distance < limit
+        drawn &= rim | ~on_rim(scan.surface, found)
+        force = factor * mass * drawn / reach**2
+        there = np.where(drawn[:, None], found.position, 0)
+        goal = force[:, None] * there + (factor * held)[:, None] * image
+        moved = _solved(rest, rotation, scale, force + factor * held, goal, moved)
         rotation = rotations_of(rest, moved)
-        if flawed.any():
-            # A fold keeps itself: its vertices have turned with it.
-            sound = mass * ~flawed
-            rotation = _from_around(rest, rotation, sound, settings.mending_reach)
-        for _ in range(settings.updates):
-            normal = sign * vertex_normals(moved, rest.mesh.faces)
-            found = facing(scan, moved, normal, settings)
-            drawn = found.distance < settings.max_distance
-            drawn &= rim | ~on_rim(scan.surface, found)
-            pull = mass * drawn * eased / reach**2
-            goal = np.where(drawn[:, None], found.position, 0)
-            goal = pull[:, None] * goal + (hold[0] * eased)[:, None] * hold[1]
-            moved = _solved(rest, rotation, scale, pull + hold[0] * eased, goal, moved)
-            rotation = rotations_of(rest, moved)
-        if number < rounds:
-            scale = _rescaled(rest, moved, scale)
-    return Drawn(moved, scale, drawn)
+    return Drawn(moved, scale, drawn, sign)
 
 
-def _around_flaws(rest: Rest, moved, scale: float):
-    """(n,) whether each vertex is near a face with a flaw, or nearly one."""
-    flaws = flaws_of(
-        rest,
-        moved,
-        scale,
-        least_area=NEARLY_COLLAPSED,
-        least_cosine=NEARLY_FLIPPED,
-    )
-    around = np.zeros(len(moved), bool)
-    around[rest.mesh.faces[flaws.flipped | flaws.collapsed]] = True
-    for _ in range(MENDED_RINGS):
+def _around_flaws(template: Template, scan: Scan, state: Drawn, rings: int):
+    """(n,) whether each vertex is near a face with a flaw, or nearly one; how many."""
+    rest = template.rest
+    nearly = {"least_area": NEARLY_COLLAPSED, "least_cosine": NEARLY_FLIPPED}
+    flaws = flaws_of(rest, *state[:2], scan, state.sign, **nearly)
+    flawed = flaws.flipped | flaws.collapsed
+    around = np.zeros(len(template.mass), bool)
+    around[rest.mesh.faces[flawed]] = True
+    for _ in range(rings):
         around |= rest.sums @ around[rest.edges[:, 1]] > 0
-    return around
+    return around, int(flawed.sum())
 
 
 def _from_around(rest: Rest, rotation, mass, reach: float):
