@@ -82,31 +82,26 @@ def register(
             "--largest-component is for finding the map; a map of match "
             "--largest-component says itself which vertices it has; leave it out"
         )
-    certificate = matched = None
-    with stage_bar(2 if map_file else _STAGES) as stage:
-        if map_file is not None:
-            mesh, onto, maps, _ = read_pair(
-                template, scan, map_file, None, None, None, mend=repair
-            )
-            T = maps.T_xy
-            if (stored := _stored(map_file)) is not None:
-                certificate = stored.certificate
-                if not repair:
-                    matched = stored.matched_x
-        else:
+    T = certificate = matched = None
+    if map_file is not None:
+        mesh, onto, maps, _ = read_pair(
+            template, scan, map_file, None, None, None, mend=repair
+        )
+        T = maps.T_xy
+        if (stored := _stored(map_file)) is not None:
+            certificate = stored.certificate
+            # Of a repaired mesh they would have other numbers.
+            matched = None if repair else stored.matched_x
+    else:
+        mesh, onto = (
+            matchable(path, largest_component, repair).mesh for path in (template, scan)
+        )
+    with stage_bar(_STAGES if T is None else 2) as stage:
+        if T is None:
             from jfsf.matching import match
 
-            mesh, onto = (
-                matchable(path, largest_component, repair).mesh
-                for path in (template, scan)
-            )
-            found = match(
-                mesh,
-                onto,
-                orientation=orientation.value,
-                cache=not no_cache,
-                progress=stage,
-            )
+            options = {"orientation": orientation.value, "cache": not no_cache}
+            found = match(mesh, onto, progress=stage, **options)
             T, certificate = np.asarray(found.T_xy), found.certificate
         stage("registration")
         warped = register_mesh(mesh, onto, T, matched=matched)
