@@ -28,6 +28,7 @@ only from those above its own:
 - `coarse`: a pair at few vertices, for further starts
 - `policy`: which starts are attempted, for one pair or many, and when it ends
 - `matching`: meshes to maps
+- `registration`: a template mesh deformed onto a scan
 - `mapfiles`: maps, ground truth and matches on disk
 - `landmarks`: landmark files of other programs: read, written, paired, carried
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
     from jfsf.neighbours import NeighbourSettings
     from jfsf.parts import PartSettings
     from jfsf.refine import ArapSettings, ZoomOutSettings
+    from jfsf.registration import Registration, RegistrationSettings, register
     from jfsf.settings import EvidenceSettings, Settings
     from jfsf.spectral import FeatureSettings, spectrum
     from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
@@ -69,6 +71,8 @@ __all__ = [
     "MeshError",
     "NeighbourSettings",
     "PartSettings",
+    "Registration",
+    "RegistrationSettings",
     "SearchSettings",
     "Settings",
     "Spectrum",
@@ -80,6 +84,7 @@ __all__ = [
     "match",
     "match_spectra",
     "read",
+    "register",
     "spectrum",
     "symmetry",
 ]
@@ -94,6 +99,7 @@ _HOMES = {
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
     "refine": ("ArapSettings", "ZoomOutSettings"),
+    "registration": ("Registration", "RegistrationSettings", "register"),
     "parts": ("PartSettings",),
     "settings": ("EvidenceSettings", "Settings"),
     "spectral": ("FeatureSettings", "spectrum"),

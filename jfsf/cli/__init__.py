@@ -1,4 +1,4 @@
-"""The command line, `jfsf`: demo, match, batch, evaluate, info and cache.
+"""The command line, `jfsf`: demo, match, register, batch, evaluate, ...
 
 Heavy imports are made inside the commands, so that help and wrong usage answer sooner.
 
@@ -12,6 +12,7 @@ Read in this order:
 - `_pages`: the reports of the commands
 - `_demo`: the comparison that `jfsf demo` runs
 - `_batch`: `jfsf batch`
+- `_register`: `jfsf register`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
 - `_cache`: `jfsf cache`

@@ -1,4 +1,4 @@
-"""jfsf demo | match | batch | evaluate | info | cache: commands, options, exit codes.
+"""jfsf demo | match | register | batch | evaluate | ...: options and exit codes.
 
 Exit codes: 0 done, 1 bad input (one line on stderr says which), 2 wrong usage, 130
 interrupted.
@@ -41,6 +41,7 @@ from jfsf.cli._landmarks import (
     known_pairs,
 )
 from jfsf.cli._pages import can_report, kept_truth
+from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
 from jfsf.report import Side, attempts, warnings_of, write_report
@@ -324,6 +325,7 @@ def match(
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 
 
+app.command()(register)
 app.command()(batch)
 app.command()(evaluate)
 app.command()(info)

@@ -236,7 +236,9 @@ def kept_points(truth, partners) -> tuple[np.ndarray, np.ndarray]:
     return one[known], two[known]
 
 
-def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
+def read_pair(
+    x, y, map_file, gt_x, gt_y, base, mend=False
+) -> tuple[Mesh, Mesh, Any, Any]:
     """Both meshes, the arrays of the map file, and the ground truth or None.
 
     A map of `match --largest-component` counts the vertices that were kept. Then the
@@ -273,7 +275,7 @@ def read_pair(x, y, map_file, gt_x, gt_y, base, mend=False):
             meshes, maps, partners[:] = _pair_without_strays(meshes, maps)
     if truth is not None:
         truth = kept_points(truth, partners)
-    return *meshes, maps, truth
+    return meshes[0], meshes[1], maps, truth
 
 
 def _mended_pair(meshes, maps, paths):

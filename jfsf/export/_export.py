@@ -1,6 +1,7 @@
 """Write a mesh, or the map from it, in the format of the suffix."""
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,7 @@ def export_mesh(
     colours: Float[ArrayLike, "n 3"] | None = None,
     uv: Float[ArrayLike, "n 2"] | None = None,
     confidence: Float[ArrayLike, " n"] | None = None,
+    values: Mapping[str, ArrayLike] | None = None,
 ) -> None:
     """Write a mesh with colours or a checker on it; vertex i stays vertex i.
 
@@ -103,16 +105,19 @@ def export_mesh(
         confidence: in [0, 1], for other programs to read: the vertex property
             `confidence` of PLY, the attribute `_CONFIDENCE` of GLB. OBJ has no
             attributes, so there it is left out.
+        values: other numbers, (n,) each, by names of lower case letters, for other
+            programs likewise. MeshLab shows `quality` of a PLY in colours.
 
     Raises:
-        ValueError: another suffix; colours, uv or confidence that are not one row a
-            vertex; uv of PLY or of a point cloud.
+        ValueError: another suffix; colours, uv, confidence or values that are not one
+            row a vertex; uv of PLY or of a point cloud; a value with a name that the
+            formats use.
         MeshError: no mesh.
         OSError: the folder cannot be written.
     """
     path = Path(path)
     check_path(path, checker=uv is not None)
-    shape = painted(mesh, colours, uv, confidence)
+    shape = painted(mesh, colours, uv, confidence, values)
     texture = None if uv is None else checker_png()
     suffix = path.suffix.lower()
     if suffix == ".ply":

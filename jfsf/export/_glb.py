@@ -21,8 +21,8 @@ def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
     """The file, with one mesh of this name.
 
     Positions are float32, as the format has no doubles. A viewer multiplies the texture
-    with the colours. The confidence is the attribute _CONFIDENCE: names of one's own
-    begin so.
+    with the colours. Other values are attributes such as _CONFIDENCE: names of one's
+    own begin so.
     """
     buffer = _Buffer()
     points = shape.vertices.astype("<f4")
@@ -45,9 +45,8 @@ def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
         # v points down in glTF.
         down = (shape.uv * [1, -1] + [0, 1]).astype("<f4")
         attributes["TEXCOORD_0"] = buffer.add(down, "VEC2")
-    if shape.confidence is not None:
-        values = shape.confidence.astype("<f4")
-        attributes["_CONFIDENCE"] = buffer.add(values, "SCALAR")
+    for own, values in shape.values.items():
+        attributes[f"_{own.upper()}"] = buffer.add(values.astype("<f4"), "SCALAR")
 
     surface: dict = {"metallicFactor": 0, "roughnessFactor": 0.8}
     scene = {

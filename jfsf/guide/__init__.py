@@ -8,6 +8,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `meshes`: formats, repair, units, exit codes, maps on disk
 - `landmarks`: points that are known to correspond
 - `parts`: a shape that is a piece of the other
+- `registration`: a template mesh deformed onto a scan
 - `far`: bodies of different proportions, and how sure a map is
 - `large`: a hundred thousand vertices, and a million
 - `batches`: many pairs, many processes, many machines
@@ -29,6 +30,7 @@ from jfsf.guide import (
     method,
     moving,
     parts,
+    registration,
     stages,
     start,
     troubleshooting,
@@ -40,6 +42,7 @@ __all__ = [
     "meshes",
     "landmarks",
     "parts",
+    "registration",
     "far",
     "large",
     "batches",

@@ -4,6 +4,7 @@ Read in this order:
 
 - `_values`: check the arrays of a mesh, and split polygons into triangles
 - `_geometry`: areas, normals, edges, components
+- `_closest`: the point of a surface nearest to each of many points
 - `_paths`: shortest paths along edges
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
@@ -23,6 +24,14 @@ Read in this order:
 """
 
 from jfsf.mesh._check import Report, check, validate
+from jfsf.mesh._closest import (
+    OnSurface,
+    SurfaceTree,
+    closest,
+    nearest_of,
+    on_rim,
+    surface_tree,
+)
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
@@ -58,14 +67,17 @@ __all__ = [
     "SUFFIXES",
     "Edges",
     "MeshError",
+    "OnSurface",
     "Reconstruction",
     "Repaired",
     "Report",
     "Submesh",
+    "SurfaceTree",
     "boundary_edges",
     "check",
     "check_values",
     "checked_mesh",
+    "closest",
     "coarsen",
     "components",
     "decimate",
@@ -78,13 +90,16 @@ __all__ = [
     "largest_component",
     "map_of_originals",
     "nearest_kept",
+    "nearest_of",
     "noise",
+    "on_rim",
     "orient",
     "read",
     "reconstruct",
     "repair",
     "spikes",
     "surface_area",
+    "surface_tree",
     "triangulate",
     "unclear_winding",
     "validate",

@@ -6,10 +6,19 @@ Read in this order:
 - `_icp`: the functional map is made orthonormal each time
 - `_soft`: differentiable steps of both, for losses on pairs
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
+- `_rest`: a mesh at rest, for deformations that are solved with a sparse factor
 """
 
 from jfsf.refine._arap import ArapSettings, arap, deform, rotations
 from jfsf.refine._icp import icp
+from jfsf.refine._rest import (
+    Rest,
+    at_rest,
+    closest_rotations,
+    edges_of,
+    rotations_of,
+    turned,
+)
 from jfsf.refine._soft import (
     soft_functional_map,
     soft_icp_step,
@@ -21,15 +30,21 @@ from jfsf.refine._zoomout import ZoomOutSettings, zoomout
 
 __all__ = [
     "ArapSettings",
+    "Rest",
     "ZoomOutSettings",
     "arap",
+    "at_rest",
+    "closest_rotations",
     "deform",
+    "edges_of",
     "icp",
     "rotations",
+    "rotations_of",
     "soft_functional_map",
     "soft_icp_step",
     "soft_map",
     "soft_sinkhorn",
     "soft_zoomout_step",
+    "turned",
     "zoomout",
 ]

@@ -1,0 +1,181 @@
+"""jfsf register: a template mesh deformed onto a scan."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from jfsf.cli._files import (
+    FORMATS,
+    Orientation,
+    OrientationOption,
+    can_export,
+    matchable,
+    read_pair,
+)
+from jfsf.cli._stages import stage_bar
+from jfsf.report import verdict, warnings_of
+from jfsf.types import Mesh
+
+_STAGES = 7  # those of a match, if the first map is right; registration, writing
+# Beyond these a registration is to be looked at.
+MAX_MEAN = 0.005  # of sqrt(area), from the scan
+MAX_BRIDGED = 0.05  # of the vertices
+
+
+def register(
+    template: Annotated[Path, typer.Argument(metavar="TEMPLATE", help=FORMATS)],
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help=FORMATS)],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE",
+            help="The template on the scan: .ply, .obj or .glb. PLY and GLB hold the "
+            "distance to the scan (quality) and whether a vertex bridges a hole "
+            "(bridged) too.",
+        ),
+    ],
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map",
+            metavar="MAP",
+            help="The map, if there is one: a file of jfsf match TEMPLATE SCAN, or "
+            "T_xy as .npz, .mat, .map or .vts. Found when absent.",
+        ),
+    ] = None,
+    orientation: OrientationOption = Orientation.preserve,
+    largest_component: Annotated[
+        bool,
+        typer.Option(
+            "--largest-component", help="Take the largest pieces of both files only."
+        ),
+    ] = False,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Repair both meshes first, see info. The file that is written then "
+            "has the vertices and faces of the repaired template.",
+        ),
+    ] = False,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
+    ] = False,
+) -> None:
+    """Deform a template mesh onto a scan: its faces, the scan's shape.
+
+    Writes the template in the coordinates and units of the scan. Vertex i stays vertex
+    i, so all scans that one template is registered to have one topology.
+
+    Example: jfsf register template.ply scan.ply --out warped.ply
+    """
+    from jfsf.export import export_mesh
+    from jfsf.registration import register as register_mesh
+
+    can_export([out], False, (template, scan))
+    if map_file is not None and largest_component:
+        raise ValueError(
+            "--largest-component is for finding the map; a map of match "
+            "--largest-component says itself which vertices it has; leave it out"
+        )
+    T = certificate = matched = None
+    if map_file is not None:
+        mesh, onto, maps, _ = read_pair(
+            template, scan, map_file, None, None, None, mend=repair
+        )
+        T = maps.T_xy
+        if (stored := _stored(map_file)) is not None:
+            certificate = stored.certificate
+            # Of a repaired mesh they would have other numbers.
+            matched = None if repair else stored.matched_x
+    else:
+        mesh, onto = (
+            matchable(path, largest_component, repair).mesh for path in (template, scan)
+        )
+    with stage_bar(_STAGES if T is None else 2) as stage:
+        if T is None:
+            from jfsf.matching import match
+
+            options = {"orientation": orientation.value, "cache": not no_cache}
+            found = match(mesh, onto, progress=stage, **options)
+            T, certificate = np.asarray(found.T_xy), found.certificate
+        stage("registration")
+        warped = register_mesh(mesh, onto, T, matched=matched)
+        stage("writing")
+        # A mirrored template would show its inside.
+        faces = mesh.faces if warped.orientation_sign > 0 else mesh.faces[:, ::-1]
+        values = {"quality": warped.distance, "bridged": warped.bridged}
+        export_mesh(out, Mesh(warped.vertices, faces), values=values)
+    console = Console()
+    console.print(_table(warped, onto, certificate))
+    notes = _warnings(warped, onto)
+    if certificate is not None:
+        notes += warnings_of(certificate, orientation.value)
+    for line in notes:
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+    console.print(f"wrote {out}", soft_wrap=True, markup=False)
+
+
+def _stored(path: Path):
+    """The match in a file of match; None of another map."""
+    from jfsf.mapfiles import MapFileError, read_match
+
+    try:
+        return read_match(path)
+    except MapFileError:
+        return None
+
+
+def _table(warped, scan: Mesh, certificate) -> Table:
+    from jfsf.mesh import surface_area
+
+    unit = np.sqrt(surface_area(scan))
+    shown = Table(title="registration")
+    for name in ("figure", "value", "% of sqrt(area)"):
+        shown.add_column(name, justify="left" if name == "figure" else "right")
+    distance = np.asarray(warped.distance)
+    rows = {
+        "mean": distance.mean(),
+        "95 %": np.quantile(distance, 0.95),
+        "largest": distance.max(),
+    }
+    for name, value in rows.items():
+        words = f"distance to the scan, {name}"
+        shown.add_row(words, f"{value:.4g}", f"{value / unit:.3%}")
+    n = len(distance)
+    shown.add_row("bridged vertices", f"{int(warped.bridged.sum())} of {n}")
+    shown.add_row("flipped faces", str(int(warped.flipped)))
+    shown.add_row("collapsed faces", str(int(warped.collapsed)))
+    shown.add_row("scale of the template", f"{float(warped.scale):.4g}")
+    if certificate is not None:
+        likely = float(certificate.confidence)
+        words = f"{likely:.2f}, {verdict(likely)}"
+        shown.add_row("confidence of the map", words)
+    return shown
+
+
+def _warnings(warped, scan: Mesh) -> list[str]:
+    from jfsf.mesh import surface_area
+
+    notes = []
+    mean = warped.distance.mean() / np.sqrt(surface_area(scan))
+    if mean > MAX_MEAN:
+        notes.append(
+            f"the template is {mean:.2%} of sqrt(area) away from the scan in the mean: "
+            "look at the map with match --report"
+        )
+    share = warped.bridged.mean()
+    if share > MAX_BRIDGED:
+        notes.append(f"{share:.0%} of the vertices have no scan near: is it a part?")
+    if flaws := int(warped.flipped + warped.collapsed):
+        notes.append(f"{flaws} faces are flipped or collapsed: look at them")
+    if warped.orientation_sign < 0:
+        notes.append(
+            "the map swaps left and right, so the template is mirrored; its faces are "
+            "written the other way round"
+        )
+    return notes
