@@ -35,6 +35,7 @@ only from those above its own:
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer, and charts
 - `export`: meshes in the colours of a map, for other programs
+- `model`: statistical shape models of meshes in correspondence
 - `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
@@ -100,7 +101,17 @@ _HOMES = {
 _ROOMS = (
     *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
     *("evidence", "stages", "arguments", "coarse", "policy", "mapfiles"),
-    *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
+    *(
+        "interop",
+        "batch",
+        "baselines",
+        "data",
+        "plot",
+        "export",
+        "model",
+        "report",
+        "testing",
+    ),
     *("cli", "guide"),
     *_HOMES,
 )
