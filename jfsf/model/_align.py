@@ -16,9 +16,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jfsf.array import einsum, safe_divide
+from jfsf.geometry import root as square_root
 from jfsf.model._checks import check_mask, check_shapes, check_weights
 from jfsf.model._rotations import nearest_rotation
-from jfsf.solvers import fixed_point
 
 MOST_STEPS = 100  # two shapes need one; twelve bodies in all poses about 20
 # The mean rests where it moves by less than this many roundings of its largest number.
@@ -78,9 +78,10 @@ def align(
     s, n, _ = shapes.shape
     weights = check_weights("align", weights, n, shapes.dtype)
     known = check_mask("align", missing, (s, n))
-    return _align(shapes, weights, known, jnp.asarray(scale))
+    return align_checked(shapes, weights, known, jnp.asarray(scale))
 
 
+@jax.jit
 def align_onto(
     mean: Float[Array, "n 3"],
     shape: Float[Array, "n 3"],
@@ -105,8 +106,15 @@ def align_onto(
 
 
 @jax.jit
-def _align(shapes, weights, known, scaled):
-    """`align`, with whether to scale as an array."""
+def align_checked(
+    shapes: Float[Array, "s n 3"],
+    weights: Float[Array, " n"],
+    known: Bool[Array, "s n"],
+    scaled: Bool[Array, ""],
+) -> AlignedShapes:
+    """`align`, traced: what is known and whether to scale are arrays."""
+    from jfsf.solvers import fixed_point
+
     share = weights / weights.sum()
     shapes = jnp.where(known[..., None], shapes, 0)
     mass = jnp.where(known, share[None], 0)
@@ -198,8 +206,7 @@ def _fit(shapes, mean, mass, whole):
 
 def _size(points, share):
     offsets = points - einsum("n,nd->d", share, points)[None]
-    squared = einsum("n,nd->", share, offsets**2)
-    return jnp.sqrt(jnp.where(squared > 0, squared, 1)) * (squared > 0)
+    return square_root(einsum("n,nd->", share, offsets**2))
 
 
 def _scales(fit, scaled):

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import einsum
-from jfsf.model._align import align, align_onto
+from jfsf.model._align import align_checked, align_onto
 from jfsf.model._checks import check_faces, check_shapes
 from jfsf.model._fit import most_central, vertex_shares
 from jfsf.model._gradients import ROOT_2, face_areas, gradients_of
@@ -23,8 +23,8 @@ def local_rotation(
     """How far the faces of each shape are turned against the most central one.
 
     The mean over the surface of the angle of each face's deformation gradient, in
-    radians, after alignment; 0 for the most central shape itself. Noise turns faces
-    too: smooth a rough mesh first.
+    radians, after alignment; that of the most central shape itself is 0 but for
+    rounding. Noise turns faces too: smooth a rough mesh first.
 
     Args:
         positions: of vertices that correspond, in one unit, anywhere.
@@ -36,17 +36,7 @@ def local_rotation(
     """
     shapes = check_shapes("local_rotation", positions, least=2)
     faces = check_faces("local_rotation", faces, shapes.shape[1])
-    weights = vertex_shares(shapes, faces, jnp.ones(shapes.shape[:2], bool))
-    aligned = align(shapes, weights=weights).positions
-    reference = most_central(aligned, weights)
-    areas = face_areas(reference, faces)
-
-    def angle(shape):
-        moved = align_onto(reference, shape, weights)
-        turn = gradients_of(reference, moved, faces)[:, :3] / ROOT_2
-        return einsum("m,m->", areas, jnp.linalg.norm(turn, axis=1)) / areas.sum()
-
-    return jax.lax.map(angle, aligned)
+    return _angles(shapes, faces)
 
 
 def bending_warning(
@@ -80,3 +70,19 @@ def bending_warning(
         "degrees in the mean against the most central one, so linear modes of "
         "positions are the wrong model; use modes of gradients (fit_gradient_model)"
     )
+
+
+@jax.jit
+def _angles(shapes, faces):
+    known = jnp.ones(shapes.shape[:2], bool)
+    weights = vertex_shares(shapes, faces, known)
+    aligned = align_checked(shapes, weights, known, jnp.asarray(False)).positions
+    reference = most_central(aligned, weights)
+    areas = face_areas(reference, faces)
+
+    def angle(shape):
+        moved = align_onto(reference, shape, weights)
+        turn = gradients_of(reference, moved, faces)[:, :3] / ROOT_2
+        return einsum("m,m->", areas, jnp.linalg.norm(turn, axis=1)) / areas.sum()
+
+    return jax.lax.map(angle, aligned)

@@ -5,7 +5,6 @@ sqrt(w_v) (x_iv - m_v), one a shape: as exact as the numbers are, where the eige
 of the small matrix of products have half their digits.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -14,7 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import einsum, matmul, safe_divide
 from jfsf.geometry import sum_at_vertices
-from jfsf.model._align import align, align_onto
+from jfsf.model._align import align_checked, align_onto
 from jfsf.model._checks import (
     check_faces,
     check_mask,
@@ -58,25 +57,11 @@ def fit_model(
         MeshError: faces that do not fit.
     """
     name = "fit_model"
-    shapes, faces, modes = _checked(name, positions, faces, modes, missing)
-    known = check_mask(name, missing, shapes.shape[:2])
+    shapes, faces, weights, known = _checked(name, positions, faces, weights, missing)
     check_all_known(name, known)
-    if weights is None:
-        weights = vertex_shares(shapes, faces, known)
-    weights = check_weights(name, weights, shapes.shape[1], shapes.dtype)
-    weights = weights / weights.sum()
-    aligned = align(shapes, scale=scale, weights=weights, missing=missing)
-    found = principal(aligned.positions, weights, modes=modes)
-    return ShapeModel(
-        mean=found.mean,
-        modes=found.modes,
-        variance=found.variance,
-        scores=found.scores,
-        faces=faces,
-        weights=weights,
-        total_variance=found.total_variance,
-        size=aligned.size,
-    )
+    modes = check_modes(name, modes, len(shapes) - 1)
+    found = _of_positions(shapes, faces, weights, known, jnp.asarray(scale))
+    return _with_modes(found, modes)
 
 
 def fit_gradient_model(
@@ -101,19 +86,42 @@ def fit_gradient_model(
         ValueError, MeshError: as `fit_model`.
     """
     name = "fit_gradient_model"
-    shapes, faces, modes = _checked(name, positions, faces, modes)
-    if weights is None:
-        weights = vertex_shares(shapes, faces, jnp.ones(shapes.shape[:2], bool))
-    weights = check_weights(name, weights, shapes.shape[1], shapes.dtype)
+    shapes, faces, weights, known = _checked(name, positions, faces, weights)
+    modes = check_modes(name, modes, len(shapes) - 1)
+    found = _of_gradients(shapes, faces, weights, known, jnp.asarray(scale))
+    return _with_modes(found, modes)
+
+
+@jax.jit
+def _of_positions(shapes, faces, weights, known, scaled):
+    """`fit_model`, traced, with all modes."""
     weights = weights / weights.sum()
-    aligned = align(shapes, scale=scale, weights=weights)
+    aligned = align_checked(shapes, weights, known, scaled)
+    found = principal(aligned.positions, weights)
+    return ShapeModel(
+        mean=found.mean,
+        modes=found.modes,
+        variance=found.variance,
+        scores=found.scores,
+        faces=faces,
+        weights=weights,
+        total_variance=found.variance.sum(),
+        size=aligned.size,
+    )
+
+
+@jax.jit
+def _of_gradients(shapes, faces, weights, known, scaled):
+    """`fit_gradient_model`, traced, with all modes."""
+    weights = weights / weights.sum()
+    aligned = align_checked(shapes, weights, known, scaled)
     reference = most_central(aligned.positions, weights)
     onto = jax.vmap(align_onto, (None, 0, None, None))
     positions = onto(reference, aligned.positions, weights, aligned.size)
     features = jax.vmap(gradients_of, (None, 0, None))(reference, positions, faces)
     areas = face_areas(reference, faces)
     face_weights = areas / areas.sum()
-    found = principal(features, face_weights, modes=modes)
+    found = principal(features, face_weights)
     return GradientModel(
         mean=from_gradients(reference, found.mean, faces, weights),
         modes=found.modes,
@@ -121,7 +129,7 @@ def fit_gradient_model(
         scores=found.scores,
         faces=faces,
         weights=weights,
-        total_variance=found.total_variance,
+        total_variance=found.variance.sum(),
         size=aligned.size,
         reference=reference,
         mean_features=found.mean,
@@ -136,31 +144,28 @@ class Principal(NamedTuple):
     modes: Float[Array, "k e c"]
     variance: Float[Array, " k"]
     scores: Float[Array, "s k"]
-    total_variance: Float[Array, ""]
 
 
-@partial(jax.jit, static_argnames="modes")
 def principal(
-    features: Float[Array, "s e c"], weights: Float[Array, " e"], *, modes: int
+    features: Float[Array, "s e c"], weights: Float[Array, " e"]
 ) -> Principal:
-    """The first modes of features, about their mean; see `ShapeModel`.
+    """All s - 1 modes of features, about their mean; see `ShapeModel`.
 
     An element without weight, such as a vertex without a face, moves with the others,
     as it does in the shapes.
     """
-    s = len(features)
+    k = min(len(features) - 1, features[0].size)
     mean = features.mean(0)
     offsets = features - mean[None]
     root = jnp.sqrt(weights)[:, None]
-    rows = (offsets * root[None]).reshape(s, -1)
+    rows = (offsets * root[None]).reshape(len(features), -1)
     u, sizes, vt = jnp.linalg.svd(rows, full_matrices=False)
-    total = jnp.sum(sizes**2) / (s - 1)
-    u, sizes, vt = u[:, :modes], sizes[:modes], vt[:modes]
-    found = safe_divide(vt.reshape(modes, *mean.shape), root[None])
+    u, sizes, vt = u[:, :k], sizes[:k], vt[:k]
+    found = safe_divide(vt.reshape(k, *mean.shape), root[None])
     along = einsum("sk,sec->kec", safe_divide(u, sizes[None]), offsets)
     found, signs = with_signs(jnp.where(root[None] > 0, found, along))
     scores = matmul(rows, vt.T) * signs[None]
-    return Principal(mean, found, sizes**2 / (s - 1), scores, total)
+    return Principal(mean, found, sizes**2 / (len(features) - 1), scores)
 
 
 def with_signs(
@@ -174,6 +179,7 @@ def with_signs(
     return modes * signs[:, None, None], signs
 
 
+@jax.jit
 def vertex_shares(
     shapes: Float[Array, "s n 3"], faces: Int[Array, "m 3"], known: Bool[Array, "s n"]
 ) -> Float[Array, " n"]:
@@ -211,7 +217,20 @@ def check_all_known(name: str, known: Bool[Array, "s n"]) -> None:
         )
 
 
-def _checked(name, positions, faces, modes, missing=None):
+def _checked(name, positions, faces, weights, missing=None):
+    """The arguments of both functions, and what is not missing."""
     shapes = check_shapes(name, positions, missing, least=2)
     faces = check_faces(name, faces, shapes.shape[1])
-    return shapes, faces, check_modes(name, modes, min(len(shapes) - 1, shapes[0].size))
+    known = check_mask(name, missing, shapes.shape[:2])
+    if weights is None:
+        weights = vertex_shares(shapes, faces, known)
+    weights = check_weights(name, weights, shapes.shape[1], shapes.dtype)
+    return shapes, faces, weights, known
+
+
+def _with_modes(model, modes):
+    """The first modes only."""
+    if modes == len(model.modes):
+        return model
+    scores, variance = model.scores[:, :modes], model.variance[:modes]
+    return model._replace(modes=model.modes[:modes], variance=variance, scores=scores)
