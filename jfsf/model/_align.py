@@ -19,6 +19,7 @@ from jfsf.array import einsum, safe_divide
 from jfsf.geometry import root as square_root
 from jfsf.model._checks import check_mask, check_shapes, check_weights
 from jfsf.model._rotations import nearest_rotation
+from jfsf.types import ArrayLike
 
 MOST_STEPS = 100  # two shapes need one; twelve bodies in all poses about 20
 # The mean rests where it moves by less than this many roundings of its largest number.
@@ -44,11 +45,11 @@ class AlignedShapes(NamedTuple):
 
 
 def align(
-    shapes: Float[Array, "s n 3"],
+    shapes: Float[ArrayLike, "s n 3"],
     *,
     scale: bool = False,
-    weights: Float[Array, " n"] | None = None,
-    missing: Bool[Array, "s n"] | None = None,
+    weights: Float[ArrayLike, " n"] | None = None,
+    missing: Bool[ArrayLike, "s n"] | None = None,
 ) -> AlignedShapes:
     """Move shapes onto their common mean, each by a rotation and a translation.
 
@@ -126,7 +127,7 @@ def align_checked(
     # First onto the first shape, by the vertices that both have.
     first = _fit(shapes, shapes[0], jnp.where(known[:1], mass, 0), share)
     start = _mean(_moved(first, _scales(first, scaled)), known) * root
-    tol = ROUNDINGS * jnp.finfo(shapes.dtype).eps
+    tol = ROUNDINGS * float(jnp.finfo(shapes.dtype).eps)
     found = fixed_point(
         _update,
         _Repeat(jnp.asarray(tol, shapes.dtype)),
@@ -220,7 +221,7 @@ def _moved(fit, scale):
 
 
 def _mean(positions, known):
-    kept = jnp.where(known[..., None], positions, 0).sum(0)
+    kept = einsum("sn,sna->na", known.astype(positions.dtype), positions)
     count = known.sum(0).astype(kept.dtype)[:, None]
     return safe_divide(kept, count)
 

@@ -20,18 +20,19 @@ from jfsf.array import einsum, matmul
 from jfsf.model._checks import check_faces, check_shapes, check_weights
 from jfsf.model._fit import vertex_shares, with_signs
 from jfsf.model._records import ShapeModel
+from jfsf.types import ArrayLike
 
 
 class _State(NamedTuple):
     """What is known of the shapes so far; rows are scaled by the root of the weights.
 
-    count: how many there were.
+    number: how many there were.
     mean: (d,).
     modes: (k, d), orthonormal; sizes: (k,) their singular values.
     squares: the sum of squared distances from the mean.
     """
 
-    count: Array
+    number: Array
     mean: Array
     modes: Array
     sizes: Array
@@ -40,10 +41,10 @@ class _State(NamedTuple):
 
 def fit_model_in_batches(
     batches: Iterable[Any],
-    faces: Int[Array, "m 3"],
+    faces: Int[ArrayLike, "m 3"],
     *,
     modes: int = 50,
-    weights: Float[Array, " n"] | None = None,
+    weights: Float[ArrayLike, " n"] | None = None,
 ) -> ShapeModel:
     """A model like that of `fit_model`, of shapes that come a few at a time.
 
@@ -71,14 +72,14 @@ def fit_model_in_batches(
     faces, dtype = check_faces(name, faces, n), first.dtype
     if weights is None:
         weights = vertex_shares(first, faces, jnp.ones(first.shape[:2], bool))
-    weights = check_weights(name, weights, n, dtype)
-    if not weights.all():
+    mass = check_weights(name, weights, n, dtype)
+    if not mass.all():
         raise ValueError(
-            f"{name}: vertex {jnp.argmin(weights)} has weight 0, as one without a face "
+            f"{name}: vertex {jnp.argmin(mass)} has weight 0, as one without a face "
             "has; take it out of the shapes, or give weights"
         )
-    weights = weights / weights.sum()
-    root = jnp.sqrt(weights)[:, None]
+    mass = mass / mass.sum()
+    root = jnp.sqrt(mass)[:, None]
     none = jnp.zeros((0, 3 * n), dtype)
     state = _State(jnp.zeros((), dtype), none.sum(0), none, none[:, 0], none.sum())
     scores = []
@@ -107,7 +108,7 @@ def fit_model_in_batches(
         variance=state.sizes[:kept] ** 2 / (total - 1),
         scores=jnp.concatenate(scores)[:, :kept] * signs[None],
         faces=faces,
-        weights=weights,
+        weights=mass,
         total_variance=state.squares / (total - 1),
         size=jnp.zeros((), dtype),
     )
@@ -117,16 +118,16 @@ def fit_model_in_batches(
 def _updated(state, rows, *, kept):
     """The state with more rows; so many modes of it."""
     b = len(rows)
-    count = state.count + b
+    number = state.number + b
     moved = rows.mean(0) - state.mean
     offsets = rows - rows.mean(0)[None]
-    both = state.count * b / count  # 0 before the first batch
+    both = state.number * b / number  # 0 before the first batch
     between = jnp.sqrt(both) * moved
     matrix = [state.sizes[:, None] * state.modes, offsets, between[None]]
     _, sizes, vt = jnp.linalg.svd(jnp.concatenate(matrix), full_matrices=False)
     return _State(
-        count,
-        state.mean + b / count * moved,
+        number,
+        state.mean + b / number * moved,
         vt[:kept],
         sizes[:kept],
         state.squares + jnp.sum(offsets**2) + jnp.sum(between**2),

@@ -11,6 +11,7 @@ from jfsf.model._align import align_checked, align_onto
 from jfsf.model._checks import check_faces, check_shapes
 from jfsf.model._fit import most_central, vertex_shares
 from jfsf.model._gradients import ROOT_2, face_areas, gradients_of
+from jfsf.types import ArrayLike
 
 # Radians, 20 degrees, in the mean over the surface. Limbs turn by more: what is turned
 # by three times as much is 13 % too short half way.
@@ -18,7 +19,7 @@ MOST_TURN = 0.35
 
 
 def local_rotation(
-    positions: Float[Array, "s n 3"], faces: Int[Array, "m 3"]
+    positions: Float[ArrayLike, "s n 3"], faces: Int[ArrayLike, "m 3"]
 ) -> Float[Array, " s"]:
     """How far the faces of each shape are turned against the most central one.
 
@@ -40,8 +41,8 @@ def local_rotation(
 
 
 def bending_warning(
-    positions: Float[Array, "s n 3"],
-    faces: Int[Array, "m 3"],
+    positions: Float[ArrayLike, "s n 3"],
+    faces: Int[ArrayLike, "m 3"],
     *,
     most_turn: float = MOST_TURN,
 ) -> str | None:

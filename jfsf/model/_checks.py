@@ -2,9 +2,9 @@
 
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 
 from jfsf.mesh import MeshError
 
@@ -108,4 +108,4 @@ def floats(values: Any) -> Any:
 
 def is_known(*arrays: Any) -> bool:
     """Whether the values of arrays are there, and not traced."""
-    return not any(isinstance(array, jax.core.Tracer) for array in arrays)
+    return not any(isinstance(array, Tracer) for array in arrays)

@@ -6,6 +6,7 @@ import os
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,8 +32,9 @@ def write_model(path: str | os.PathLike[str], model: Model) -> None:
     """
     path = _with_suffix(path, ".npz", "a model")
     (kind,) = (name for name, record in KINDS.items() if isinstance(model, record))
-    arrays = {name: np.asarray(value) for name, value in model._asdict().items()}
-    write_atomically(path, lambda file: np.savez(file, kind=np.array(kind), **arrays))
+    arrays: dict[str, Any] = {"kind": np.array(kind)}
+    arrays |= {name: np.asarray(value) for name, value in model._asdict().items()}
+    write_atomically(path, lambda file: np.savez(file, **arrays))
 
 
 def read_model(path: str | os.PathLike[str]) -> Model:

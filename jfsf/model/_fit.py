@@ -20,19 +20,21 @@ from jfsf.model._checks import (
     check_modes,
     check_shapes,
     check_weights,
+    is_known,
 )
 from jfsf.model._gradients import face_areas, from_gradients, gradients_of
 from jfsf.model._records import GradientModel, ShapeModel
+from jfsf.types import ArrayLike
 
 
 def fit_model(
-    positions: Float[Array, "s n 3"],
-    faces: Int[Array, "m 3"],
+    positions: Float[ArrayLike, "s n 3"],
+    faces: Int[ArrayLike, "m 3"],
     *,
     modes: int | None = None,
     scale: bool = False,
-    weights: Float[Array, " n"] | None = None,
-    missing: Bool[Array, "s n"] | None = None,
+    weights: Float[ArrayLike, " n"] | None = None,
+    missing: Bool[ArrayLike, "s n"] | None = None,
 ) -> ShapeModel:
     """The mean of shapes in correspondence, and how they vary about it, linearly.
 
@@ -65,12 +67,12 @@ def fit_model(
 
 
 def fit_gradient_model(
-    positions: Float[Array, "s n 3"],
-    faces: Int[Array, "m 3"],
+    positions: Float[ArrayLike, "s n 3"],
+    faces: Int[ArrayLike, "m 3"],
     *,
     modes: int | None = None,
     scale: bool = False,
-    weights: Float[Array, " n"] | None = None,
+    weights: Float[ArrayLike, " n"] | None = None,
 ) -> GradientModel:
     """The mean of shapes that bend, and how they vary about it, by their gradients.
 
@@ -207,7 +209,7 @@ def most_central(
 
 def check_all_known(name: str, known: Bool[Array, "s n"]) -> None:
     """ValueError if all shapes miss a vertex."""
-    if isinstance(known, jax.core.Tracer):
+    if not is_known(known):
         return
     nowhere = jnp.flatnonzero(~known.any(0))
     if len(nowhere):

@@ -25,6 +25,7 @@ from jfsf.model._fit import fit_model
 from jfsf.model._gradients import face_areas
 from jfsf.model._records import Model
 from jfsf.model._shapes import first_scores, moved_onto, scores_of, shape_at
+from jfsf.types import ArrayLike
 
 
 class Compactness(NamedTuple):
@@ -63,8 +64,8 @@ def compactness(model: Model) -> Compactness:
 
 
 def generality(
-    positions: Float[Array, "s n 3"],
-    faces: Int[Array, "m 3"],
+    positions: Float[ArrayLike, "s n 3"],
+    faces: Int[ArrayLike, "m 3"],
     *,
     fit: Callable[..., Model] = fit_model,
     counts: tuple[int, ...] | None = None,
@@ -101,7 +102,7 @@ def generality(
 
 def specificity(
     model: Model,
-    positions: Float[Array, "s n 3"],
+    positions: Float[ArrayLike, "s n 3"],
     key: Array,
     *,
     samples: int = 1000,
