@@ -33,11 +33,12 @@ only from those above its own:
 - `landmarks`: landmark files of other programs: read, written, paired, carried
 - `interop`: to and from other packages: pyFM, MATLAB, torch, trimesh, meshio, ott-jax
 - `batch`: many pairs, over devices, hosts and clusters
-- `joint`: many shapes at once: which pairs are matched, and maps that agree
 - `baselines`: the paper's rivals
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer, and charts
 - `export`: meshes in the colours of a map, for other programs
+- `model`: statistical shape models of meshes in correspondence
+- `joint`: many shapes at once: maps that agree, and one topology for all
 - `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
@@ -50,6 +51,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jfsf.attempt import match_spectra
     from jfsf.initial import SearchSettings
+    from jfsf.joint import Collection, CollectionSettings, collection
     from jfsf.matching import alternatives, basis, check_matchable, match, symmetry
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
@@ -63,6 +65,8 @@ if TYPE_CHECKING:
 __all__ = [
     "ArapSettings",
     "Certificate",
+    "Collection",
+    "CollectionSettings",
     "EvidenceSettings",
     "FeatureSettings",
     "Maps",
@@ -81,6 +85,7 @@ __all__ = [
     "basis",
     "check",
     "check_matchable",
+    "collection",
     "match",
     "match_spectra",
     "read",
@@ -95,6 +100,7 @@ __version__ = "0.2.0"
 _HOMES = {
     "attempt": ("match_spectra",),
     "initial": ("SearchSettings",),
+    "joint": ("Collection", "CollectionSettings", "collection"),
     "matching": ("alternatives", "basis", "check_matchable", "match", "symmetry"),
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
@@ -108,8 +114,8 @@ _HOMES = {
 _ROOMS = (
     *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
     *("evidence", "stages", "arguments", "coarse", "policy", "mapfiles"),
-    *("landmarks",),
-    *("interop", "batch", "baselines", "data", "plot", "export", "report", "testing"),
+    *("landmarks", "interop", "batch", "baselines", "data", "plot", "export", "model"),
+    *("report", "testing"),
     *("cli", "guide"),
     *_HOMES,
 )

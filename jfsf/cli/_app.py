@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 
 from jfsf.cli._batch import batch
 from jfsf.cli._cache import cache
+from jfsf.cli._collection import collection
 from jfsf.cli._evaluate import evaluate
 from jfsf.cli._files import (
     MeshX,
@@ -327,6 +328,7 @@ def match(
 
 app.command()(register)
 app.command()(batch)
+app.command()(collection)
 app.command()(evaluate)
 app.command()(info)
 app.command()(cache)

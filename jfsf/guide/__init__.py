@@ -12,6 +12,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `far`: bodies of different proportions, and how sure a map is
 - `large`: a hundred thousand vertices, and a million
 - `batches`: many pairs, many processes, many machines
+- `models`: the mean of many shapes, and how they vary
 - `gpus`: what runs there, and what is checked without one
 - `stages`: settings, converters, descriptors, initial maps; what is in which folder
 - `gradients`: through the filter and the refinement, and learning
@@ -28,6 +29,7 @@ from jfsf.guide import (
     large,
     meshes,
     method,
+    models,
     moving,
     parts,
     registration,
@@ -46,6 +48,7 @@ __all__ = [
     "far",
     "large",
     "batches",
+    "models",
     "gpus",
     "stages",
     "gradients",
