@@ -10,15 +10,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.joint import (
+    Collection,
+    Graph,
     Matched,
+    Member,
     PairSettings,
     Sketch,
     Triangle,
     best_paths,
+    collection,
     first_pairs,
     grow,
     map_along,
     more_pairs,
+    reason,
     sketch,
     synchronise,
     triangles,
@@ -26,6 +31,7 @@ from jfsf.joint import (
     unlikeness,
 )
 from jfsf.joint._cycles import AGREE, distance
+from jfsf.registration import Registration
 from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh
 
@@ -266,3 +272,65 @@ def test_a_pair_of_no_weight_is_padding():
     padded = synchronise(more, *Cs, np.append(weight, 0.0), 0, num_shapes=5)
     np.testing.assert_allclose(padded[:4], Z, atol=1e-10)
     assert (np.asarray(padded[4]) == 0).all() and jnp.isfinite(padded).all()
+
+
+def cubes(rng, s=3):
+    """A collection of one box in other places, with its vertices in other orders."""
+    box = trimesh.creation.box()
+    points, faces = np.asarray(box.vertices), np.asarray(box.faces, np.int32)
+    order = [np.arange(8), *(rng.permutation(8) for _ in range(s - 1))]
+    meshes, members = [], []
+    for i, own in enumerate(order):
+        place = np.argsort(own)  # shape i's vertex of each of the template's
+        meshes.append(Mesh(points[own] + i, place[faces].astype(np.int32)))
+        fields = dict.fromkeys(Registration._fields) | {"vertices": points + i}
+        members.append(Member(Maps(place, own), None, Registration(**fields)))
+    right = {(0, i): 0.9 for i in range(1, s)}
+    graph = Graph({}, [], right, best_paths(right, s, template=0), np.ones(s, bool))
+    names = tuple("abcdef"[:s])
+    return Collection(names, tuple(meshes), graph, tuple(members))
+
+
+def test_maps_by_way_of_the_template_agree_round_all_cycles():
+    found = cubes(np.random.default_rng(0))
+    assert found.joined == [0, 1, 2] and found.registered.shape == (3, 8, 3)
+    for x, y, z in product(range(3), repeat=3):
+        onward = found.map_between(y, z)[found.map_between(x, y)]
+        assert (onward == found.map_between(x, z)).all()
+    x, y = found.meshes[1:]
+    offset = y.vertices[found.map_between(1, 2)] - x.vertices
+    np.testing.assert_allclose(offset, 1, atol=1e-12)
+    # Boxes that differ by a shift alone do not vary.
+    assert float(found.model().total_variance) < 1e-12
+
+
+def test_what_was_left_out_is_named():
+    found = cubes(np.random.default_rng(0))
+    members = (*found.members[:2], None)
+    graph = found.graph._replace(joined=np.array([True, True, False]))
+    found = found._replace(members=members, graph=graph)
+    assert found.joined == [0, 1]
+    with pytest.raises(
+        ValueError, match=r"c was left out: no trusted map .* a \(0.90\)"
+    ):
+        found.map_between(0, 2)
+    bare = graph._replace(right={(0, 1): 0.9})
+    assert reason(bare, found.names, 2) == "no pair with it could be matched"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"names": ["a"]}, "1 names for 2 shapes"),
+        ({"names": ["a", "a"]}, "two shapes are named 'a'"),
+        ({"template": 2}, "template is 2; it is the number of a shape, from 0 to 1"),
+        ({"names": ["ball", "b"]}, "ball: has 8 vertices"),
+    ],
+)
+def test_bad_collections_are_errors(options, message):
+    box = trimesh.creation.box()
+    mesh = Mesh(np.asarray(box.vertices), np.asarray(box.faces, np.int32))
+    with pytest.raises(ValueError, match=message):
+        collection([mesh, mesh], **options)
+    with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
+        collection([mesh])

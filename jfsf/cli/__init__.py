@@ -11,7 +11,10 @@ Read in this order:
 - `_summary`: the results of many pairs, as a table and as files
 - `_pages`: the reports of the commands
 - `_demo`: the comparison that `jfsf demo` runs
+- `_runs`: what the commands of many jobs share
 - `_batch`: `jfsf batch`
+- `_collection_jobs`: the jobs of `jfsf collection`
+- `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`

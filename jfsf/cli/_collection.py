@@ -145,14 +145,15 @@ def collection(
             names = list(shapes)
             failed = _put(out, names, graph, partial(run, work=work))
     reasons |= {
-        names[i]: reason(graph, names, i) for i in np.flatnonzero(~graph.joined)
+        names[i]: reason(graph, names, i)
+        for i in np.flatnonzero(~graph.joined).tolist()
     }
     reasons |= failed
     rows = _rows(out, paths, shapes, graph, reasons)
     mean = shapes[names[graph.paths.template]].mesh
     written, notes = _write_model(out, rows, mean.faces, scale=scale)
     written.insert(0, _write_summary(out, rows))
-    if points is not None:
+    if points is not None and landmarks is not None:
         written += _carried(out, rows, mean, points, landmarks.suffix)
     if report:
         written.append(_index(out, rows))
@@ -252,7 +253,7 @@ def _put(out, names, graph, run) -> dict[str, str]:
     from jfsf.joint import map_along
 
     base, jobs = graph.paths.template, {}
-    for i in np.flatnonzero(graph.joined):
+    for i in np.flatnonzero(graph.joined).tolist():
         inputs = _shape(out, names[base]), _shape(out, names[i])
         if i != base:
             way = out / "ways" / f"{names[i]}.npz"

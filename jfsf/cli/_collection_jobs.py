@@ -16,12 +16,12 @@ class Kept(NamedTuple):
     """A mesh of a collection, as it is matched.
 
     mesh: what is left of the file.
-    index: the vertex in the file of each vertex.
+    at: the vertex in the file of each vertex.
     sketch: of `jfsf.joint.sketch`.
     """
 
     mesh: Mesh
-    index: np.ndarray
+    at: np.ndarray
     sketch: Any
 
 
@@ -72,18 +72,15 @@ def write_maps(path: Path, match, x: Kept, y: Kept) -> None:
 
     # How long it took would make equal results unequal files.
     match = match._replace(info=None)
-    write_match(path, match, index_x=x.index, index_y=y.index)
+    write_match(path, match, index_x=x.at, index_y=y.at)
 
 
 def read_maps(path: Path):
     """The maps of a file of `write_maps`, and their confidence."""
-    from jfsf.joint import Matched
+    from jfsf.joint import matched
     from jfsf.mapfiles import read_match
-    from jfsf.types import Maps
 
-    match = read_match(path)
-    maps = Maps(np.asarray(match.T_xy), np.asarray(match.T_yx))
-    return Matched(maps, float(match.certificate.confidence))
+    return matched(read_match(path))
 
 
 def put_template(job, report: bool) -> None:
@@ -108,7 +105,7 @@ def put_template(job, report: bool) -> None:
         write_maps(maps, found.match, template, shape)
         if report:
             inputs = [
-                (path, own.mesh, own.index)
+                (path, own.mesh, own.at)
                 for path, own in zip(job.inputs[:2], (template, shape), strict=True)
             ]
             pair_page(maps, inputs, found.match)
@@ -116,6 +113,5 @@ def put_template(job, report: bool) -> None:
     values = {"quality": own.distance, "bridged": own.bridged}
     on_shape = Mesh(own.vertices, template.mesh.faces)
     export_mesh(job.out.with_suffix(".ply"), on_shape, values=values)
-    arrays = {field: np.asarray(value) for field, value in own._asdict().items()}
-    arrays["confidence"] = np.asarray(found.confidence)
+    arrays: dict[str, Any] = {**own._asdict(), "confidence": found.confidence}
     write_atomically(job.out, lambda file: np.savez(file, **arrays))

@@ -12,6 +12,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `far`: bodies of different proportions, and how sure a map is
 - `large`: a hundred thousand vertices, and a million
 - `batches`: many pairs, many processes, many machines
+- `collections`: a folder of scans to one topology and a model
 - `models`: the mean of many shapes, and how they vary
 - `gpus`: what runs there, and what is checked without one
 - `stages`: settings, converters, descriptors, initial maps; what is in which folder
@@ -22,6 +23,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 
 from jfsf.guide import (
     batches,
+    collections,
     far,
     gpus,
     gradients,
@@ -48,6 +50,7 @@ __all__ = [
     "far",
     "large",
     "batches",
+    "collections",
     "models",
     "gpus",
     "stages",

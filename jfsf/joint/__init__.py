@@ -21,7 +21,7 @@ from jfsf.joint._collection import (
     reason,
 )
 from jfsf.joint._cycles import Triangle, triangles, trust
-from jfsf.joint._grow import Graph, Matched, PairSettings, grow
+from jfsf.joint._grow import Graph, Matched, PairSettings, grow, matched
 from jfsf.joint._pairs import first_pairs, more_pairs, unlikeness
 from jfsf.joint._paths import Paths, best_paths, map_along
 from jfsf.joint._sketch import Sketch, sketch
@@ -43,6 +43,7 @@ __all__ = [
     "grow",
     "itself",
     "map_along",
+    "matched",
     "member",
     "more_pairs",
     "reason",

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.initial import Orientation
-from jfsf.joint._grow import Graph, Matched, PairSettings, grow
+from jfsf.joint._grow import Graph, PairSettings, grow, matched
 from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
 from jfsf.joint._sketch import sketch
@@ -162,8 +162,7 @@ def collection(
                 settings=settings.match,
                 cache=cache,
             )
-            maps = Maps(np.asarray(found.T_xy), np.asarray(found.T_yx))
-            yield Matched(maps, float(found.certificate.confidence))
+            yield matched(found)
 
     graph = grow(sketches, match_pairs, template=template, settings=settings.pairs)
     base = meshes[graph.paths.template]
@@ -204,7 +203,7 @@ def member(
     own = replace(settings.match, retry_below=0.0)
     T = np.asarray(T, np.int32)
     found = match(template, mesh, initial=T, settings=own, cache=cache)
-    maps = Maps(np.asarray(found.T_xy), np.asarray(found.T_yx))
+    maps = matched(found).maps
     on_shape = register(template, mesh, maps.T_xy, settings=settings.registration)
     return Member(maps, found, on_shape)
 
@@ -213,7 +212,7 @@ def itself(
     template: Mesh, *, settings: CollectionSettings = CollectionSettings()
 ) -> Member:
     """The template as a member of its own collection."""
-    own = np.arange(len(template.vertices), dtype=np.int32)
+    own: Any = np.arange(len(template.vertices), dtype=np.int32)
     on_itself = register(template, template, own, settings=settings.registration)
     return Member(Maps(own, own), None, on_itself)
 

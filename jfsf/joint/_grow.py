@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from jfsf.joint._pairs import (
 )
 from jfsf.joint._paths import Paths, best_paths
 from jfsf.joint._sketch import Sketch
-from jfsf.types import Maps
+from jfsf.types import Maps, Match
 
 
 @dataclass(frozen=True)
@@ -43,6 +43,13 @@ class Matched(NamedTuple):
 
     maps: Maps
     confidence: float
+
+
+def matched(match: Match) -> Matched:
+    """Of a match, without what a collection does not need."""
+    T_xy: Any = np.asarray(match.T_xy)
+    T_yx: Any = np.asarray(match.T_yx)
+    return Matched(Maps(T_xy, T_yx), float(match.certificate.confidence))
 
 
 class Graph(NamedTuple):
@@ -91,15 +98,15 @@ def grow(
         raise ValueError(f"collection: has {s} shapes; give two or more")
     unlike = unlikeness([one.signature for one in sketches])
     tried: set[Edge] = set()
-    matched: dict[Edge, Matched] = {}
+    done: dict[Edge, Matched] = {}
     edges, most = first_pairs(unlike), round(settings.pairs_a_shape * s)
     while True:
         outcomes = zip(edges, match(edges), strict=True)
-        matched |= {edge: one for edge, one in outcomes if one is not None}
+        done |= {edge: one for edge, one in outcomes if one is not None}
         tried |= set(edges)
-        maps = {edge: one.maps for edge, one in matched.items()}
+        maps = {edge: one.maps for edge, one in done.items()}
         found = triangles(maps, sketches)
-        confidence = {edge: one.confidence for edge, one in matched.items()}
+        confidence = {edge: one.confidence for edge, one in done.items()}
         right = trust(confidence, found, limit=settings.agree)
         paths = best_paths(right, s, template=template)
         joined = paths.trust >= settings.trusted
@@ -107,4 +114,4 @@ def grow(
         inside = np.flatnonzero(joined).tolist()
         edges = more_pairs(unlike, tried, inside, most=max(left, 0))
         if not edges:
-            return Graph(matched, found, right, paths, joined)
+            return Graph(done, found, right, paths, joined)
