@@ -180,6 +180,24 @@ def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
     write_match(path, match)
 
 
+def as_found(match: Match, x: Shape, y: Shape) -> Match:
+    """The match that `write_found` has written to the file that this one is read of."""
+    if x.repaired is None or y.repaired is None:
+        return match
+    on_x, on_y = (np.asarray(own.index) for own in (x, y))
+    # A vertex that was kept goes to one that was kept.
+    changed = {
+        "T_xy": y.partner[np.asarray(match.T_xy)[on_x]],
+        "T_yx": x.partner[np.asarray(match.T_yx)[on_y]],
+    }
+    for name, index in (("x", on_x), ("y", on_y)):
+        for kind in ("matched", "confidence"):
+            values = getattr(match, f"{kind}_{name}")
+            if values is not None:
+                changed[f"{kind}_{name}"] = np.asarray(values)[index]
+    return match._replace(**changed)
+
+
 def known_confidence(match: Match) -> np.ndarray | None:
     """confidence_x, where it is known at every vertex."""
     values = match.confidence_x

@@ -25,6 +25,7 @@ from jfsf.plot import (
     draw_shape,
     find_frames,
     frame,
+    matched_colours,
     natural_turn,
 )
 from jfsf.report._candidates import Considered, considered
@@ -133,11 +134,13 @@ def write_report(
         maps[name] = _lifted(one.maps, (few_x, few_y), (shown_x, shown_y))
         nearest = apart[i] == min(apart) and apart[i] < _SAME
         rows.append(_candidate(name, one, few_x, few_y, nearest))
-    picture = _pair_picture(few_x, few_y, own)
-    colours = body_colours(few_y.body.vertices)
+    few_matched = _matched_at(found, few_x, few_y) or (None, None)
+    picture = _pair_picture(few_x, few_y, own, *few_matched)
+    colours = body_colours(few_y.body.vertices)[own.T_xy]
+    colours = matched_colours(colours, few_matched[0])
     pictures = {
         "pair": picture,
-        "found": data_url(_drawn(few_x, colours[own.T_xy]), _SMALL),
+        "found": data_url(_drawn(few_x, colours), _SMALL),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
@@ -177,6 +180,7 @@ def write_report(
                 if values is not None
             },
             (x.numbers, y.numbers),
+            _matched_at(found, shown_x, shown_y),
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
         "versions": versions(),
@@ -260,11 +264,26 @@ def _drawn(shape: Shown, colours):
     return draw_shape(shape.body, colours, up="y", turn=turn)
 
 
-def _pair_picture(x: Shown, y: Shown, maps: Maps) -> str:
+def _matched_at(found: Match, x: Shown, y: Shown):
+    """Whether each shown vertex of X, and of Y, is matched; None for whole shapes."""
+    if found.matched_x is None or found.matched_y is None:
+        return None
+    return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
+
+
+def _pair_picture(x: Shown, y: Shown, maps: Maps, matched_x, matched_y) -> str:
     from jfsf.plot import draw_pair
 
-    turn = natural_turn(x.body.vertices, y.body.vertices)
-    return data_url(draw_pair(x.body, y.body, maps.T_xy, up="y", turn=turn), _SMALL)
+    figure = draw_pair(
+        x.body,
+        y.body,
+        maps.T_xy,
+        matched_x=matched_x,
+        matched_y=matched_y,
+        up="y",
+        turn=natural_turn(x.body.vertices, y.body.vertices),
+    )
+    return data_url(figure, _SMALL)
 
 
 def _distance(one: Maps, other: Maps, y: Shown) -> float:
