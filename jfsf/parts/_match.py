@@ -134,20 +134,25 @@ def match_parts(
     Raises:
         ValueError: no region of enough vertices was found.
     """
-    given = {"T_xy": T_xy, "landmarks": landmarks, "descriptors": descriptors}
     # The shape that is open, or the smaller one, is called X from here on.
     if openness(mesh_x) < openness(mesh_y):
-        if T_xy is not None:
-            known = T_yx is not None
-            given["T_xy"] = T_yx if known else turned_round(np.asarray(T_xy), mesh_y)
-        if landmarks is not None:
-            given["landmarks"] = np.asarray(landmarks)[:, ::-1]
-        if descriptors is not None:
-            given["descriptors"] = descriptors[::-1]
-        options = {"settings": settings, "progress": progress}
-        return _swapped(match_parts(mesh_y, mesh_x, refine, sign, **given, **options))
-    given = {"landmarks": landmarks, "descriptors": descriptors}
-    both = both_sides(mesh_x, mesh_y, **given, settings=settings)
+        if T_xy is not None and T_yx is None:
+            T_yx = turned_round(np.asarray(T_xy), mesh_y)
+        other = match_parts(
+            mesh_y,
+            mesh_x,
+            refine,
+            sign,
+            T_xy=None if T_xy is None else T_yx,
+            landmarks=None if landmarks is None else np.asarray(landmarks)[:, ::-1],
+            descriptors=None if descriptors is None else descriptors[::-1],
+            settings=settings,
+            progress=progress,
+        )
+        return _swapped(other)
+    both = both_sides(
+        mesh_x, mesh_y, landmarks=landmarks, descriptors=descriptors, settings=settings
+    )
     begin = _first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:

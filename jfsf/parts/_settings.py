@@ -59,7 +59,7 @@ class PartSettings:
 
     Assignment of anchors, which are samples of the part, to samples of the whole:
 
-    anchors: samples that are assigned.
+    anchors: samples that are assigned, beside as many landmarks at most.
     boundary_margin: distance from the boundary from which on a sample counts in full
         when anchors are chosen far apart.
     boundary_worth: how much one on the boundary counts.
