@@ -65,12 +65,13 @@ def test_what_is_not_matched_is_grey():
 
 
 def test_a_pair_of_parts_is_drawn_with_what_is_matched():
-    plain = picture_of(draw_pair(TETRA, PYRAMID, T))
+    pixels = lambda **matched: picture_of(draw_pair(TETRA, PYRAMID, T, **matched), 30)
+    hues = lambda image: np.ptp(image.astype(int), axis=2).max()
     all_of_it = {"matched_x": np.ones(4, bool), "matched_y": np.ones(5, bool)}
-    assert np.array_equal(picture_of(draw_pair(TETRA, PYRAMID, T, **all_of_it)), plain)
-    none = {name: ~matched for name, matched in all_of_it.items()}
-    grey = picture_of(draw_pair(TETRA, PYRAMID, T, **none))
-    assert np.ptp(grey.astype(int), axis=2).max() < 12 < np.ptp(plain, axis=2).max()
+    plain = pixels()
+    assert np.array_equal(pixels(**all_of_it), plain)
+    grey = pixels(**{name: ~matched for name, matched in all_of_it.items()})
+    assert hues(grey) < 20 < 60 < hues(plain)
 
 
 def test_pull_back_takes_jax_arrays():

@@ -125,6 +125,7 @@ function startViewer() {
   const coloursY = unpacked(scene.y.colours, Uint8Array);
   // Only of parts, whose page has one map: there X is grey where it is not matched.
   const coloursX = scene.x.colours && unpacked(scene.x.colours, Uint8Array);
+  if (coloursX) byId("hint").append(" What is grey is not matched.");
   const uvY = unpacked(scene.y.uv, Uint16Array);
   const ramp = unpacked(scene.ramp, Uint8Array);
   const figures = scene.figures.map((figure) => ({
