@@ -32,8 +32,14 @@ from jfsf.parts import (
 from jfsf.parts import _match as parts_match
 from jfsf.parts._ball_descriptors import ball_descriptors, descriptor_unlikeness
 from jfsf.parts._beam import assign
-from jfsf.parts._match import turned_round
-from jfsf.parts._region import covered_by, draw_onto, nearest, outward, target
+from jfsf.parts._region import (
+    covered_by,
+    draw_onto,
+    nearest,
+    outward,
+    target,
+    turned_round,
+)
 from jfsf.parts._register import register, whole_at_rest
 from jfsf.parts._shape import part_samples
 from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts

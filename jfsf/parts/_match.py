@@ -21,10 +21,8 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
-from jfsf.mesh import edge_graph
 from jfsf.parts._region import (
     Drawn,
     Target,
@@ -35,18 +33,12 @@ from jfsf.parts._region import (
     openness,
     scaled,
     target,
+    turned_round,
     wound,
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import (
-    Sides,
-    Start,
-    both_sides,
-    mirrored,
-    start_of,
-    starts,
-)
+from jfsf.parts._starts import Sides, Start, both_sides, first_starts
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
@@ -153,7 +145,7 @@ def match_parts(
     both = both_sides(
         mesh_x, mesh_y, landmarks=landmarks, descriptors=descriptors, settings=settings
     )
-    begin = _first_starts(both, sign, T_xy, progress)
+    begin = first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:
         state = _refined(_drawn(sides, start), sides, refine)
@@ -174,39 +166,6 @@ def match_parts(
             break
         state = again
     return _result(state, margin)
-
-
-def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
-    """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
-
-    Args:
-        T_xy: the vertex of Y for each vertex of X.
-        mesh_y: in one piece; distances are along its edges.
-    """
-    images, of_image = np.unique(T_xy, return_index=True)
-    graph, options = edge_graph(mesh_y), {"directed": False, "min_only": True}
-    near = dijkstra(graph, indices=images, return_predecessors=True, **options)[2]
-    return of_image[np.searchsorted(images, near)]
-
-
-def _first_starts(
-    both: Sides, sign: int, T_xy, progress: Callable[[str], object] | None
-) -> list[tuple[Sides, Start]]:
-    """The best first, without those that miss more landmarks than others."""
-    begin = []
-    if T_xy is not None:
-        # Which way round it is shows in how much the whole bends by it.
-        for sides in (both, mirrored(both)):
-            if progress is not None:
-                progress("registration of the initial map")
-            begin.append((sides, start_of(sides, np.asarray(T_xy))))
-        return [min(begin, key=lambda pair: pair[1].rank)]
-    for way in (1, -1) if sign == 0 else (sign,):
-        sides = both if way > 0 else mirrored(both)
-        begin += [(sides, start) for start in starts(sides, progress)]
-    least = min(start.missed for _, start in begin)
-    begin = [pair for pair in begin if pair[1].missed == least]
-    return sorted(begin, key=lambda pair: pair[1].rank)
 
 
 def _swapped(parts: Parts) -> Parts:

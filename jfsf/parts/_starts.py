@@ -128,6 +128,36 @@ def starts(
         yield start_of(sides, T_xy, float(scale))
 
 
+def first_starts(
+    both: Sides,
+    sign: int,
+    T_xy: ArrayLike | None = None,
+    progress: Callable[[str], object] | None = None,
+) -> list[tuple[Sides, Start]]:
+    """The best first, without those that miss more landmarks than others.
+
+    Args:
+        both: sides for maps that keep left and right.
+        sign: 1 for these maps, -1 for those that mirror, 0 for both.
+        T_xy: a map that is to be the only start, whatever `sign` says.
+        progress: as `starts`.
+    """
+    begin = []
+    if T_xy is not None:
+        # Which way round it is shows in how much the whole bends by it.
+        for sides in (both, mirrored(both)):
+            if progress is not None:
+                progress("registration of the initial map")
+            begin.append((sides, start_of(sides, np.asarray(T_xy))))
+        return [min(begin, key=lambda pair: pair[1].rank)]
+    for way in (1, -1) if sign == 0 else (sign,):
+        sides = both if way > 0 else mirrored(both)
+        begin += [(sides, start) for start in starts(sides, progress)]
+    least = min(start.missed for _, start in begin)
+    begin = [pair for pair in begin if pair[1].missed == least]
+    return sorted(begin, key=lambda pair: pair[1].rank)
+
+
 def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
     """Of one map.
 

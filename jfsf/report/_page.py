@@ -21,6 +21,7 @@ from jfsf.plot import (
     body_colours,
     draw_error_curves,
     draw_functional_map,
+    draw_pair,
     draw_reliability,
     draw_shape,
     find_frames,
@@ -30,7 +31,15 @@ from jfsf.plot import (
 )
 from jfsf.report._candidates import Considered, considered
 from jfsf.report._measured import measure
-from jfsf.report._scene import Shown, data_url, scene, shown, shown_maps
+from jfsf.report._scene import (
+    Shown,
+    data_url,
+    lifted_maps,
+    scene,
+    shown,
+    shown_maps,
+    shown_matched,
+)
 from jfsf.report._words import DOUBTFUL, LIKELY, findings, readings, reasons, verdict
 from jfsf.settings import Settings
 from jfsf.storage import write_text
@@ -131,11 +140,11 @@ def write_report(
     apart = [_distance(own, one.maps, few_y) for one in candidates]
     for i, one in enumerate(candidates):
         name = f"candidate {i + 1}"
-        maps[name] = _lifted(one.maps, (few_x, few_y), (shown_x, shown_y))
+        maps[name] = lifted_maps(one.maps, (few_x, few_y), (shown_x, shown_y))
         nearest = apart[i] == min(apart) and apart[i] < _SAME
         rows.append(_candidate(name, one, few_x, few_y, nearest))
-    few_matched = _matched_at(found, few_x, few_y) or (None, None)
-    picture = _pair_picture(few_x, few_y, own, *few_matched)
+    few_matched = shown_matched(found, few_x, few_y) or (None, None)
+    picture = _pair_picture(few_x, few_y, own, few_matched)
     colours = body_colours(few_y.body.vertices)[own.T_xy]
     colours = matched_colours(colours, few_matched[0])
     pictures = {
@@ -180,7 +189,7 @@ def write_report(
                 if values is not None
             },
             (x.numbers, y.numbers),
-            _matched_at(found, shown_x, shown_y),
+            shown_matched(found, shown_x, shown_y),
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
         "versions": versions(),
@@ -264,25 +273,10 @@ def _drawn(shape: Shown, colours):
     return draw_shape(shape.body, colours, up="y", turn=turn)
 
 
-def _matched_at(found: Match, x: Shown, y: Shown):
-    """Whether each shown vertex of X, and of Y, is matched; None for whole shapes."""
-    if found.matched_x is None or found.matched_y is None:
-        return None
-    return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
-
-
-def _pair_picture(x: Shown, y: Shown, maps: Maps, matched_x, matched_y) -> str:
-    from jfsf.plot import draw_pair
-
-    figure = draw_pair(
-        x.body,
-        y.body,
-        maps.T_xy,
-        matched_x=matched_x,
-        matched_y=matched_y,
-        up="y",
-        turn=natural_turn(x.body.vertices, y.body.vertices),
-    )
+def _pair_picture(x: Shown, y: Shown, maps: Maps, matched) -> str:
+    turn = natural_turn(x.body.vertices, y.body.vertices)
+    inside = dict(zip(("matched_x", "matched_y"), matched, strict=True))
+    figure = draw_pair(x.body, y.body, maps.T_xy, **inside, up="y", turn=turn)
     return data_url(figure, _SMALL)
 
 
@@ -292,14 +286,6 @@ def _distance(one: Maps, other: Maps, y: Shown) -> float:
     away = np.linalg.norm(points[one.T_xy] - points[other.T_xy], axis=1)
     spread = np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean())
     return float(away.mean() / (spread or 1))
-
-
-def _lifted(maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]) -> Maps:
-    """Maps between few vertices as maps between many: each like the nearest."""
-    (few_x, few_y), (x, y) = few, many
-    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
-    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
-    return Maps(T_xy, T_yx)
 
 
 def thumbnail(found: str, path: str | os.PathLike[str]) -> None:

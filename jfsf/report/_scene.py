@@ -18,7 +18,7 @@ from jfsf.plot import (
     ramp,
     texture_coordinates,
 )
-from jfsf.types import ArrayLike, Maps, Mesh
+from jfsf.types import ArrayLike, Maps, Match, Mesh
 
 MOST = 50_000  # vertices of a shape; larger ones are shown by some of their vertices
 _TOP = 0.05  # of sqrt(area): where the scale of a figure ends, at least
@@ -54,6 +54,25 @@ def shown_maps(maps: Any, x: Shown, y: Shown) -> Maps:
     """Maps between shapes as maps between what is shown of them."""
     T_xy: Any = y.near[np.asarray(maps.T_xy)[x.index]]
     T_yx: Any = x.near[np.asarray(maps.T_yx)[y.index]]
+    return Maps(T_xy, T_yx)
+
+
+def shown_matched(
+    found: Match, x: Shown, y: Shown
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Whether each shown vertex of X, and of Y, is matched; None for whole shapes."""
+    if found.matched_x is None or found.matched_y is None:
+        return None
+    return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
+
+
+def lifted_maps(
+    maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]
+) -> Maps:
+    """Maps between few vertices as maps between many: each like the nearest."""
+    (few_x, few_y), (x, y) = few, many
+    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
+    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
     return Maps(T_xy, T_yx)
 
 
