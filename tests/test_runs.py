@@ -352,7 +352,9 @@ def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
         assert partial and len(mesh_x.vertices) == len(mesh_y.vertices) == 162
         found = fake_match(mesh_x, mesh_y)
         unknown, own = jnp.asarray(jnp.nan), jnp.asarray(next(odds))
-        certificate = found.certificate._replace(confidence=unknown, log_odds=own)
+        certificate = found.certificate._replace(
+            confidence=unknown, log_odds=own, gap=jnp.asarray(jnp.inf)
+        )
         inside = np.arange(162) < 100
         return found._replace(
             certificate=certificate, matched_x=inside, matched_y=inside, info=None
@@ -371,7 +373,9 @@ def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
     assert "2 pairs: 2 matched" in _words(result.stdout)
     settings = json.loads((out / "settings.json").read_text())
     assert settings["partial"] and settings["repair"]
-    record = json.loads((out / "summary.json").read_text())
+    text = (out / "summary.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    record = json.loads(text)
     assert [row["log_odds"] for row in record["pairs"]] == [-0.5, 1.5]
     assert all(row["confidence"] is None for row in record["pairs"])
     said = [[w for w in row["warnings"] if "region" in w] for row in record["pairs"]]

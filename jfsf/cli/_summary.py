@@ -50,8 +50,9 @@ def summary_row(outcome, orientation: str) -> dict[str, Any]:
         "n_x": len(match.T_xy),
         "n_y": len(match.T_yx),
         "warnings": warnings_of(certificate, orientation),
-        # JSON has no nan: a point cloud's orientation is null.
-        **{name: None if value != value else value for name, value in figures.items()},
+        # JSON has neither nan nor inf: a point cloud's orientation is null, and so is
+        # the gap of a map without a rival.
+        **{name: v if math.isfinite(v) else None for name, v in figures.items()},
     }
 
 
