@@ -506,6 +506,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({"confidence": 0.65}, "preserve", "doubtful, confidence 65%"),
         ({"confidence": 0.02}, "preserve", "probably wrong, confidence 2%"),
         ({"confidence": np.nan}, "preserve", None),
+        ({"confidence": np.nan, "log_odds": -1}, "preserve", "region is more likely"),
         ({"finite": False}, "preserve", "not finite"),
         ({"landmarks": [0.1, 0.9]}, "preserve", "landmark 2 ends far"),
         ({"empty": 3}, "preserve", "3 vertices"),
@@ -524,6 +525,10 @@ def test_the_least_confident_pairs_come_first():
     values = ("", 0.9), ("", None), ("no file", None), ("", 0.1)
     rows = [{"reason": why, "confidence": value} for why, value in values]
     assert doubtful_first(rows) == [rows[2], rows[3], rows[0], rows[1]]
+    # Parts stand where their log odds put them: 0.5 and 0.99.
+    parts = [{"reason": "", "confidence": None, "log_odds": z} for z in (0.0, 4.6)]
+    ordered = [rows[2], rows[3], parts[0], rows[0], parts[1], rows[1]]
+    assert doubtful_first([*parts, *rows]) == ordered
 
 
 @pytest.mark.parametrize(

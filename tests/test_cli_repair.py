@@ -9,6 +9,7 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.cli import app
+from jfsf.cli._files import kept_match, matchable, write_found
 from jfsf.export import export_mesh
 from jfsf.mapfiles import read_match
 from jfsf.mesh import read, repair
@@ -92,6 +93,17 @@ def test_match_repair_maps_between_all_vertices(folder, seen):
     assert np.allclose(found.confidence_y[3 : N + 3], likely[::-1])
     # Flakes and strays have images too.
     assert found.T_xy.min() >= 3 and found.T_xy.max() < N + 3
+
+
+def test_a_match_is_read_as_it_wkept_match(folder):
+    x, y = (matchable(folder / f"{name}_broken.ply", False, True) for name in "xy")
+    there, inside = (np.arange(N) + 5) % N, np.arange(N) < 50
+    found = Match(there, np.argsort(there), jnp.eye(3), GOOD, inside, ~inside)
+    write_found(folder / "map.npz", found, x, y)
+    read_back = kept_match(read_match(folder / "map.npz"), x, y)
+    for name in ("T_xy", "T_yx", "matched_x", "matched_y"):
+        assert np.array_equal(getattr(read_back, name), getattr(found, name)), name
+    assert read_back.confidence_x is None
 
 
 def test_landmarks_count_the_vertices_of_the_file(folder, seen):

@@ -47,6 +47,15 @@ def exported(tmp_path_factory):
     return paths
 
 
+def test_what_is_not_matched_is_grey(tmp_path):
+    matched = np.arange(N_X) % 3 > 0
+    export_map(tmp_path / "part.ply", X, Y, T_XY, matched_x=matched)
+    mesh = trimesh.load(tmp_path / "part.ply", process=False)
+    found = mesh.visual.vertex_colors[:, :3] / 255  # type: ignore
+    assert np.abs(found[matched] - COLOURS[matched]).max() < BYTE
+    assert np.ptp(found[~matched], axis=0).max() == 0
+
+
 def srgb(linear):
     """The inverse of glTF's transfer function."""
     return np.where(

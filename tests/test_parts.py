@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import testing
+from jfsf.evidence import MISSED
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
@@ -29,11 +30,19 @@ from jfsf.parts import (
     match_parts,
 )
 from jfsf.parts import _match as parts_match
-from jfsf.parts._ball_descriptors import ball_descriptors
+from jfsf.parts._ball_descriptors import ball_descriptors, descriptor_unlikeness
 from jfsf.parts._beam import assign
-from jfsf.parts._region import covered_by, draw_onto, nearest, outward, target
+from jfsf.parts._region import (
+    covered_by,
+    draw_onto,
+    nearest,
+    outward,
+    target,
+    turned_round,
+)
 from jfsf.parts._register import register, whole_at_rest
 from jfsf.parts._shape import part_samples
+from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts
 from jfsf.refine import ArapSettings
 from jfsf.types import Mesh
 
@@ -43,6 +52,7 @@ AREA = surface_area(WHOLE)
 UP = np.array([0.2, 0.3, 0.93])
 HEIGHT = WHOLE.vertices @ UP
 PART = cut(WHOLE, HEIGHT < np.quantile(HEIGHT, 0.7))
+N = len(WHOLE.vertices)
 
 
 # Small programs: neither the search nor the details are under test.
@@ -105,6 +115,64 @@ def test_a_swap_of_the_shapes_swaps_the_maps(found):
         assert getattr(other.certificate, a) == getattr(found.certificate, b)
 
 
+# Of the whole to the part; of what the part lacks, to any vertex.
+TO_PART = np.full(N, 3, np.int32)
+TO_PART[PART.index] = np.arange(len(PART.index))
+
+
+def test_a_given_map_is_the_only_start_and_landmarks_are_judged(found, monkeypatch):
+    """The map between the regions is kept as it is: its refinement is tested above."""
+    seen, steps = [], []
+
+    def keep(shapes, inputs, settings, host):
+        seen.append((inputs, settings.retry_below))
+        _, part_y = shapes.values()
+        T_yx = turned_round(inputs.initial, part_y.surface)
+        return found._replace(T_xy=inputs.initial, T_yx=T_yx)
+
+    monkeypatch.setattr(_match, "_match", keep)
+    at = PART.index[[5, 200, 300]]
+    rows = np.stack([at, [5, 200, 40]], 1)  # the last is wrong
+    given = jfsf.match(
+        *(WHOLE, turned(PART.mesh)),
+        partial=True,
+        initial=TO_PART,
+        landmarks=rows,
+        orientation="reverse",  # the map knows better
+        settings=replace(SETTINGS, parts=QUICK),
+        cache=False,
+        progress=steps.append,
+    )
+    assert error(given.T_yx, PART.index) < 0.03
+    assert np.asarray(given.matched_y).mean() > 0.98
+    missed = np.asarray(given.certificate.landmarks)
+    assert missed.shape == (3,) and missed[:2].max() < MISSED < missed[2]
+    ((inputs, retry_below),) = seen
+    assert retry_below == 0 and len(inputs.landmarks[0]) == 3 and inputs.sign == -1
+    names = ["spectra", *["registration of the initial map"] * 2]
+    assert steps == [*names, "refinement of a region"]
+
+
+def test_a_functional_map_is_turned_into_a_map_of_points(found, monkeypatch):
+    class SeenError(Exception):
+        pass
+
+    def see(*meshes, T_xy, T_yx, **_):
+        raise SeenError(np.asarray(T_xy), T_yx)
+
+    monkeypatch.setattr(_match, "match_parts", see)
+    options = {"partial": True, "settings": SETTINGS, "cache": False}
+    pair = turned(PART.mesh), WHOLE
+    with pytest.raises(SeenError) as seen:
+        jfsf.match(*pair, initial=found.C_yx, **options)
+    T_xy, T_yx = seen.value.args
+    assert T_yx is None and error(T_xy, PART.index) < 0.1
+    with pytest.raises(SeenError) as seen:
+        jfsf.match(*pair, initial=found, **options)
+    np.testing.assert_array_equal(seen.value.args[0], found.T_xy)
+    np.testing.assert_array_equal(seen.value.args[1], found.T_yx)
+
+
 def test_units_do_not_matter_if_both_have_them(found):
     scaled = [
         m._replace(vertices=1000 * m.vertices) for m in (turned(PART.mesh), WHOLE)
@@ -143,8 +211,10 @@ def test_what_cannot_be_partial_is_refused():
     cloud = WHOLE._replace(faces=WHOLE.faces[:0])
     with pytest.raises(MeshError, match="mesh_y: has no faces"):
         jfsf.match(WHOLE, cloud, partial=True)
-    with pytest.raises(ValueError, match="neither landmarks"):
-        jfsf.match(WHOLE, WHOLE, partial=True, landmarks=np.array([[0, 0]]))
+    with pytest.raises(ValueError, match=f"mesh_x, which has vertices 0 to {N - 1}"):
+        jfsf.match(WHOLE, WHOLE, partial=True, landmarks=np.array([[N, 0]]))
+    with pytest.raises(ValueError, match="initial is a map of 3 vertices"):
+        jfsf.match(WHOLE, PART.mesh, partial=True, initial=np.arange(3))
 
 
 def test_a_long_boundary_is_a_hint():
@@ -193,6 +263,81 @@ def test_the_beam_finds_the_scale():
     best = assign(x, y, settings=PartSettings(anchors=10, beam=400))
     assert abs(np.log(best.scale[0] / 1.25)) < 0.11
     assert (np.diff(best.cost) >= 0).all()
+
+
+LANDMARKS = np.stack([PART.index, np.arange(len(PART.index))], 1)[[7, 90, 240], ::-1]
+
+
+@pytest.fixture(scope="module")
+def sides():
+    """The part at 1 / 1.2 of its size and the whole, with landmarks."""
+    small = Mesh(PART.mesh.vertices / 1.2, PART.mesh.faces)
+    return both_sides(small, WHOLE, landmarks=LANDMARKS, settings=QUICK)
+
+
+def test_landmarks_are_samples_whose_partner_is_given(sides):
+    x, y = sides.x, sides.y
+    for own, at in ((x, LANDMARKS[:, 0]), (y, LANDMARKS[:, 1])):
+        np.testing.assert_array_equal(own.at[own.landmarks], at)
+    found = assign(x, y, settings=QUICK)
+    at = np.flatnonzero(np.isin(found.which, x.landmarks))
+    np.testing.assert_array_equal(at, [1, 2, 3])
+    partner_of = dict(zip(x.landmarks, y.landmarks, strict=True))
+    wanted = [partner_of[sample] for sample in found.which[at]]
+    np.testing.assert_array_equal(found.partner[0, at], wanted)
+    assert set(found.partner[:, at].ravel()) <= {-1, *wanted}
+    assert abs(np.log(found.scale[0] / 1.2)) < 0.11
+
+
+def test_a_landmark_that_contradicts_the_others_has_no_partner():
+    far = int(np.argmax(geodesics(WHOLE, LANDMARKS[:1, 1])[0]))
+    rows = np.concatenate([LANDMARKS, [[LANDMARKS[0, 0], far]]])
+    # The first and the last are one vertex of X.
+    wrong = both_sides(PART.mesh, WHOLE, landmarks=rows, settings=QUICK)
+    x, best = wrong.x, assign(wrong.x, wrong.y, settings=QUICK)
+    np.testing.assert_array_equal(x.direction[-1], x.direction[-4])
+    column = {sample: m for m, sample in enumerate(best.which)}
+    partners = [best.partner[0, column[sample]] for sample in x.landmarks]
+    assert partners[:3] == list(wrong.y.landmarks[:3]) and partners[3] == -1
+
+
+def test_a_start_far_from_the_landmarks_misses_them(sides):
+    start = start_of(sides, PART.index)
+    assert start.missed == 0
+    assert start.scale == pytest.approx(1.2, rel=0.03)
+    assert start_of(sides, PART.index, 1.2).missed == 0
+    mirrored = KDTree(-WHOLE.vertices).query(PART.mesh.vertices)[1]
+    assert start_of(sides, mirrored).missed == 3
+    # All in one place: no scale can be read.
+    assert scale_of(sides, np.zeros_like(PART.index)) == 1
+
+
+def test_a_map_is_turned_round():
+    back = turned_round(np.asarray(PART.index), WHOLE)
+    np.testing.assert_array_equal(back[PART.index], np.arange(len(PART.index)))
+    images = WHOLE.vertices[PART.index[back]]
+    lost = np.setdiff1d(np.arange(N), PART.index)
+    nearest_image = KDTree(PART.mesh.vertices).query(WHOLE.vertices[lost])[0]
+    # Along edges, not as the crow flies.
+    assert away(images[lost], WHOLE.vertices[lost]) < 1.5 * nearest_image.mean()
+
+
+def test_given_descriptors_are_compared_at_the_samples():
+    unit = np.sqrt(AREA)
+    values = np.stack([HEIGHT, WHOLE.vertices[:, 0], np.full(N, 2.0)], 1)
+    own = values[PART.index], values
+    sides = both_sides(PART.mesh, WHOLE, descriptors=own, settings=QUICK)
+    best = assign(sides.x, sides.y, settings=QUICK)
+    there = best.partner[0] >= 0
+    at_x = PART.index[sides.x.at[best.which[there]]]
+    at_y = sides.y.at[best.partner[0, there]]
+    assert away(WHOLE.vertices[at_y], WHOLE.vertices[at_x]) / unit < 0.12
+    some = values[:5]
+    unlike = descriptor_unlikeness(some, 1 + some)
+    by_hand = np.abs(some[:, None] - 1 - some) / (some.std(0) + (some.std(0) == 0))
+    by_hand = np.mean((np.minimum(by_hand, 3) / 1.5) ** 2, 2)
+    np.testing.assert_allclose(unlike, by_hand)
+    assert np.diag(descriptor_unlikeness(some, some)).max() == 0
 
 
 def test_a_part_in_place_covers_its_region():
@@ -317,6 +462,39 @@ def matched_with(found):
     return matched
 
 
+def test_landmarks_in_both_parts_reach_the_refinement(found):
+    seen, said = [], []
+
+    def refine(part_x, part_y, T_xy, landmarks):
+        seen.append((part_x, part_y, landmarks))
+        return found._replace(T_xy=T_xy, T_yx=np.zeros(len(part_y.vertices), np.int32))
+
+    other = int(np.argmax(HEIGHT))  # the part lacks it
+    rows = np.concatenate([LANDMARKS[:, ::-1], [[other, 0]]])
+    parts = match_parts(
+        *(WHOLE, PART.mesh, refine),
+        T_xy=TO_PART,
+        landmarks=rows,
+        settings=QUICK,
+        progress=said.append,
+    )
+    assert said == ["registration of the initial map"] * 2
+    # The part is called X within.
+    ((part_x, part_y, inside),) = seen
+    np.testing.assert_allclose(
+        part_x.vertices[inside[:, 0]] * np.sqrt(AREA) / part_x_scale(parts),
+        PART.mesh.vertices[LANDMARKS[:, 0]],
+    )
+    np.testing.assert_allclose(
+        part_y.vertices[inside[:, 1]] * np.sqrt(AREA), WHOLE.vertices[LANDMARKS[:, 1]]
+    )
+
+
+def part_x_scale(parts) -> float:
+    """Of the part, where it was given as Y."""
+    return 1 / parts.scale
+
+
 def same_maps(parts, others) -> bool:
     pairs = zip(parts[:4], others[:4], strict=True)
     return all(np.array_equal(a, b) for a, b in pairs) and parts.scale == others.scale
@@ -345,16 +523,14 @@ def test_settings_change_what_is_found(changed, matched_with):
 
 
 def test_weights_change_the_choice():
-    sides = parts_match._sides(PART.mesh, WHOLE, settings=QUICK)
-    found = [start.registered for start in parts_match._starts(sides)]
+    sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
+    found = [start.registered for start in starts(sides)]
     assert len(found) > 1
     least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))
     nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0, 0))
     for one in found:
-        assert parts_match._rank(one, least) == pytest.approx(np.log(one.share))
-        assert parts_match._rank(one, nearest_fit) == pytest.approx(
-            np.log(one.residual)
-        )
+        assert _rank(one, least) == pytest.approx(np.log(one.share))
+        assert _rank(one, nearest_fit) == pytest.approx(np.log(one.residual))
 
 
 def test_a_region_of_too_few_vertices_is_an_error(matched_with):

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from shapes import small
 
 from jfsf.data import Sample, load
+from jfsf.plot import body_colours, frame, matched_colours
 from jfsf.report import (
     Considered,
     Row,
@@ -125,6 +126,7 @@ def test_page_has_the_shapes_and_the_maps(page):
     x, y, found = pair()
     record = record_of(page)
     parts, names = record["scene"], [m["name"] for m in record["scene"]["maps"]]
+    assert parts["x"]["colours"] is None  # by the map, from those of Y
     assert names == ["the map found", "candidate 1", "candidate 2"]
     assert np.array_equal(unpacked(parts["maps"][0]["xy"], "<u2"), found.T_xy)
     assert np.array_equal(unpacked(parts["maps"][0]["yx"], "<u2"), found.T_yx)
@@ -239,6 +241,35 @@ def test_measured_figures_are_those_of_the_metrics():
     assert right.back.mean() < 0.02 < 0.2 < wrong.back.mean()
     assert len(right.back) == len(x.mesh.vertices)
     assert measure(x.mesh, y.mesh, found).truth_rows == []
+
+
+def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
+    x, y, found = pair()
+    inside = [own > np.median(own) for own in (s.mesh.vertices[:, 1] for s in (x, y))]
+    nan = jnp.asarray(np.nan)
+    part = found._replace(
+        certificate=GOOD._replace(confidence=nan, log_odds=jnp.asarray(-1.5)),
+        matched_x=inside[0],
+        matched_y=inside[1],
+        confidence_x=None,
+        confidence_y=None,
+    )
+    sides = Side(x.mesh, "X"), Side(y.mesh, "Y")
+    write_report(tmp_path / "a.html", *sides, part, up="y", cache=False)
+    record = record_of(tmp_path / "a.html")
+    colours = body_colours(shown(y.mesh, frame("y")).body.vertices)
+    greys = [matched_colours(colours[found.T_xy], inside[0])]
+    greys += [matched_colours(colours, inside[1])]
+    for side, wanted in zip("xy", greys, strict=True):
+        packed = unpacked(record["scene"][side]["colours"], "u1").reshape(-1, 3)
+        assert np.array_equal(packed, np.rint(255 * wanted))
+    (back,) = record["scene"]["figures"]
+    assert np.array_equal(unpacked(back["steps"], "u1") < 255, inside[0])
+    rows = {name: value for name, value, _ in record["figures"]}
+    assert 30 < float(rows["matched of X"][:-1]) < 70 and "matched of Y" in rows
+    assert "more likely wrong than right" in record["findings"][0]["why"]
+    said = " ".join(record["reasons"])
+    assert "log odds of the region are -1.50" in said and "candidate" not in said
 
 
 def test_old_pages_stay_when_the_disk_is_full(tmp_path, monkeypatch):

@@ -21,7 +21,7 @@ from jfsf.batch import Job, connect, read_pairs, run_jobs
 from jfsf.cli import app
 from jfsf.cli._runs import _interrupt, raising_interrupts
 from jfsf.mapfiles import read_match
-from jfsf.types import STAGES, Certificate, Match, MatchInfo
+from jfsf.types import STAGES, Certificate, Match, MatchInfo, Mesh
 
 dask = pytest.importorskip("dask")
 distributed = pytest.importorskip("distributed")
@@ -344,6 +344,48 @@ def test_the_command(client, tmp_path, monkeypatch):
     result = batch(pairs, out, *at, "--orientation", "any")
     assert result.exit_code == 1 and "name another folder" in result.stderr
     assert batch(tmp_path / "none.csv", out, *at).exit_code == 1
+
+
+def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
+    odds = iter([1.5, -0.5])
+
+    def match_of_parts(mesh_x, mesh_y, *, orientation, partial):
+        assert partial and len(mesh_x.vertices) == len(mesh_y.vertices) == 162
+        found = fake_match(mesh_x, mesh_y)
+        unknown, own = jnp.asarray(jnp.nan), jnp.asarray(next(odds))
+        certificate = found.certificate._replace(
+            confidence=unknown, log_odds=own, gap=jnp.asarray(jnp.inf)
+        )
+        inside = np.arange(162) < 100
+        return found._replace(
+            certificate=certificate, matched_x=inside, matched_y=inside, info=None
+        )
+
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("jfsf.matching.match", match_of_parts)
+    for i in range(2):
+        vertices, faces = testing.blob(i)
+        stray = np.concatenate([vertices, [[9.0, 9, 9]]])  # which no face has
+        write_off(tmp_path / f"{i}.off", Mesh(stray, faces))
+    (pairs := tmp_path / "pairs.csv").write_text("0.off,1.off\n1.off,0.off\n")
+    out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
+    result = batch(pairs, out, *at, "--partial", "--repair")
+    assert result.exit_code == 0, result.output
+    assert "2 pairs: 2 matched" in _words(result.stdout)
+    settings = json.loads((out / "settings.json").read_text())
+    assert settings["partial"] and settings["repair"]
+    text = (out / "summary.json").read_text()
+    assert "Infinity" not in text and "NaN" not in text
+    record = json.loads(text)
+    assert [row["log_odds"] for row in record["pairs"]] == [-0.5, 1.5]
+    assert all(row["confidence"] is None for row in record["pairs"])
+    said = [[w for w in row["warnings"] if "region" in w] for row in record["pairs"]]
+    assert len(said[0]) == 1 and not said[1]
+    (first, _) = record["pairs"]
+    found = read_match(out / first["file"])
+    assert found.T_xy.shape == found.matched_x.shape == (163,)
+    result = batch(pairs, out, *at, "--partial")
+    assert result.exit_code == 1 and "name another folder" in result.stderr
 
 
 def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):

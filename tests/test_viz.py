@@ -23,6 +23,7 @@ from jfsf.plot import (
     draw_reliability,
     draw_shape,
     draw_texture,
+    matched_colours,
     picture_of,
     pull_back,
     texture_coordinates,
@@ -49,6 +50,28 @@ def test_colour_of_a_vertex_is_its_images(T_xy):
     pulled = pull_back(colours, np.array(T_xy, np.int32))
     for i, j in enumerate(T_xy):
         assert (pulled[i] == colours[j]).all()
+
+
+def test_what_is_not_matched_is_grey():
+    colours = coordinate_colours(PYRAMID.vertices)
+    matched = np.array([True, False, True, True, False])
+    shown = matched_colours(colours, jnp.asarray(matched))
+    assert np.array_equal(shown[matched], colours[matched])
+    assert np.ptp(shown[~matched], 0).max() == 0 and np.ptp(shown[1]) < 0.03
+    assert np.array_equal(matched_colours(colours, None), colours)
+    for wrong in (matched[1:], matched.astype(int)):
+        with pytest.raises(ValueError, match="the shape has 5 vertices, what is match"):
+            matched_colours(colours, wrong)
+
+
+def test_a_pair_of_parts_is_drawn_with_what_is_matched():
+    pixels = lambda **matched: picture_of(draw_pair(TETRA, PYRAMID, T, **matched), 30)
+    hues = lambda image: np.ptp(image.astype(int), axis=2).max()
+    all_of_it = {"matched_x": np.ones(4, bool), "matched_y": np.ones(5, bool)}
+    plain = pixels()
+    assert np.array_equal(pixels(**all_of_it), plain)
+    grey = pixels(**{name: ~matched for name, matched in all_of_it.items()})
+    assert hues(grey) < 20 < 60 < hues(plain)
 
 
 def test_pull_back_takes_jax_arrays():

@@ -45,11 +45,14 @@ from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
+from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
 
 # Of a match, if the first map is right: spectra, features, search, refinement, bending
 # and conversion, writing.
 _STAGES = 6
+# Of parts: spectra, assignments, registrations, refinements at most, writing.
+_PART_STAGES = 3 + PartSettings().assignments + PartSettings().refined
 
 
 class _OneLine(TyperGroup):
@@ -224,7 +227,8 @@ def match(
         typer.Option(
             "--partial",
             help="One shape is a part of the other, or both overlap; both in one unit. "
-            "The file then has matched_x and matched_y, the vertices that both have.",
+            "The file then has matched_x and matched_y, the vertices that both have. "
+            "Pictures, pages and exported meshes show the others in grey.",
         ),
     ] = False,
     repair: Annotated[
@@ -269,7 +273,7 @@ def match(
     truth = kept_truth(gt_x, gt_y, (shape_x, shape_y))
     known = known_pairs(files, (shape_x, shape_y))
     started = perf_counter()
-    with stage_bar(_STAGES) as stage:
+    with stage_bar(_PART_STAGES if partial else _STAGES) as stage:
         matched = match_meshes(
             mesh_x,
             mesh_y,
@@ -284,12 +288,26 @@ def match(
         write_found(out, matched, shape_x, shape_y)
         axis = None if up is None else up.value
         if png is not None:
-            T_xy = np.asarray(matched.T_xy)
-            draw_pair(mesh_x, mesh_y, T_xy, path=png, up=axis)
+            draw_pair(
+                mesh_x,
+                mesh_y,
+                np.asarray(matched.T_xy),
+                path=png,
+                matched_x=matched.matched_x,
+                matched_y=matched.matched_y,
+                up=axis,
+            )
         for path in exports:
-            pair = mesh_x, mesh_y, np.asarray(matched.T_xy)
-            likely = known_confidence(matched)
-            export_map(path, *pair, up=axis, checker=checker, confidence=likely)
+            export_map(
+                path,
+                mesh_x,
+                mesh_y,
+                np.asarray(matched.T_xy),
+                up=axis,
+                checker=checker,
+                confidence=known_confidence(matched),
+                matched_x=matched.matched_x,
+            )
         if report is not None:
             write_report(
                 report,

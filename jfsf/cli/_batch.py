@@ -1,9 +1,9 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
-from functools import partial
+import functools
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -58,6 +58,17 @@ def batch(
             "--largest-component", help="Match the largest pieces only; see match."
         ),
     ] = False,
+    partial: Annotated[
+        bool,
+        typer.Option(
+            "--partial",
+            help="Of each pair one shape is a part of the other, or both overlap; see "
+            "match.",
+        ),
+    ] = False,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair all meshes first; see match.")
+    ] = False,
     report: Annotated[
         bool,
         typer.Option(
@@ -91,6 +102,8 @@ def batch(
     options = {
         "orientation": orientation.value,
         "largest_component": largest_component,
+        "partial": partial,
+        "repair": repair,
     }
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
@@ -101,8 +114,10 @@ def batch(
             outcomes = run_jobs(
                 list(jobs.values()),
                 client,
-                prepare=partial(prepare, largest=largest_component),
-                work=partial(work, report=report, **options),
+                prepare=functools.partial(
+                    prepare, largest=largest_component, mend=repair
+                ),
+                work=functools.partial(work, report=report, **options),
                 done=_is_reported if report else _is_done,
                 progress=lambda n, total: shown.update(
                     shapes, completed=n, total=total
@@ -132,25 +147,33 @@ def batch(
         raise typer.Exit(1)
 
 
-def prepare(path: Path, largest: bool) -> None:
+def prepare(path: Path, largest: bool, mend: bool = False) -> None:
     """Check a mesh and put its spectrum into the cache, for all of its pairs."""
     from jfsf.matching import basis
 
-    basis(matchable(path, largest).mesh, name=str(path))
+    basis(matchable(path, largest, mend).mesh, name=str(path))
 
 
-def work(job, orientation: str, largest_component: bool, report: bool = False) -> None:
+def work(
+    job,
+    orientation: str,
+    largest_component: bool,
+    partial: bool = False,
+    repair: bool = False,
+    report: bool = False,
+) -> None:
     """Match a pair and write it, and its page, as `jfsf match` does."""
     from jfsf.mapfiles import read_match
     from jfsf.matching import match
 
-    x, y = (matchable(path, largest_component) for path in job.inputs)
+    x, y = (matchable(path, largest_component, repair) for path in job.inputs)
     if report and _is_done(job):
         # Only its page is missing.
         result, seconds = kept_match(read_match(job.out), x, y), {}
     else:
         started = perf_counter()
-        result = match(x.mesh, y.mesh, orientation=orientation)  # type: ignore
+        options: dict[str, Any] = {"orientation": orientation, "partial": partial}
+        result = match(x.mesh, y.mesh, **options)
         seconds = {"matching": perf_counter() - started}
         write_found(job.out, result, x, y)
     if report:

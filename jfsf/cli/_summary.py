@@ -50,8 +50,9 @@ def summary_row(outcome, orientation: str) -> dict[str, Any]:
         "n_x": len(match.T_xy),
         "n_y": len(match.T_yx),
         "warnings": warnings_of(certificate, orientation),
-        # JSON has no nan: a point cloud's orientation is null.
-        **{name: None if value != value else value for name, value in figures.items()},
+        # JSON has neither nan nor inf: a point cloud's orientation is null, and so is
+        # the gap of a map without a rival.
+        **{name: v if math.isfinite(v) else None for name, v in figures.items()},
     }
 
 
@@ -79,10 +80,16 @@ def summary_table(rows: list[dict[str, Any]]) -> Table:
 
 
 def doubtful_first(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Failed pairs, then the others from the least confidence to the most."""
+    """Failed pairs, then the others from the least confidence to the most.
+
+    Parts have no confidence: they stand where their own evidence puts them. Pairs
+    without either come last.
+    """
 
     def place(row):
-        likely = row["confidence"]
+        likely, odds = row["confidence"], row.get("log_odds")
+        if likely is None and odds is not None:
+            likely = 0.5 * (1 + math.tanh(odds / 2))  # the logistic function
         return not row["reason"], math.inf if likely is None else likely
 
     return sorted(rows, key=place)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jfsf.export._glb import glb_bytes
 from jfsf.export._obj import obj_files
@@ -17,6 +17,7 @@ from jfsf.plot import (
     body_colours,
     find_frame,
     frame,
+    matched_colours,
     pull_back,
     texture_coordinates,
 )
@@ -37,11 +38,13 @@ def export_map(
     checker: bool = False,
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
     confidence: Float[ArrayLike, " n_x"] | None = None,
+    matched_x: Bool[ArrayLike, " n_x"] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
     To compare, write Y too, with its own vertices as the map:
-    `export_map(path, mesh_y, mesh_y, range(n_y))`.
+    `export_map(path, mesh_y, mesh_y, range(n_y))`, and of parts with
+    `matched_x=found.matched_y`.
 
     Args:
         path: `.ply`, `.obj` or `.glb`; see `export_mesh`.
@@ -54,6 +57,7 @@ def export_map(
         uv_y: texture coordinates of Y for it; by default a projection from the front,
             with `TILES` squares along the longer side.
         confidence: of each vertex of X, `Match.confidence_x`; see `export_mesh`.
+        matched_x: of a match of parts, `Match.matched_x`; all other vertices are grey.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -67,7 +71,7 @@ def export_map(
     # Of Y alone, so that X and Y can be written one by one.
     axes = frame(up) if up else find_frame(mesh_y).axes
     body = np.asarray(mesh_y.vertices, float) @ axes
-    colours = pull_back(body_colours(body), T_xy)
+    colours = matched_colours(pull_back(body_colours(body), T_xy), matched_x)
     uv = None
     if checker or uv_y is not None:
         if uv_y is None:

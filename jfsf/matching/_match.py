@@ -22,8 +22,8 @@ from jfsf.arguments import (
     checked_landmarks,
     padded_inputs,
 )
-from jfsf.convert import HasMaps
-from jfsf.evidence import map_distances
+from jfsf.convert import HasMaps, nearest
+from jfsf.evidence import landmark_distances, map_distances
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.mesh import (
     MAX_UNCLEAR,
@@ -40,7 +40,7 @@ from jfsf.parts import match_parts
 from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import EvidenceSettings, Settings
-from jfsf.spectral import functional_map, spectrum_of_valid, truncate
+from jfsf.spectral import embeddings, functional_map, spectrum_of_valid, truncate
 from jfsf.types import ArrayLike, Match, Mesh, Spectrum
 
 
@@ -82,11 +82,13 @@ def match(
             map is kept, but others are tried on coarse copies: one that fits as well
             makes it less sure. `Settings(retry_below=0)` leaves that out.
         partial: one shape is a part of the other, or both overlap. Both are meshes in
-            one unit; bodies may differ in size by a factor of 1.5. It takes neither
-            landmarks, nor descriptors, nor an initial map. Cuts change the sizes of
-            arrays, so it runs on the host, with `match` of the cuts inside: it cannot
-            be traced. It takes about five times as long. Two closed surfaces share all.
-            There is no confidence for parts.
+            one unit; bodies may differ in size by a factor of 1.5. Landmarks and
+            descriptors guide the search for the region; the map within it is refined
+            without the descriptors. An initial map replaces that search: it is turned
+            into a T_xy, its scale is read from it, and no other is tried. Cuts change
+            the sizes of arrays, so it runs on the host, with `match` of the cuts
+            inside: it cannot be traced. It takes about five times as long. Two closed
+            surfaces share all. There is no confidence for parts.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.
@@ -105,16 +107,13 @@ def match(
             an unknown orientation, or no overlap found with `partial`.
     """
     meshes = _checked(mesh_x, mesh_y, settings)
+    host = _Host(cache, cache, progress)
     if partial:
-        if not (landmarks is None and descriptors is None and initial is None):
-            raise ValueError(
-                "match: partial=True takes neither landmarks, nor descriptors, nor an "
-                "initial map; leave them out"
-            )
-        host = _Host(cache, cache, progress)
-        return _partial(meshes, orientation_sign(orientation), settings, host)
+        inputs = _inputs(meshes, orientation, landmarks, descriptors, initial)
+        T_yx = getattr(initial, "T_yx", None)
+        return _partial(meshes, inputs, T_yx, settings, host)
     given = _given(meshes, orientation, landmarks, descriptors, initial)
-    return _match(*given, settings, _Host(cache, cache, progress))
+    return _match(*given, settings, host)
 
 
 def alternatives(
@@ -293,17 +292,22 @@ def _given(
     meshes: Mapping[str, Mesh], orientation, landmarks, descriptors, initial
 ) -> tuple[dict[str, _Shape], MatchInputs]:
     """Both shapes, and what was given with them, checked."""
-    size_x, size_y = (len(mesh.vertices) for mesh in meshes.values())
     shapes = {name: _shape(mesh) for name, mesh in meshes.items()}
     if not all(_tells_left_from_right(shape) for shape in shapes.values()):
         orientation = "any"
-    inputs = MatchInputs(
+    return shapes, _inputs(meshes, orientation, landmarks, descriptors, initial)
+
+
+def _inputs(
+    meshes: Mapping[str, Mesh], orientation, landmarks, descriptors, initial
+) -> MatchInputs:
+    size_x, size_y = (len(mesh.vertices) for mesh in meshes.values())
+    return MatchInputs(
         checked_landmarks(landmarks, (size_x, size_y)),
         checked_descriptors(descriptors, (size_x, size_y)),
         checked_initial(initial, (size_x, size_y)),
         orientation_sign(orientation),
     )
-    return shapes, inputs
 
 
 def _match(
@@ -395,9 +399,13 @@ def _basis(
 
 
 def _partial(
-    meshes: Mapping[str, Mesh], sign: Any, settings: Settings, host: _Host
+    meshes: Mapping[str, Mesh],
+    inputs: MatchInputs,
+    T_yx: Any,
+    settings: Settings,
+    host: _Host,
 ) -> Match:
-    """`match` with partial=True."""
+    """`match` with partial=True; T_yx is that of the initial map, if it has one."""
     for name, mesh in meshes.items():
         if len(mesh.faces) == 0:
             raise MeshError(
@@ -405,28 +413,59 @@ def _partial(
             )
     if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
         shapes = {name: _Shape(mesh) for name, mesh in meshes.items()}
-        match = _match(shapes, MatchInputs(sign=sign), settings, host)
+        match = _match(shapes, inputs, settings, host)
         all_x, all_y = (jnp.ones(len(mesh.vertices), bool) for mesh in meshes.values())
         return match._replace(matched_x=all_x, matched_y=all_y)
 
-    def refine(part_x, part_y, T_xy):
+    def refine(part_x, part_y, T_xy, landmarks=None):
         host.say("refinement of a region")
         sizes = len(part_x.vertices), len(part_y.vertices)
-        inputs = MatchInputs(initial=checked_initial(T_xy, sizes), sign=sign)
+        own = MatchInputs(
+            checked_landmarks(landmarks, sizes),
+            initial=checked_initial(T_xy, sizes),
+            sign=inputs.sign,
+        )
         parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
-        own = host._replace(keep_spectra=False, progress=None)
-        return _match(parts, inputs, replace(settings, retry_below=0.0), own)
+        quiet = host._replace(keep_spectra=False, progress=None)
+        return _match(parts, own, replace(settings, retry_below=0.0), quiet)
 
-    host.say("regions")
+    host.say("spectra")
     x, y = meshes.values()
-    parts = match_parts(x, y, refine, sign, settings=settings.parts)
     k = min(settings.eigenpairs(len(mesh.vertices)) for mesh in meshes.values())
-    specs = (
-        truncate(_basis(_Shape(mesh), name, settings, host.keep_spectra), k)
+    spec_x, spec_y = (
+        jax.tree.map(
+            jnp.asarray,
+            truncate(_basis(_Shape(mesh), name, settings, host.keep_spectra), k),
+        )
         for name, mesh in meshes.items()
     )
+    initial = inputs.initial
+    if initial is not None and initial.ndim == 2:
+        C_yx = jnp.asarray(initial[:k, :k])
+        initial = nearest(*embeddings(C_yx, spec_x.evecs, spec_y.evecs)).T_xy
+    if T_yx is not None:
+        T_yx = checked_initial(T_yx, (len(y.vertices), len(x.vertices)))
+    rows = None if inputs.landmarks is None else np.stack(inputs.landmarks, 1)
+    parts = match_parts(
+        x,
+        y,
+        refine,
+        inputs.sign,
+        T_xy=initial,
+        T_yx=T_yx,
+        landmarks=rows,
+        descriptors=inputs.descriptors,
+        settings=settings.parts,
+        progress=host.progress,
+    )
     T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, parts[:4])
-    C_yx = functional_map(T_xy, *jax.tree.map(jnp.asarray, tuple(specs)))
+    C_yx = functional_map(T_xy, spec_x, spec_y)
     certificate = jax.tree.map(jnp.asarray, parts.certificate)
+    if inputs.landmarks is not None:
+        # Of the whole shapes: one may be outside of the region that was found.
+        at_x, at_y = inputs.landmarks
+        pairs = settings.distance_pairs
+        away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
+        certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
     return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)

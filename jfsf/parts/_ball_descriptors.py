@@ -1,4 +1,7 @@
-"""What a point sees within some distances: descriptors that no cut beyond changes."""
+"""What a point sees within some distances: descriptors that no cut beyond changes.
+
+Those that a caller gives are compared beside them.
+"""
 
 import numpy as np
 
@@ -73,3 +76,26 @@ def unlikeness(
         mean[count > 0].mean() if (count > 0).any() else settings.unread_ball_difference
     )
     return np.where(count > 0, mean, usual) / settings.ball_difference_unit
+
+
+def descriptor_unlikeness(
+    given_x: np.ndarray,
+    given_y: np.ndarray,
+    *,
+    settings: PartSettings = PartSettings(),
+) -> np.ndarray:
+    """(a, b) mean squared difference of descriptors in `ball_difference_unit`.
+
+    Args:
+        given_x, given_y: (a, d) and (b, d), column i of one like column i of the other.
+        settings: the unit, in standard deviations over `given_y`; differences above
+            `max_ball_difference` count as that.
+    """
+    width = given_y.std(0)
+    unit = settings.ball_difference_unit * np.where(width > 0, width, 1)
+    most = settings.max_ball_difference / settings.ball_difference_unit
+    total = np.zeros((len(given_x), len(given_y)))
+    # Column by column: there may be hundreds.
+    for x, y in zip((given_x / unit).T, (given_y / unit).T, strict=True):
+        total += np.minimum(np.abs(x[:, None] - y[None]), most) ** 2
+    return total / given_x.shape[1]

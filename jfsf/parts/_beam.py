@@ -3,13 +3,20 @@
 What counts is what a cut leaves: how points look near by, how far apart they are, and
 in which directions they see each other. The last tells left from right. The scale
 between the shapes is part of the assignment.
+
+Landmarks are samples whose partner is given. An assignment may leave one without a
+partner, as any other sample: one that is wrong is not obeyed.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.parts._ball_descriptors import ball_descriptors, unlikeness
+from jfsf.parts._ball_descriptors import (
+    ball_descriptors,
+    descriptor_unlikeness,
+    unlikeness,
+)
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, along_cut
 
@@ -49,6 +56,12 @@ def assign(
     scale: np.ndarray = np.array(settings.scales, float)
     unlike = np.stack([pair.unlike(s) for s in scale])  # (scales, a, s_y)
     num = len(y.at)
+    # Of a landmark all partners are ruled out but the given one.
+    ruled_out = np.zeros((len(which), num))
+    for sample, given in zip(x.landmarks, y.landmarks, strict=True):
+        m = which == sample
+        unlike[:, m] = 0
+        ruled_out[m] = np.where(np.arange(num) == given, 0, np.inf)
     # A state: partners, the number of its scale, its sign, its cost.
     ball_weight, scale_weight = settings.ball_weight, settings.scale_weight
     first = ball_weight * unlike[:, 0] + scale_weight * np.abs(np.log(scale))[:, None]
@@ -65,7 +78,7 @@ def assign(
     lonely = settings.unassigned_cost if closed else settings.unassigned_cost_open
     partners, beam = settings.partners, settings.beam
     for m in range(1, len(which)):
-        new = cost[:, None] + ball_weight * unlike[of_scale, m]
+        new = cost[:, None] + ball_weight * unlike[of_scale, m] + ruled_out[m]
         new += scale_weight * np.abs(np.log(scale))[of_scale, None]
         new += pair.cost(m, partner, scale[of_scale], sign)
         alone = cost + lonely
@@ -84,8 +97,10 @@ def assign(
         partner = np.concatenate([partner[row], added[:, None]], 1)
         of_scale, sign, cost = of_scale[row], sign[row], new.ravel()[best]
     order = np.argsort(cost)
+    # Partners of landmarks are the same in all that obey them.
+    free = ~np.isin(which, x.landmarks)
     chosen = _different(
-        partner[order],
+        partner[order][:, free],
         pair.between_y,
         settings.assignments,
         settings.min_partner_distance,
@@ -95,18 +110,29 @@ def assign(
 
 
 def anchors_of(x: PartSamples, settings: PartSettings) -> np.ndarray:
-    """Samples far apart, those away from the boundary rather than those on it."""
+    """Samples far apart, those away from the boundary rather than those on it.
+
+    Landmarks come after the first of them, which may go anywhere, since they may be
+    wrong. Of more than `settings.anchors` those far apart are taken.
+    """
     between = x.between
     worth = settings.boundary_worth
     inner = np.clip(x.to_boundary[x.at] / settings.boundary_margin, 0, 1)
     inner = inner * (1 - worth) + worth
+    known = np.isin(np.arange(len(x.at)), x.landmarks)
     mean = x.distance @ x.mass / x.mass.sum()
-    chosen = [int(np.argmax(mean * inner))]
+    chosen = [int(np.argmax(np.where(known, 0, mean * inner)))]
     far = between[chosen[0]].copy()
-    for _ in range(min(settings.anchors, len(x.at)) - 1):
-        new = int(np.argmax(far * inner))
-        chosen.append(new)
-        far = np.minimum(far, between[new])
+    num_free = min(settings.anchors, int((~known).sum())) - 1
+    for free, num in (
+        (known, min(settings.anchors, int(known.sum()))),
+        (~known, num_free),
+    ):
+        for _ in range(num):
+            free = free & ~np.isin(np.arange(len(free)), chosen)
+            new = int(np.argmax(np.where(free, far * inner, -1)))
+            chosen.append(new)
+            far = np.minimum(far, between[new])
     return np.array(chosen)
 
 
@@ -122,11 +148,17 @@ class _Pair:
         self.turn_x = x.direction[np.ix_(which, which)]
         self.turn_y = y.direction
         self.balls_y = ball_descriptors(y, np.arange(len(y.at)), settings=settings)
+        self.described = 0.0
+        if x.descriptors is not None and y.descriptors is not None:
+            given = x.descriptors[which], y.descriptors
+            unlike = descriptor_unlikeness(*given, settings=settings)
+            self.described = settings.descriptor_weight * unlike
 
     def unlike(self, scale) -> np.ndarray:
         settings = self.settings
         balls_x = ball_descriptors(self.x, self.which, scale, settings=settings)
-        return unlikeness(balls_x, self.balls_y, settings=settings)
+        unlike = unlikeness(balls_x, self.balls_y, settings=settings)
+        return unlike + self.described
 
     def cost(self, m, partner, scale, sign):
         """(states, s_y) mean cost of sample m with each partner, to those before it."""

@@ -4,7 +4,8 @@ A cut changes all eigenfunctions, but where the region that both share is known,
 out of both, the shapes are whole again: the usual refinement then is as accurate as for
 whole shapes. So the work is to find that region.
 
-1. Assign a few samples by what a cut leaves (`_beam`): many assignments.
+1. Assign a few samples by what a cut leaves (`_beam`): many assignments. Landmarks are
+   samples whose partners are known. A map that is given is the only start.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
    each of them (`_register`). What is left apart, and the energy, rank these starts
    (`_starts`).
@@ -32,15 +33,17 @@ from jfsf.parts._region import (
     openness,
     scaled,
     target,
+    turned_round,
     wound,
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import Sides, Start, both_sides, mirrored, starts
-from jfsf.types import Certificate, Mesh
+from jfsf.parts._starts import Sides, Start, both_sides, first_starts
+from jfsf.types import ArrayLike, Certificate, Mesh
 
-# (part of X, part of Y, T_xy) -> a match of these.
-Refine = Callable[[Mesh, Mesh, np.ndarray], Any]
+# (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
+# parts, they are a fourth argument: rows (vertex of the part of X, of that of Y).
+Refine = Callable[..., Any]
 
 
 class Parts(NamedTuple):
@@ -95,30 +98,54 @@ def match_parts(
     refine: Refine,
     sign: int = 1,
     *,
+    T_xy: ArrayLike | None = None,
+    T_yx: ArrayLike | None = None,
+    landmarks: ArrayLike | None = None,
+    descriptors: tuple[ArrayLike, ArrayLike] | None = None,
     settings: PartSettings = PartSettings(),
+    progress: Callable[[str], object] | None = None,
 ) -> Parts:
     """Find the region that two shapes share, and the maps.
 
     Args:
         mesh_x, mesh_y: one connected piece each, with faces, in one unit: bodies may
             differ in size by a factor of 1.57 either way, see `PartSettings.scales`.
-        refine: makes a match of two meshes from a map between their vertices.
+        refine: makes a match of two meshes from a map between their vertices, and rows
+            of landmarks if there are any (`Refine`).
         sign: 1 for a map that keeps left and right, -1 for its mirror image, 0 for the
             better one.
+        T_xy: a map to begin with, in place of the search: the vertex of Y for each
+            vertex of X. It keeps left and right or not, whatever `sign` says.
+        T_yx: that map the other way, read where Y is the part; when absent,
+            `turned_round`.
+        landmarks: rows (vertex of X, vertex of Y) that correspond.
+        descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
         settings: the numbers of the search.
+        progress: called with the name of each step as it begins.
 
     Raises:
         ValueError: no region of enough vertices was found.
     """
     # The shape that is open, or the smaller one, is called X from here on.
     if openness(mesh_x) < openness(mesh_y):
-        return _swapped(match_parts(mesh_y, mesh_x, refine, sign, settings=settings))
-    begin = []
-    both = both_sides(mesh_x, mesh_y, settings=settings)
-    for way in (1, -1) if sign == 0 else (sign,):
-        sides = both if way > 0 else mirrored(both)
-        begin += [(sides, start) for start in starts(sides)]
-    begin.sort(key=lambda pair: pair[1].rank)
+        if T_xy is not None and T_yx is None:
+            T_yx = turned_round(np.asarray(T_xy), mesh_y)
+        other = match_parts(
+            mesh_y,
+            mesh_x,
+            refine,
+            sign,
+            T_xy=None if T_xy is None else T_yx,
+            landmarks=None if landmarks is None else np.asarray(landmarks)[:, ::-1],
+            descriptors=None if descriptors is None else descriptors[::-1],
+            settings=settings,
+            progress=progress,
+        )
+        return _swapped(other)
+    both = both_sides(
+        mesh_x, mesh_y, landmarks=landmarks, descriptors=descriptors, settings=settings
+    )
+    begin = first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:
         state = _refined(_drawn(sides, start), sides, refine)
@@ -201,7 +228,9 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
     start = tree.query(y.vertices[drawn.T_xy[part_x.index]])[1]
-    match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32))
+    within = _landmarks_within(sides, part_x.index, part_y.index)
+    given = (within,) if len(within) else ()
+    match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
     after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
@@ -211,6 +240,17 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     outside[part_x.index] = False
     T_xy[outside] = after.drawn.T_xy[outside]
     return after._replace(T_xy=T_xy, T_yx=T_yx, match=match)
+
+
+def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
+    """Rows (vertex of the cut of X, of the cut of Y) of landmarks that are in both."""
+    rows = []
+    for own, index in ((sides.x, index_x), (sides.y, index_y)):
+        number = np.full(len(own.mesh.vertices), -1, np.int32)
+        number[index] = np.arange(len(index))
+        rows.append(number[own.at[own.landmarks]])
+    both = np.stack(rows, 1)
+    return both[(both >= 0).all(1)]
 
 
 def _result(state: _State, margin: float) -> Parts:

@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from jfsf.geometry import surface
 from jfsf.mesh import (
     Submesh,
     boundary_edges,
+    edge_graph,
     largest_component,
     surface_area,
     vertex_areas,
@@ -162,6 +164,19 @@ def dense_map(
         w, d = weight[:, rows].T, from_x[:, rows].T
         out[rows] = (w @ square - 2 * (w * d) @ from_y).argmin(1)
     return out
+
+
+def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
+    """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
+
+    Args:
+        T_xy: the vertex of Y for each vertex of X.
+        mesh_y: in one piece; distances are along its edges.
+    """
+    images, of_image = np.unique(T_xy, return_index=True)
+    graph, options = edge_graph(mesh_y), {"directed": False, "min_only": True}
+    near = dijkstra(graph, indices=images, return_predecessors=True, **options)[2]
+    return of_image[np.searchsorted(images, near)]
 
 
 def openness(mesh: Mesh) -> tuple[float, float]:

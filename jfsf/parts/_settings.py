@@ -54,10 +54,12 @@ class PartSettings:
     max_ball_difference: in standard deviations; a greater difference counts as this.
     ball_difference_unit: standard deviations that count as 1.
     unread_ball_difference: of all samples, if no two can be compared.
+    descriptor_weight: of the difference of descriptors that are given, beside that of
+        the balls.
 
     Assignment of anchors, which are samples of the part, to samples of the whole:
 
-    anchors: samples that are assigned.
+    anchors: samples that are assigned, beside as many landmarks at most.
     boundary_margin: distance from the boundary from which on a sample counts in full
         when anchors are chosen far apart.
     boundary_worth: how much one on the boundary counts.
@@ -85,6 +87,8 @@ class PartSettings:
     unassigned_cost_open: the same beside an open whole, which may lack the partner.
     assignments: the best ones, by which the part is bent.
     min_partner_distance: mean distance of their partners, in which two of these differ.
+    max_landmark_distance: a start misses a landmark whose image is further away than
+        this from where it should be. Those that miss more than others are dropped.
 
     Registration, where a coarse copy of the whole is drawn onto one of the part by each
     assignment:
@@ -134,6 +138,7 @@ class PartSettings:
     max_ball_difference: float = 3.0
     ball_difference_unit: float = 1.5
     unread_ball_difference: float = 0.5
+    descriptor_weight: float = 1.0
     anchors: int = 16
     boundary_margin: float = 0.15
     boundary_worth: float = 0.3
@@ -154,6 +159,7 @@ class PartSettings:
     unassigned_cost_open: float = 0.75
     assignments: int = 16
     min_partner_distance: float = 0.1
+    max_landmark_distance: float = 0.15
     anchor_radius: float = 0.05
     coarse_whole: int = 1000
     coarse_part: int = 600
@@ -191,7 +197,7 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("uncovered_weight", "first_reach"),
+            *("uncovered_weight", "first_reach", "max_landmark_distance"),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(

@@ -33,6 +33,8 @@ class PartSamples(NamedTuple):
     mass: (n,) vertex areas.
     to_boundary: (n,) geodesic distance to the boundary; inf if there is none.
     around: (s, s) length of the shortest path between two samples by the boundary.
+    landmarks: (l,) the samples at landmarks, which come last, in their order.
+    descriptors: (s, d) those that were given, at the samples; None without any.
     """
 
     mesh: Mesh
@@ -43,6 +45,8 @@ class PartSamples(NamedTuple):
     mass: ArrayLike
     to_boundary: ArrayLike
     around: ArrayLike
+    landmarks: ArrayLike = np.zeros(0, np.int64)
+    descriptors: ArrayLike | None = None
 
     @property
     def between(self) -> np.ndarray:
@@ -52,13 +56,20 @@ class PartSamples(NamedTuple):
 
 
 def part_samples(
-    mesh: Mesh, num: int, *, settings: PartSettings = PartSettings()
+    mesh: Mesh,
+    num: int,
+    *,
+    landmarks: ArrayLike = (),
+    descriptors: ArrayLike | None = None,
+    settings: PartSettings = PartSettings(),
 ) -> PartSamples:
     """`num` samples of a connected mesh, wound outward; fewer vertices, fewer samples.
 
     Args:
         mesh: in the common unit.
-        num: samples.
+        num: samples, those at landmarks not counted.
+        landmarks: (l,) vertices.
+        descriptors: (n, d), a row a vertex.
         settings: how the distance to the boundary is measured.
     """
     n, solver = len(mesh.vertices), GeodesicSolver(mesh)
@@ -71,14 +82,18 @@ def part_samples(
         to_boundary[edge] = 0
     extremity = int(farthest_vertices(mesh, 2)[1])
     at = farthest_vertices(mesh, min(num, n), start=extremity)
+    known = len(at) + np.arange(len(landmarks))
+    at = np.concatenate([at, np.asarray(landmarks, at.dtype)])
     distance = solver.rows(at)
     normal, mass = vertex_normals(*mesh), vertex_areas(*mesh)
     direction = _directions(mesh, at, distance, normal)
     around = np.full((len(at), len(at)), np.inf)
     for row in from_edge[:, at]:
         around = np.minimum(around, row[:, None] + row[None])
+    given = None if descriptors is None else np.asarray(descriptors, float)[at]
     return PartSamples(
-        *(mesh, at, distance, direction, normal, mass, to_boundary, around)
+        *(mesh, at, distance, direction, normal, mass, to_boundary, around),
+        *(known, given),
     )
 
 
@@ -125,5 +140,7 @@ def _directions(mesh: Mesh, at, distance, normal) -> np.ndarray:
     towards = np.einsum("iaj,ia->ij", slope, first) + 1j * np.einsum(
         "iaj,ia->ij", slope, second
     )
+    # A vertex may be a sample twice, as a landmark too: only the last has faces above.
+    towards = towards[place[at]]
     size = np.abs(towards)
     return towards / np.where(size > 0, size, 1)

@@ -1,22 +1,26 @@
 """From where two shapes of which one is a part may be drawn together. Host side.
 
-Each start is an assignment of a few samples (`_beam`), and a coarse copy of Y drawn
-onto X by it (`_register`). What is left apart, the energy, and the share of Y that is
-used rank the starts.
+Each start is an assignment of a few samples (`_beam`), or a map that is given, and a
+coarse copy of Y drawn onto X by it (`_register`). What is left apart, the energy, and
+the share of Y that is used rank the starts.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import decimate, orient, surface_area, vertex_normals
-from jfsf.parts._beam import assign
+from jfsf.parts._beam import anchors_of, assign
 from jfsf.parts._region import dense_map, near_vertices, outward, scaled
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._shape import PartSamples, part_samples
-from jfsf.types import Mesh
+from jfsf.parts._shape import PartSamples, along_cut, part_samples
+from jfsf.types import ArrayLike, Mesh
+
+# Of distances, from which on their ratio is read.
+FEW = 10
 
 
 class Sides(NamedTuple):
@@ -26,6 +30,7 @@ class Sides(NamedTuple):
     whole: that of Y.
     on_x: the vertex of X nearest to each of its copy.
     from_y: the vertex of the copy nearest to each of Y.
+    on_y: the vertex of Y nearest to each of its copy.
     sign: -1 for maps that mirror, and the whole is mirrored.
     """
 
@@ -35,6 +40,7 @@ class Sides(NamedTuple):
     whole: Whole
     on_x: np.ndarray
     from_y: np.ndarray
+    on_y: np.ndarray
     sign: int
     settings: PartSettings
 
@@ -44,30 +50,54 @@ class Start(NamedTuple):
 
     scale: of X, in the assignment.
     rank: by the weights of `RegisterWeights`. Small is good.
+    missed: landmarks whose image is far from where it should be, see
+        `PartSettings.max_landmark_distance`.
     """
 
     scale: float
     registered: Registered
     rank: float
+    missed: int = 0
 
 
-def both_sides(mesh_x: Mesh, mesh_y: Mesh, *, settings: PartSettings) -> Sides:
-    """For maps that keep left and right."""
+def both_sides(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    landmarks: ArrayLike | None = None,
+    descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    settings: PartSettings,
+) -> Sides:
+    """For maps that keep left and right.
+
+    Args:
+        mesh_x, mesh_y: both shapes.
+        landmarks: rows (vertex of X, vertex of Y).
+        descriptors: of X and of Y, a row a vertex.
+        settings: how many samples, and the sizes of the copies.
+    """
     unit = np.sqrt(surface_area(mesh_y))
+    at = ((), ()) if landmarks is None else np.asarray(landmarks).T
+    given = (None, None) if descriptors is None else descriptors
 
     def in_unit(mesh):
         own = orient(mesh)
         return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
 
-    x = part_samples(in_unit(mesh_x), settings.samples_of_part, settings=settings)
-    y = part_samples(in_unit(mesh_y), settings.samples_of_whole, settings=settings)
+    nums = settings.samples_of_part, settings.samples_of_whole
+    x, y = (
+        part_samples(
+            in_unit(mesh), num, landmarks=own, descriptors=desc, settings=settings
+        )
+        for mesh, num, own, desc in zip((mesh_x, mesh_y), nums, at, given, strict=True)
+    )
     coarse_x = decimate(x.mesh, settings.coarse_part)
     coarse_y = decimate(y.mesh, settings.coarse_whole)
     on_x = near_vertices(x.mesh, coarse_x)
     out = outward(coarse_y, vertex_normals(*coarse_y))
     whole = whole_at_rest(coarse_y, out)
-    from_y = near_vertices(coarse_y, y.mesh)
-    return Sides(x, y, coarse_x, whole, on_x, from_y, 1, settings)
+    from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
+    return Sides(x, y, coarse_x, whole, on_x, from_y, on_y, 1, settings)
 
 
 def mirrored(sides: Sides) -> Sides:
@@ -76,15 +106,104 @@ def mirrored(sides: Sides) -> Sides:
     return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
 
 
-def starts(sides: Sides) -> Iterator[Start]:
-    """Of the assignments."""
+def starts(
+    sides: Sides, progress: Callable[[str], object] | None = None
+) -> Iterator[Start]:
+    """Of the assignments.
+
+    Args:
+        sides: both shapes.
+        progress: called with the name of each step as it begins.
+    """
     x, y, settings = sides.x, sides.y, sides.settings
+    say = progress or (lambda name: None)
+    say("assignments")
     assigned = assign(x, y, orientation=sides.sign, settings=settings)
-    for partner, scale in zip(assigned.partner, assigned.scale, strict=True):
+    num = len(assigned.scale)
+    for i, (partner, scale) in enumerate(
+        zip(assigned.partner, assigned.scale, strict=True)
+    ):
+        say(f"registration {i + 1} of {num}")
         T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
-        part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
-        found = register(sides.whole, part, T, settings=settings)
-        yield Start(float(scale), found, _rank(found, settings))
+        yield start_of(sides, T_xy, float(scale))
+
+
+def first_starts(
+    both: Sides,
+    sign: int,
+    T_xy: ArrayLike | None = None,
+    progress: Callable[[str], object] | None = None,
+) -> list[tuple[Sides, Start]]:
+    """The best first, without those that miss more landmarks than others.
+
+    Args:
+        both: sides for maps that keep left and right.
+        sign: 1 for these maps, -1 for those that mirror, 0 for both.
+        T_xy: a map that is to be the only start, whatever `sign` says.
+        progress: as `starts`.
+    """
+    begin = []
+    if T_xy is not None:
+        # Which way round it is shows in how much the whole bends by it.
+        for sides in (both, mirrored(both)):
+            if progress is not None:
+                progress("registration of the initial map")
+            begin.append((sides, start_of(sides, np.asarray(T_xy))))
+        return [min(begin, key=lambda pair: pair[1].rank)]
+    for way in (1, -1) if sign == 0 else (sign,):
+        sides = both if way > 0 else mirrored(both)
+        begin += [(sides, start) for start in starts(sides, progress)]
+    least = min(start.missed for _, start in begin)
+    begin = [pair for pair in begin if pair[1].missed == least]
+    return sorted(begin, key=lambda pair: pair[1].rank)
+
+
+def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
+    """Of one map.
+
+    Args:
+        sides: both shapes.
+        T_xy: the vertex of Y for each vertex of X, right or nearly so.
+        scale: factor of X's lengths; when absent, that of the map (`scale_of`).
+    """
+    settings = sides.settings
+    scale = scale_of(sides, T_xy) if scale is None else scale
+    part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
+    found = register(sides.whole, part, T, settings=settings)
+    return Start(scale, found, _rank(found, settings), _missed(sides, found))
+
+
+def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
+    """The factor of X's lengths that a map tells.
+
+    It is the median ratio of geodesic distances on Y, of the images of the anchors, to
+    those on X, in the range of `PartSettings.scales`. Paths along a cut do not count.
+    Edges would say less: an image is off by the distance of two vertices of Y. 1 where
+    fewer than `FEW` distances are left, or where the images are all in one place.
+
+    Args:
+        sides: both shapes.
+        T_xy: the vertex of Y for each vertex of X.
+    """
+    x, settings = sides.x, sides.settings
+    which = anchors_of(x, settings)
+    images = T_xy[x.at[which]]
+    far_x = x.between[np.ix_(which, which)]
+    far_y = GeodesicSolver(sides.y.mesh).rows(images)[:, images]
+    counts = ~along_cut(x.around[np.ix_(which, which)], far_x, settings)
+    counts &= (far_x > 0) & (far_y > 0)
+    if counts.sum() < 2 * FEW:  # each distance is there twice
+        return 1.0
+    ratio = float(np.median(far_y[counts] / far_x[counts]))
+    return float(np.clip(ratio, min(settings.scales), max(settings.scales)))
+
+
+def _missed(sides: Sides, found: Registered) -> int:
+    x, y = sides.x, sides.y
+    near = x.distance[x.landmarks][:, sides.on_x].argmin(1)
+    images = sides.on_y[found.T[near]]
+    away = y.distance[y.landmarks, images]
+    return int(np.sum(away > sides.settings.max_landmark_distance))
 
 
 def _rank(found: Registered, settings: PartSettings) -> float:

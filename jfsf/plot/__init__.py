@@ -27,6 +27,7 @@ from jfsf.plot._colours import (
     coordinate_colours,
     error_colours,
     frame,
+    matched_colours,
     pull_back,
     ramp,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "find_frame",
     "find_frames",
     "frame",
+    "matched_colours",
     "natural_turn",
     "picture_of",
     "pull_back",

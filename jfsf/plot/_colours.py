@@ -3,11 +3,14 @@
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jfsf.types import ArrayLike
 
 Up = Literal["x", "y", "z", "-x", "-y", "-z"]
+
+# Of what is not matched, sRGB: pale, and without any hue that a place has.
+UNMATCHED = (0.80, 0.81, 0.82)
 
 
 def coordinate_colours(
@@ -64,6 +67,29 @@ def pull_back(
             f"vertices 0 to {n_y - 1}: is it the map from Y to X?"
         )
     return np.asarray(colours_y)[T_xy]
+
+
+def matched_colours(
+    colours: Float[ArrayLike, "n 3"], matched: Bool[ArrayLike, " n"] | None
+) -> Float[np.ndarray, "n 3"]:
+    """Colours of vertices, those that are not matched grey.
+
+    Args:
+        colours: sRGB in [0, 1], one row a vertex.
+        matched: `Match.matched_x` or `matched_y`; None greys nothing.
+
+    Raises:
+        ValueError: `matched` is not one truth value a vertex.
+    """
+    if matched is None:
+        return np.asarray(colours)
+    colours, matched = np.asarray(colours), np.asarray(matched)
+    if matched.shape != (len(colours),) or matched.dtype != bool:
+        raise ValueError(
+            f"draw: the shape has {len(colours)} vertices, what is matched is "
+            f"{matched.dtype} of shape {matched.shape}; give one truth value a vertex"
+        )
+    return np.where(matched[:, None], colours, UNMATCHED)
 
 
 def error_colours(

@@ -9,13 +9,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from jfsf.plot._colours import (
     Up,
     body_colours,
     checkered,
     error_colours,
+    matched_colours,
     pull_back,
     ramp,
     sampled,
@@ -68,6 +69,8 @@ def draw_pair(
     path: str | os.PathLike[str] | None = None,
     title: str | None = None,
     errors: Float[ArrayLike, " n_x"] | None = None,
+    matched_x: Bool[ArrayLike, " n_x"] | None = None,
+    matched_y: Bool[ArrayLike, " n_y"] | None = None,
     up: Up | None = None,
     turn: float | None = None,
 ) -> "Figure":
@@ -80,6 +83,8 @@ def draw_pair(
         path: the PNG to write, 160 dpi, completely or not at all.
         title: a line above.
         errors: one number a vertex of X, drawn on X at the right; nan is grey.
+        matched_x, matched_y: of a match of parts, `Match.matched_x` and `matched_y`;
+            all other vertices are grey.
         up: the axis that points up in the files, such as "z" or "-y", with the front
             where modelling tools have it. When absent, both are found in the shapes,
             and the same side of both is seen (`find_frames`).
@@ -97,8 +102,12 @@ def draw_pair(
     view_x, view_y = look_at_pair(mesh_x, mesh_y, T_xy, up=up, turn=turn)
     colours = body_colours(view_y.body)
     panels = [
-        ShapePanel("X, coloured by its map to Y", view_x, colours[T_xy]),
-        ShapePanel("Y", view_y, colours),
+        ShapePanel(
+            "X, coloured by its map to Y",
+            view_x,
+            matched_colours(colours[T_xy], matched_x),
+        ),
+        ShapePanel("Y", view_y, matched_colours(colours, matched_y)),
     ]
     scale = None
     if errors is not None:

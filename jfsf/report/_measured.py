@@ -16,6 +16,7 @@ from jfsf.evaluate import (
     reliability,
 )
 from jfsf.evidence import WITHIN
+from jfsf.mesh import vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
 
 SOURCES = 500  # geodesics are measured from about so many vertices,
@@ -30,7 +31,8 @@ class Measured(NamedTuple):
 
     rows: name, value as text, and what it means.
     truth_rows: likewise, against the ground truth; empty without one.
-    back: (n_x,) distance from x to T_yx[T_xy[x]]; mean of those measured nearby.
+    back: (n_x,) distance from x to T_yx[T_xy[x]]; mean of those measured nearby. Of
+        parts nan where a vertex is not matched.
     error: (n_x,) error likewise; None without ground truth.
     errors: (p,) at the points of the ground truth that were measured.
     doubt: (n_x,) 1 minus the confidence of each vertex; None where it is not known.
@@ -55,6 +57,8 @@ def measure(
 ) -> Measured:
     """Measure a match, against ground truth if there is one.
 
+    Of parts the distances are those of matched vertices; the others have nan.
+
     Args:
         mesh_x, mesh_y: the shapes. Of shapes above `MOST` vertices the figures without
             geodesics are measured only.
@@ -71,11 +75,18 @@ def measure(
     rows = []
     back = None
     small = max(n_x, n_y) <= MOST
+    inside_x, inside_y = found.matched_x, found.matched_y
+    for name, mesh, inside in (("X", mesh_x, inside_x), ("Y", mesh_y, inside_y)):
+        if inside is not None:
+            area = vertex_areas(*mesh)
+            share = area[np.asarray(inside)].sum() / area.sum()
+            meaning = "share of the area that the other has too; the rest is grey"
+            rows.append((f"matched of {name}", f"{share:.1%}", meaning))
     if small:
-        at_x, at_y = _spread(n_x, n_x), _spread(n_y, n_y)
+        at_x, at_y = _matched_spread(inside_x, n_x), _matched_spread(inside_y, n_y)
         there = bijectivity(T_xy, T_yx, mesh_x, at=at_x)
         other = bijectivity(T_yx, T_xy, mesh_y, at=at_y)
-        back = _everywhere(mesh_x, at_x, there)
+        back = _only_inside(_everywhere(mesh_x, at_x, there), inside_x)
         meaning = "mean distance from a vertex to its image there and back"
         rows += [
             ("bijectivity on X", f"{there.mean():.4f}", meaning),
@@ -128,7 +139,7 @@ def measure(
             ("calibration error", f"{held.calibration_error:.3f}", "of the confidence"),
             ("mean error of the least sure tenth", f"{worst:.4f}", ""),
         ]
-    error = _everywhere(mesh_x, at_x[some], errors)
+    error = _only_inside(_everywhere(mesh_x, at_x[some], errors), inside_x)
     return Measured(rows, truth_rows, back, error, errors, doubt, held)
 
 
@@ -136,6 +147,18 @@ def _spread(n: int, vertices: int) -> np.ndarray:
     """Of n points those to measure at, on a shape of so many vertices."""
     sources = int(SOURCES * min(1, FEWER_ABOVE / vertices))
     return np.arange(0, n, -(-n // sources) or 1)
+
+
+def _matched_spread(inside, n: int) -> np.ndarray:
+    """Of n vertices, of which those inside count, those to measure at."""
+    if inside is None or not np.any(inside):
+        return _spread(n, n)
+    at = np.flatnonzero(inside)
+    return at[_spread(len(at), n)]
+
+
+def _only_inside(values: np.ndarray, inside) -> np.ndarray:
+    return values if inside is None else np.where(inside, values, np.nan)
 
 
 def _everywhere(mesh: Mesh, at: np.ndarray, values: np.ndarray) -> Any:

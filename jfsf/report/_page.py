@@ -21,15 +21,25 @@ from jfsf.plot import (
     body_colours,
     draw_error_curves,
     draw_functional_map,
+    draw_pair,
     draw_reliability,
     draw_shape,
     find_frames,
     frame,
+    matched_colours,
     natural_turn,
 )
 from jfsf.report._candidates import Considered, considered
 from jfsf.report._measured import measure
-from jfsf.report._scene import Shown, data_url, scene, shown, shown_maps
+from jfsf.report._scene import (
+    Shown,
+    data_url,
+    lifted_maps,
+    scene,
+    shown,
+    shown_maps,
+    shown_matched,
+)
 from jfsf.report._words import DOUBTFUL, LIKELY, findings, readings, reasons, verdict
 from jfsf.settings import Settings
 from jfsf.storage import write_text
@@ -130,14 +140,16 @@ def write_report(
     apart = [_distance(own, one.maps, few_y) for one in candidates]
     for i, one in enumerate(candidates):
         name = f"candidate {i + 1}"
-        maps[name] = _lifted(one.maps, (few_x, few_y), (shown_x, shown_y))
+        maps[name] = lifted_maps(one.maps, (few_x, few_y), (shown_x, shown_y))
         nearest = apart[i] == min(apart) and apart[i] < _SAME
         rows.append(_candidate(name, one, few_x, few_y, nearest))
-    picture = _pair_picture(few_x, few_y, own)
-    colours = body_colours(few_y.body.vertices)
+    few_matched = shown_matched(found, few_x, few_y) or (None, None)
+    picture = _pair_picture(few_x, few_y, own, few_matched)
+    colours = body_colours(few_y.body.vertices)[own.T_xy]
+    colours = matched_colours(colours, few_matched[0])
     pictures = {
         "pair": picture,
-        "found": data_url(_drawn(few_x, colours[own.T_xy]), _SMALL),
+        "found": data_url(_drawn(few_x, colours), _SMALL),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
@@ -177,6 +189,7 @@ def write_report(
                 if values is not None
             },
             (x.numbers, y.numbers),
+            shown_matched(found, shown_x, shown_y),
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
         "versions": versions(),
@@ -260,11 +273,11 @@ def _drawn(shape: Shown, colours):
     return draw_shape(shape.body, colours, up="y", turn=turn)
 
 
-def _pair_picture(x: Shown, y: Shown, maps: Maps) -> str:
-    from jfsf.plot import draw_pair
-
+def _pair_picture(x: Shown, y: Shown, maps: Maps, matched) -> str:
     turn = natural_turn(x.body.vertices, y.body.vertices)
-    return data_url(draw_pair(x.body, y.body, maps.T_xy, up="y", turn=turn), _SMALL)
+    inside = dict(zip(("matched_x", "matched_y"), matched, strict=True))
+    figure = draw_pair(x.body, y.body, maps.T_xy, **inside, up="y", turn=turn)
+    return data_url(figure, _SMALL)
 
 
 def _distance(one: Maps, other: Maps, y: Shown) -> float:
@@ -273,14 +286,6 @@ def _distance(one: Maps, other: Maps, y: Shown) -> float:
     away = np.linalg.norm(points[one.T_xy] - points[other.T_xy], axis=1)
     spread = np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean())
     return float(away.mean() / (spread or 1))
-
-
-def _lifted(maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]) -> Maps:
-    """Maps between few vertices as maps between many: each like the nearest."""
-    (few_x, few_y), (x, y) = few, many
-    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
-    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
-    return Maps(T_xy, T_yx)
 
 
 def thumbnail(found: str, path: str | os.PathLike[str]) -> None:

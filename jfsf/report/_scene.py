@@ -6,12 +6,19 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from jfsf.mesh import coarsen
-from jfsf.plot import body_colours, natural_turn, picture_of, ramp, texture_coordinates
-from jfsf.types import ArrayLike, Maps, Mesh
+from jfsf.plot import (
+    body_colours,
+    matched_colours,
+    natural_turn,
+    picture_of,
+    ramp,
+    texture_coordinates,
+)
+from jfsf.types import ArrayLike, Maps, Match, Mesh
 
 MOST = 50_000  # vertices of a shape; larger ones are shown by some of their vertices
 _TOP = 0.05  # of sqrt(area): where the scale of a figure ends, at least
@@ -50,12 +57,32 @@ def shown_maps(maps: Any, x: Shown, y: Shown) -> Maps:
     return Maps(T_xy, T_yx)
 
 
+def shown_matched(
+    found: Match, x: Shown, y: Shown
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Whether each shown vertex of X, and of Y, is matched; None for whole shapes."""
+    if found.matched_x is None or found.matched_y is None:
+        return None
+    return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
+
+
+def lifted_maps(
+    maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]
+) -> Maps:
+    """Maps between few vertices as maps between many: each like the nearest."""
+    (few_x, few_y), (x, y) = few, many
+    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
+    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
+    return Maps(T_xy, T_yx)
+
+
 def scene(
     x: Shown,
     y: Shown,
     maps: Mapping[str, Maps],
     figures: Mapping[str, Float[ArrayLike, " p"]],
     numbers: tuple[Int[ArrayLike, " n_x"] | None, Int[ArrayLike, " n_y"] | None],
+    matched: tuple[Bool[ArrayLike, " p"], Bool[ArrayLike, " q"]] | None = None,
 ) -> dict[str, Any]:
     """The shapes and maps as plain values for JSON; arrays are base64, little endian.
 
@@ -64,13 +91,22 @@ def scene(
         maps: label -> maps between shown vertices; the first is shown at first.
         figures: label -> a number for each shown vertex of X, nan if not known.
         numbers: the file's numbers of the vertices of X and Y; None if they are these.
+        matched: whether each shown vertex of X, and of Y, is in the region that both
+            share; None for whole shapes.
     """
+    colours, on_x = body_colours(y.body.vertices), None
+    if matched is not None:
+        # Else X is painted as Y is. Here what is grey differs.
+        first = next(iter(maps.values()))
+        painted = matched_colours(colours[np.asarray(first.T_xy)], matched[0])
+        on_x = _packed(255 * painted, "u1")
+        colours = matched_colours(colours, matched[1])
     return {
         "turn": natural_turn(x.body.vertices, y.body.vertices),
-        "x": _shape(x, numbers[0]),
+        "x": _shape(x, numbers[0]) | {"colours": on_x},
         "y": _shape(y, numbers[1])
         | {
-            "colours": _packed(255 * body_colours(y.body.vertices), "u1"),
+            "colours": _packed(255 * colours, "u1"),
             "uv": _packed(65535 * texture_coordinates(y.body.vertices), "<u2"),
         },
         "maps": [

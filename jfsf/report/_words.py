@@ -87,6 +87,8 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "share": "of the odds, among maps that differ; 0.5: another fits as well",
         "confidence": verdict(float(certificate.confidence)),
     }
+    if _of_parts(certificate):
+        meaning["gap"] = "log odds beyond those of the next region; 0 is a tie"
     texts = {}
     for name, value in certificate.figures().items():
         value = np.asarray(value)
@@ -137,6 +139,14 @@ def findings(
             "landmarks at hands, feet and head decide",
             "See whether a candidate looks right where the map does not. Then give "
             "landmarks at the ends: hands, feet, head (--landmarks).",
+        ),
+        (
+            _of_parts(certificate) and float(certificate.log_odds) < 0,
+            "the region is more likely wrong than right, log odds "
+            f"{float(certificate.log_odds):+.2f}: look at the picture; landmarks "
+            "decide",
+            "See whether what is grey on Y is what X lacks. Then give landmarks that "
+            "both shapes have (--landmarks).",
         ),
         (
             float(certificate.share) < MIN_SHARE,
@@ -233,7 +243,13 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         f"random points; {covered:.0%} of the area within reach or more is hit."
     )
     gap = figure["gap"]
-    if np.isinf(gap):
+    if _of_parts(certificate):
+        odds = f"{figure['log_odds']:+.2f}, and below 0 it is more likely wrong"
+        sentences.append(f"The log odds of the region are {odds}.")
+        if np.isfinite(gap):
+            beyond = f"{gap:+.2f} beyond those of the next region that was refined"
+            sentences.append(f"They are {beyond}.")
+    elif np.isinf(gap):
         sentences.append("The search found no second map that differs.")
     elif gap < SMALL_GAP:
         sentences.append(f"The second candidate fits nearly as well (gap {gap:.0%}).")
@@ -242,6 +258,12 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     if info is not None:
         sentences.append(attempts(info))
     return sentences
+
+
+def _of_parts(certificate: Certificate) -> bool:
+    """Whether it is of a region that two shapes share: clouds have no log odds."""
+    unknown = np.isnan(float(certificate.confidence))
+    return bool(unknown and not np.isnan(float(certificate.log_odds)))
 
 
 def _standing(share: float) -> str:

@@ -123,6 +123,9 @@ function startViewer() {
     yx: indices(yx, scene.x.n),
   }));
   const coloursY = unpacked(scene.y.colours, Uint8Array);
+  // Only of parts, whose page has one map: there X is grey where it is not matched.
+  const coloursX = scene.x.colours && unpacked(scene.x.colours, Uint8Array);
+  if (coloursX) byId("hint").append(" What is grey is not matched.");
   const uvY = unpacked(scene.y.uv, Uint16Array);
   const ramp = unpacked(scene.ramp, Uint8Array);
   const figures = scene.figures.map((figure) => ({
@@ -143,6 +146,7 @@ function startViewer() {
     const figure = figures.find(({ name }) => name === state.mode);
     const grey = [188, 194, 204];
     setColours(panes.x, (i) => {
+      if (!figure && coloursX) return coloursX.subarray(3 * i, 3 * i + 3);
       if (!figure) return coloursY.subarray(3 * xy[i], 3 * xy[i] + 3);
       const step = figure.steps[i];
       return step === 255 ? grey : ramp.subarray(3 * step, 3 * step + 3);
