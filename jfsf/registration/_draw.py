@@ -23,6 +23,7 @@ TINY = 1e-6  # of the mean force: what nothing draws stays
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
 MENDED_RINGS = 2  # of faces around a flaw; one more after every `ROUNDS_A_RING`
 ROUNDS_A_RING = 4
+LEAST_KNOWN = 0.1  # of the area: with fewer images all are taken
 
 
 class Template(NamedTuple):
@@ -68,23 +69,31 @@ def draw(
         scan: `scan_of`.
         T: (n,) the vertex of the scan for each of the template.
         settings: see `RegistrationSettings`.
+
+    Returns:
+        The state with the fewest flaws after the last round.
     """
     image = scan.surface.mesh.vertices[T]
     # Beyond a hole all images are on its rim.
     known = template.matched & (template.rim | ~scan.surface.rim_vertex[T])
     sign, side = _sides(template, scan, T, settings)
     known &= side > settings.min_side
+    if template.mass @ known < LEAST_KNOWN * template.mass.sum():
+        known = template.matched
     placed = _to_images(template, image, known, sign, settings)
     hold = template.mass * known / settings.hold**2
     return _to_surface(template, scan, placed, (hold, image), settings)
 
 
 def _sides(template: Template, scan: Scan, T, settings):
-    """The sign that makes the normals of the images look as the scan's do on the
-    whole, and (n,) how far they do around each vertex, 1 at most.
+    """Which way the normals of the images look, beside those of the scan.
 
     What a map turns inside out, such as a head whose face is at the back, would stay
-    so.
+    so: it must not draw the template.
+
+    Returns:
+        -1 if most look away, else 1; and (n,) by how much they look as most do around
+        each vertex, 1 at most.
     """
     rest, mass = template.rest, template.mass
     image = scan.surface.mesh.vertices[T]
@@ -185,7 +194,7 @@ def _from_around(rest: Rest, rotation, mass, reach: float):
 
 def _spread(rest: Rest, weight, values):
     """(n, ...) values smoothed along the surface, by their weight."""
-    tiny = TINY * weight.mean()
+    tiny = TINY * (weight.mean() or 1)
     solve = splu((rest.laplacian + sp.diags(weight + tiny)).tocsc()).solve
     return solve(((weight + tiny) * values.T).T)
 
