@@ -118,28 +118,35 @@ def _to_images(template: Template, image, known, sign, settings) -> Drawn:
 
 
 def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
-    """The template drawn to the surface of the scan, softer round by round."""
+    """The template drawn to the surface of the scan, with as few flaws as may be."""
     force = np.ones(len(placed.moved))
-    state = placed
+    best, fewest = placed, np.inf
+    for start in range(settings.starts):
+        # Again with less force where flaws were left: what has folded stays folded.
+        state = _softer(template, scan, placed, hold, force, settings)
+        for number in range(settings.mending_rounds + 1):
+            rings = MENDED_RINGS + start + number // ROUNDS_A_RING
+            flawed, count = _around_flaws(template, scan, state, rings)
+            if count < fewest:
+                best, fewest = state, count
+            if count == 0:
+                return state
+            force = force * np.where(flawed, settings.easing, 1)
+            if number < settings.mending_rounds:
+                eased, reach = (flawed, force), settings.reaches[-1]
+                state = _round(template, scan, state, hold, eased, reach, settings)
+    return best
+
+
+def _softer(template: Template, scan: Scan, state: Drawn, hold, force, settings):
+    """The rounds from the stiffest to the softest."""
     for reach in settings.reaches:
         flawed = _around_flaws(template, scan, state, MENDED_RINGS)[0]
         # Here and now only: with the next round the surroundings may be right.
-        eased = force * np.where(flawed, settings.easing, 1)
-        state = _round(template, scan, state, hold, (flawed, eased), reach, settings)
+        eased = flawed, force * np.where(flawed, settings.easing, 1)
+        state = _round(template, scan, state, hold, eased, reach, settings)
         state = state._replace(scale=_rescaled(template.rest, *state[:2]))
-    # The best of what was tried to mend the last flaws.
-    best, fewest = state, np.inf
-    for number in range(settings.mending_rounds + 1):
-        rings = MENDED_RINGS + number // ROUNDS_A_RING
-        flawed, count = _around_flaws(template, scan, state, rings)
-        if count < fewest:
-            best, fewest = state, count
-        if count == 0 or number == settings.mending_rounds:
-            break
-        force = force * np.where(flawed, settings.easing, 1)
-        reach = settings.reaches[-1]
-        state = _round(template, scan, state, hold, (flawed, force), reach, settings)
-    return best
+    return state
 
 
 def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, settings):
