@@ -13,7 +13,6 @@ the template. Maps are kept in --maps, so that a killed run goes on.
 """
 
 import argparse
-import time
 from pathlib import Path
 
 import datasets
@@ -52,9 +51,7 @@ def measure(args: argparse.Namespace, name_x: str, name_y: str) -> dict:
     """A row: distances, flaws and errors of one registration."""
     x, y = datasets.load_pair(args, name_x, name_y)
     T, confidence = _map(args, name_x, name_y, x, y)
-    start = time.perf_counter()
     found = jfsf.register(x.mesh, y.mesh, T)
-    seconds = time.perf_counter() - start
     unit = np.sqrt(surface_area(y.mesh))
     distance = found.distance / unit
     warped = Mesh(found.vertices, x.mesh.faces)
@@ -68,7 +65,6 @@ def measure(args: argparse.Namespace, name_x: str, name_y: str) -> dict:
         "n_x": len(x.mesh.vertices),
         "n_y": len(y.mesh.vertices),
         "confidence": confidence,
-        "seconds": seconds,
         "distance": float(distance.mean()),
         "distance_95": float(np.quantile(distance, 0.95)),
         "distance_max": float(distance.max()),
@@ -94,7 +90,6 @@ def summary(rows: list[dict]) -> dict:
         **{f"{name}_max": most(name) for name in ("distance", "distance_95", "back")},
         **{name: total(name) for name in ("flipped", "collapsed", "collapsed_T")},
         "error_below_T": sum(row["error"] <= row["error_T"] for row in rows),
-        "seconds_median": float(np.median([row["seconds"] for row in rows])),
     }
 
 

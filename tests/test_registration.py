@@ -1,5 +1,6 @@
 """A template on a scan: near it, whole, without flaws, wherever the scan lies."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import meshio
@@ -22,7 +23,7 @@ from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import scan_of
 from jfsf.registration._start import start_of
 from jfsf.testing import blob, mirror
-from jfsf.types import Mesh
+from jfsf.types import Certificate, Mesh
 
 TEMPLATE = blob(0, subdivisions=3)
 N = len(TEMPLATE.vertices)
@@ -118,7 +119,7 @@ def test_a_scan_that_is_wound_inward(found):
 
 def test_a_map_with_noise_is_made_smooth(found):
     rng = np.random.default_rng(1)
-    near = KDTree(SCAN.vertices).query(SCAN.vertices[T], 8)[1]
+    near = np.asarray(KDTree(SCAN.vertices).query(SCAN.vertices[T], 8)[1])
     noisy = near[np.arange(N), rng.integers(0, 8, N)]
     again = register(TEMPLATE, SCAN, noisy)
     assert is_whole(again)
@@ -250,6 +251,11 @@ def test_points_on_the_rim():
 
 
 QUAD = np.array([[0, 1, 2], [0, 2, 3]])
+FIGURES = dict.fromkeys(Certificate._fields, np.asarray(0.95))
+FIGURES |= {"confidence": np.asarray(0.6), "landmarks": np.zeros(0)}
+FIGURES |= {"empty": np.asarray(0), "finite": np.asarray(True)}
+FIGURES |= {f"bijectivity_{side}": np.asarray(0.01) for side in "xy"}
+DOUBTFUL = Certificate(**FIGURES)
 
 
 def run(*args):
@@ -278,6 +284,21 @@ def test_the_command_writes_the_template_on_the_scan(folder, found):
     data = meshio.read(out).point_data
     np.testing.assert_allclose(data["quality"], found.distance, atol=1e-6)
     assert not data["bridged"].any()
+
+
+def test_the_command_finds_a_map_itself(folder, monkeypatch):
+    def match(mesh, scan, *, orientation, cache, progress):
+        assert (orientation, cache) == ("any", False) and progress
+        assert len(mesh.vertices) == N and len(scan.vertices) == len(SCAN.vertices)
+        return SimpleNamespace(T_xy=T, certificate=DOUBTFUL)
+
+    monkeypatch.setattr("jfsf.matching.match", match)
+    files = folder / "template.ply", folder / "scan.ply"
+    args = "--out", folder / "found.obj", "--orientation", "any", "--no-cache"
+    done = run("register", *files, *args)
+    assert done.exit_code == 0, done.output
+    assert "0.60, doubtful" in done.output and "warning: " in done.output
+    assert np.array_equal(read(folder / "found.obj").faces, TEMPLATE.faces)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ TINY = 1e-6  # of the mean force: what nothing draws stays
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
 MENDED_RINGS = 2  # of faces around a flaw; one more after every `ROUNDS_A_RING`
 ROUNDS_A_RING = 4
+LEAST_KNOWN = 0.1  # of the area: with fewer images all are taken
 
 
 class Template(NamedTuple):
@@ -68,23 +69,31 @@ def draw(
         scan: `scan_of`.
         T: (n,) the vertex of the scan for each of the template.
         settings: see `RegistrationSettings`.
+
+    Returns:
+        The state with the fewest flaws after the last round.
     """
     image = scan.surface.mesh.vertices[T]
     # Beyond a hole all images are on its rim.
     known = template.matched & (template.rim | ~scan.surface.rim_vertex[T])
     sign, side = _sides(template, scan, T, settings)
     known &= side > settings.min_side
+    if template.mass @ known < LEAST_KNOWN * template.mass.sum():
+        known = template.matched
     placed = _to_images(template, image, known, sign, settings)
     hold = template.mass * known / settings.hold**2
     return _to_surface(template, scan, placed, (hold, image), settings)
 
 
 def _sides(template: Template, scan: Scan, T, settings):
-    """The sign that makes the normals of the images look as the scan's do on the
-    whole, and (n,) how far they do around each vertex, 1 at most.
+    """Which way the normals of the images look, beside those of the scan.
 
     What a map turns inside out, such as a head whose face is at the back, would stay
-    so.
+    so: it must not draw the template.
+
+    Returns:
+        -1 if most look away, else 1; and (n,) by how much they look as most do around
+        each vertex, 1 at most.
     """
     rest, mass = template.rest, template.mass
     image = scan.surface.mesh.vertices[T]
@@ -109,28 +118,35 @@ def _to_images(template: Template, image, known, sign, settings) -> Drawn:
 
 
 def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
-    """The template drawn to the surface of the scan, softer round by round."""
+    """The template drawn to the surface of the scan, with as few flaws as may be."""
     force = np.ones(len(placed.moved))
-    state = placed
+    best, fewest = placed, np.inf
+    for start in range(settings.starts):
+        # Again with less force where flaws were left: what has folded stays folded.
+        state = _softer(template, scan, placed, hold, force, settings)
+        for number in range(settings.mending_rounds + 1):
+            rings = MENDED_RINGS + start + number // ROUNDS_A_RING
+            flawed, count = _around_flaws(template, scan, state, rings)
+            if count < fewest:
+                best, fewest = state, count
+            if count == 0:
+                return state
+            force = force * np.where(flawed, settings.easing, 1)
+            if number < settings.mending_rounds:
+                eased, reach = (flawed, force), settings.reaches[-1]
+                state = _round(template, scan, state, hold, eased, reach, settings)
+    return best
+
+
+def _softer(template: Template, scan: Scan, state: Drawn, hold, force, settings):
+    """The rounds from the stiffest to the softest."""
     for reach in settings.reaches:
         flawed = _around_flaws(template, scan, state, MENDED_RINGS)[0]
         # Here and now only: with the next round the surroundings may be right.
-        eased = force * np.where(flawed, settings.easing, 1)
-        state = _round(template, scan, state, hold, (flawed, eased), reach, settings)
+        eased = flawed, force * np.where(flawed, settings.easing, 1)
+        state = _round(template, scan, state, hold, eased, reach, settings)
         state = state._replace(scale=_rescaled(template.rest, *state[:2]))
-    # The best of what was tried to mend the last flaws.
-    best, fewest = state, np.inf
-    for number in range(settings.mending_rounds + 1):
-        rings = MENDED_RINGS + number // ROUNDS_A_RING
-        flawed, count = _around_flaws(template, scan, state, rings)
-        if count < fewest:
-            best, fewest = state, count
-        if count == 0 or number == settings.mending_rounds:
-            break
-        force = force * np.where(flawed, settings.easing, 1)
-        reach = settings.reaches[-1]
-        state = _round(template, scan, state, hold, (flawed, force), reach, settings)
-    return best
+    return state
 
 
 def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, settings):
@@ -185,7 +201,7 @@ def _from_around(rest: Rest, rotation, mass, reach: float):
 
 def _spread(rest: Rest, weight, values):
     """(n, ...) values smoothed along the surface, by their weight."""
-    tiny = TINY * weight.mean()
+    tiny = TINY * (weight.mean() or 1)
     solve = splu((rest.laplacian + sp.diags(weight + tiny)).tocsc()).solve
     return solve(((weight + tiny) * values.T).T)
 

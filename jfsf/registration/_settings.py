@@ -31,6 +31,8 @@ class RegistrationSettings:
     scale_neighbours: share of the vertices in a neighbourhood that scale and side are
         read from.
     mending_rounds: how often flaws are mended after the last round, at most.
+    starts: how often all rounds are made, with less force where flaws were left, at
+        most.
     mending_reach: how far rotations around a flaw come from.
     easing: factor of the force around a flaw, each time.
     """
@@ -49,6 +51,7 @@ class RegistrationSettings:
     normal_weight: float = 0.05
     candidates: int = 12
     scale_neighbours: float = 0.01
-    mending_rounds: int = 24
+    mending_rounds: int = 8
+    starts: int = 2
     mending_reach: float = 0.005
     easing: float = 0.1
