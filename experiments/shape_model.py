@@ -34,7 +34,7 @@ def main() -> None:
     )
     parser.add_argument("--template", default="man_t", choices=data.names())
     parser.add_argument("--scale", action="store_true", help="take away sizes")
-    parser.add_argument("--samples", type=int, default=200, help="of specificity")
+    parser.add_argument("--samples", type=int, default=100, help="of specificity")
     parser.add_argument("--seed", type=int, default=0)
     default = Path(__file__).parent / "results" / "shape_model.json"
     parser.add_argument("--out", type=Path, default=default)

@@ -236,5 +236,5 @@ def _checked(name, positions, faces, weights, missing=None):
     known = check_mask(name, missing, shapes.shape[:2])
     if weights is None:
         weights = vertex_shares(shapes, faces, known)
-    weights = check_weights(name, weights, shapes.shape[1], shapes.dtype)
-    return shapes, faces, weights / weights.sum(), known
+    mass = check_weights(name, weights, shapes.shape[1], shapes.dtype)
+    return shapes, faces, mass / mass.sum(), known
