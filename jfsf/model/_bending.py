@@ -12,8 +12,9 @@ from jfsf.model._fit import local_gradients, vertex_shares
 from jfsf.model._gradients import ROOT_2
 from jfsf.types import ArrayLike
 
-# Radians, 20 degrees, in the mean over the surface. Limbs turn by more: what is turned
-# by three times as much is 13 % too short half way.
+# Radians, 20 degrees, in the mean over the surface. Of the MakeHuman bodies four builds
+# in one pose have 0.22, and one body in six poses 0.46. Limbs turn by more: what is
+# turned by three times as much is 13 % too short half way.
 MOST_TURN = 0.35
 
 
