@@ -59,18 +59,18 @@ def fit_model(
         MeshError: faces that do not fit.
     """
     name = "fit_model"
-    shapes, faces, weights, known = _checked(name, positions, faces, weights, missing)
+    shapes, faces, mass, known = _checked(name, positions, faces, weights, missing)
     check_all_known(name, known)
     modes = check_modes(name, modes, len(shapes) - 1)
-    aligned = align_checked(shapes, weights, known, jnp.asarray(scale))
-    found = principal(aligned.positions, weights)
+    aligned = align_checked(shapes, mass, known, jnp.asarray(scale))
+    found = principal(aligned.positions, mass)
     return ShapeModel(
         mean=found.mean,
         modes=found.modes[:modes],
         variance=found.variance[:modes],
         scores=found.scores[:, :modes],
         faces=faces,
-        weights=weights,
+        weights=mass,
         total_variance=found.variance.sum(),
         size=aligned.size,
     )
@@ -98,18 +98,18 @@ def fit_gradient_model(
         ValueError, MeshError: as `fit_model`.
     """
     name = "fit_gradient_model"
-    shapes, faces, weights, known = _checked(name, positions, faces, weights)
+    shapes, faces, mass, known = _checked(name, positions, faces, weights)
     modes = check_modes(name, modes, len(shapes) - 1)
-    aligned = align_checked(shapes, weights, known, jnp.asarray(scale))
-    local = local_gradients(aligned.positions, weights, faces, aligned.size)
+    aligned = align_checked(shapes, mass, known, jnp.asarray(scale))
+    local = local_gradients(aligned.positions, mass, faces, aligned.size)
     found = principal(local.features, local.face_weights)
     return GradientModel(
-        mean=from_gradients(local.reference, found.mean, faces, weights),
+        mean=from_gradients(local.reference, found.mean, faces, mass),
         modes=found.modes[:modes],
         variance=found.variance[:modes],
         scores=found.scores[:, :modes],
         faces=faces,
-        weights=weights,
+        weights=mass,
         total_variance=found.variance.sum(),
         size=aligned.size,
         reference=local.reference,
