@@ -3,9 +3,9 @@
 All twelve are put in the triangulation of one of them by the ground truth
 (`datasets.posed`). Of them a model of positions and one of deformation gradients are
 fitted, and measured as the field does (Davies 2002; Styner et al. 2003): compactness,
-generality and specificity, by the number of modes, in sqrt(area) of the mean shape.
-`length_change` says what a model does to limbs: the mean over edges of how far the mean
-shape's lengths are from the mean lengths, relative to these.
+generality and specificity, by the number of modes, in metres, and as a `share` of
+sqrt(area). `length_change` says what a model does to limbs: the mean over edges of how
+far the mean shape's lengths are from the mean lengths, relative to these.
 
     python experiments/shape_model.py
 """
@@ -34,7 +34,7 @@ def main() -> None:
     )
     parser.add_argument("--template", default="man_t", choices=data.names())
     parser.add_argument("--scale", action="store_true", help="take away sizes")
-    parser.add_argument("--samples", type=int, default=200, help="of specificity")
+    parser.add_argument("--samples", type=int, default=50, help="of specificity")
     parser.add_argument("--seed", type=int, default=0)
     default = Path(__file__).parent / "results" / "shape_model.json"
     parser.add_argument("--out", type=Path, default=default)
@@ -91,13 +91,16 @@ def measure(shapes: np.ndarray, faces: np.ndarray, fit, args) -> dict:
 
 
 def table(distances: model.Distances) -> list[dict]:
-    """A row for each number of modes."""
-    relative = distances.share / distances.distance
-    errors = relative * distances.standard_error
-    rows = zip(distances.counts, distances.share, errors, strict=True)
+    """A row for each number of modes; distances in metres."""
+    rows = zip(*distances, strict=True)
     return [
-        {"modes": int(m), "distance": rounded(d), "standard_error": rounded(e)}
-        for m, d, e in rows
+        {
+            "modes": int(modes),
+            "distance": rounded(distance),
+            "standard_error": rounded(error),
+            "share": rounded(share),
+        }
+        for modes, distance, share, error in rows
     ]
 
 

@@ -173,6 +173,9 @@ def test_alignment_against_numpy():
     moved = np.einsum("sab,snb->sna", rotation, MOVED) + translation[:, None]
     np.testing.assert_allclose(positions, moved, atol=1e-9)
     np.testing.assert_allclose(mean, positions.mean(0), atol=1e-9)
+    # A thousand times its size away.
+    far = room.align(POINTS + 1e3, weights=WEIGHTS)
+    np.testing.assert_allclose(far.positions, positions + 1e3, atol=1e-9)
 
 
 @pytest.mark.parametrize("scale", [False, True])

@@ -126,7 +126,8 @@ def align_checked(
     args = _Problem(shapes, known, mass, share, root, scaled)
     # First onto the first shape, by the vertices that both have.
     first = _fit(shapes, shapes[0], jnp.where(known[:1], mass, 0), share)
-    start = _mean(_moved(first, _scales(first, scaled)), known) * root
+    mean = _mean(_moved(first, _scales(first, scaled)), known)
+    start = (mean - first.at[:1]) * root  # far from the origin floats are coarse
     tol = ROUNDINGS * float(jnp.finfo(shapes.dtype).eps)
     found = fixed_point(
         _update,
@@ -134,7 +135,7 @@ def align_checked(
         jax.lax.stop_gradient(start),
         args,
         max_steps=MOST_STEPS,
-        linear_tol=tol,
+        linear_tol=100 * tol,
     )
     fit = _fit(shapes, _at_mean(found.value, root), mass, share)
     scale = _scales(fit, scaled)

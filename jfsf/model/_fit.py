@@ -59,11 +59,21 @@ def fit_model(
         MeshError: faces that do not fit.
     """
     name = "fit_model"
-    shapes, faces, weights, known = _checked(name, positions, faces, weights, missing)
+    shapes, faces, mass, known = _checked(name, positions, faces, weights, missing)
     check_all_known(name, known)
     modes = check_modes(name, modes, len(shapes) - 1)
-    found = _of_positions(shapes, faces, weights, known, jnp.asarray(scale))
-    return _with_modes(found, modes)
+    aligned = align_checked(shapes, mass, known, jnp.asarray(scale))
+    found = principal(aligned.positions, mass)
+    return ShapeModel(
+        mean=found.mean,
+        modes=found.modes[:modes],
+        variance=found.variance[:modes],
+        scores=found.scores[:, :modes],
+        faces=faces,
+        weights=mass,
+        total_variance=found.variance.sum(),
+        size=aligned.size,
+    )
 
 
 def fit_gradient_model(
@@ -88,55 +98,62 @@ def fit_gradient_model(
         ValueError, MeshError: as `fit_model`.
     """
     name = "fit_gradient_model"
-    shapes, faces, weights, known = _checked(name, positions, faces, weights)
+    shapes, faces, mass, known = _checked(name, positions, faces, weights)
     modes = check_modes(name, modes, len(shapes) - 1)
-    found = _of_gradients(shapes, faces, weights, known, jnp.asarray(scale))
-    return _with_modes(found, modes)
-
-
-@jax.jit
-def _of_positions(shapes, faces, weights, known, scaled):
-    """`fit_model`, traced, with all modes."""
-    weights = weights / weights.sum()
-    aligned = align_checked(shapes, weights, known, scaled)
-    found = principal(aligned.positions, weights)
-    return ShapeModel(
-        mean=found.mean,
-        modes=found.modes,
-        variance=found.variance,
-        scores=found.scores,
+    aligned = align_checked(shapes, mass, known, jnp.asarray(scale))
+    local = local_gradients(aligned.positions, mass, faces, aligned.size)
+    found = principal(local.features, local.face_weights)
+    return GradientModel(
+        mean=from_gradients(local.reference, found.mean, faces, mass),
+        modes=found.modes[:modes],
+        variance=found.variance[:modes],
+        scores=found.scores[:, :modes],
         faces=faces,
-        weights=weights,
+        weights=mass,
         total_variance=found.variance.sum(),
         size=aligned.size,
+        reference=local.reference,
+        mean_features=found.mean,
+        face_weights=local.face_weights,
     )
 
 
+class LocalGradients(NamedTuple):
+    """Shapes by their gradients against the most central of them.
+
+    reference: positions of the shape that is nearest to the mean.
+    features: `gradients_of` each shape.
+    face_weights: areas of the faces of the reference; they sum to 1.
+    """
+
+    reference: Float[Array, "n 3"]
+    features: Float[Array, "s m 9"]
+    face_weights: Float[Array, " m"]
+
+
 @jax.jit
-def _of_gradients(shapes, faces, weights, known, scaled):
-    """`fit_gradient_model`, traced, with all modes."""
-    weights = weights / weights.sum()
-    aligned = align_checked(shapes, weights, known, scaled)
-    reference = most_central(aligned.positions, weights)
+def local_gradients(
+    aligned: Float[Array, "s n 3"],
+    weights: Float[Array, " n"],
+    faces: Int[Array, "m 3"],
+    size: Float[Array, ""],
+) -> LocalGradients:
+    """Gradients of aligned shapes, which are moved onto the most central one.
+
+    Args:
+        aligned: `AlignedShapes.positions`.
+        weights: of the vertices.
+        faces: of all shapes.
+        size: `AlignedShapes.size`.
+    """
+    offsets = aligned - aligned.mean(0)[None]
+    nearest = jnp.argmin(einsum("n,snd->s", weights, offsets**2))
+    reference = aligned[nearest]
     onto = jax.vmap(align_onto, (None, 0, None, None))
-    positions = onto(reference, aligned.positions, weights, aligned.size)
+    positions = onto(reference, aligned, weights, size)
     features = jax.vmap(gradients_of, (None, 0, None))(reference, positions, faces)
     areas = face_areas(reference, faces)
-    face_weights = areas / areas.sum()
-    found = principal(features, face_weights)
-    return GradientModel(
-        mean=from_gradients(reference, found.mean, faces, weights),
-        modes=found.modes,
-        variance=found.variance,
-        scores=found.scores,
-        faces=faces,
-        weights=weights,
-        total_variance=found.variance.sum(),
-        size=aligned.size,
-        reference=reference,
-        mean_features=found.mean,
-        face_weights=face_weights,
-    )
+    return LocalGradients(reference, features, areas / areas.sum())
 
 
 class Principal(NamedTuple):
@@ -148,6 +165,7 @@ class Principal(NamedTuple):
     scores: Float[Array, "s k"]
 
 
+@jax.jit
 def principal(
     features: Float[Array, "s e c"], weights: Float[Array, " e"]
 ) -> Principal:
@@ -199,14 +217,6 @@ def vertex_shares(
     return sum_at_vertices(corners, faces, shapes.shape[1]) / mean.sum() / 3
 
 
-def most_central(
-    aligned: Float[Array, "s n 3"], weights: Float[Array, " n"]
-) -> Float[Array, "n 3"]:
-    """The shape that is nearest to the mean of all."""
-    offsets = aligned - aligned.mean(0)[None]
-    return aligned[jnp.argmin(einsum("n,snd->s", weights, offsets**2))]
-
-
 def check_all_known(name: str, known: Bool[Array, "s n"]) -> None:
     """ValueError if all shapes miss a vertex."""
     if not is_known(known):
@@ -226,13 +236,5 @@ def _checked(name, positions, faces, weights, missing=None):
     known = check_mask(name, missing, shapes.shape[:2])
     if weights is None:
         weights = vertex_shares(shapes, faces, known)
-    weights = check_weights(name, weights, shapes.shape[1], shapes.dtype)
-    return shapes, faces, weights, known
-
-
-def _with_modes(model, modes):
-    """The first modes only."""
-    if modes == len(model.modes):
-        return model
-    scores, variance = model.scores[:, :modes], model.variance[:modes]
-    return model._replace(modes=model.modes[:modes], variance=variance, scores=scores)
+    mass = check_weights(name, weights, shapes.shape[1], shapes.dtype)
+    return shapes, faces, mass / mass.sum(), known

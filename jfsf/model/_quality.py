@@ -44,7 +44,8 @@ class Distances(NamedTuple):
 
     counts: the numbers of modes.
     distance: in the unit of the shapes.
-    share: in sqrt(area of the mean shape).
+    share: in sqrt(area) of the shapes, scaled as in the model; not of the mean, which
+        is too small where shapes bend.
     standard_error: of the distance, that a finite number of shapes gives it.
     """
 
@@ -93,11 +94,11 @@ def generality(
     """
     shapes = check_shapes("generality", positions, least=3)
     faces = check_faces("generality", faces, shapes.shape[1])
-    counts = _checked("generality", counts, len(shapes) - 2)
-    distance, area = _left_out(shapes, faces, jnp.array(counts), fit=fit)
+    numbers = jnp.array(_checked("generality", counts, len(shapes) - 2))
+    distance, length = _left_out(shapes, faces, numbers, fit=fit)
     error = distance.std(0) / jnp.sqrt(jnp.asarray(len(shapes) - 1, distance.dtype))
-    share = (distance / jnp.sqrt(area)[:, None]).mean(0)
-    return Distances(jnp.array(counts), distance.mean(0), share, error)
+    share = (distance / length[:, None]).mean(0)
+    return Distances(numbers, distance.mean(0), share, error)
 
 
 def specificity(
@@ -135,16 +136,16 @@ def specificity(
         )
     if samples < 1:
         raise ValueError(f"specificity: samples is {samples}, it must be positive")
-    counts = _checked("specificity", counts, len(model.modes))
-    distance = _of_samples(model, shapes, key, jnp.array(counts), samples=samples)
+    numbers = jnp.array(_checked("specificity", counts, len(model.modes)))
+    distance, length = _of_samples(model, shapes, key, numbers, samples=samples)
     error = distance.std(0) / jnp.sqrt(jnp.asarray(samples, distance.dtype))
-    mean, area = distance.mean(0), face_areas(model.mean, model.faces).sum()
-    return Distances(jnp.array(counts), mean, mean / jnp.sqrt(area), error)
+    mean = distance.mean(0)
+    return Distances(numbers, mean, mean / length.mean(), error)
 
 
 @partial(jax.jit, static_argnames="fit")
 def _left_out(shapes, faces, counts, *, fit):
-    """Distances (s, c), and the area (s,) of the mean of the others."""
+    """Distances (s, c), and sqrt(area) (s,) of the shape that is left out."""
     s = len(shapes)
 
     def without(i):
@@ -157,15 +158,14 @@ def _left_out(shapes, faces, counts, *, fit):
             near = shape_at(model, first_scores(scores, count))
             return mean_distance(near, left, model.weights)
 
-        area = face_areas(model.mean, faces).sum()
-        return jax.lax.map(distance, counts), area
+        return jax.lax.map(distance, counts), _length(left, faces)
 
     return jax.lax.map(without, jnp.arange(s))
 
 
 @partial(jax.jit, static_argnames="samples")
 def _of_samples(model, shapes, key, counts, *, samples):
-    """Distances (samples, c) to the nearest shape."""
+    """Distances (samples, c) to the nearest shape, and sqrt(area) (s,) of all."""
     aligned = jax.vmap(moved_onto, (None, 0))(model, shapes)
     modes = len(model.modes)
     scores = jax.random.normal(key, (samples, modes), model.mean.dtype)
@@ -179,7 +179,12 @@ def _of_samples(model, shapes, key, counts, *, samples):
 
         return jax.lax.map(distance, counts)
 
-    return jax.lax.map(of_sample, scores)
+    length = jax.vmap(_length, (0, None))(aligned, model.faces)
+    return jax.lax.map(of_sample, scores), length
+
+
+def _length(shape, faces):
+    return jnp.sqrt(face_areas(shape, faces).sum())
 
 
 def mean_distance(
