@@ -14,6 +14,7 @@ Read in this order:
 - `_runs`: what the commands of many jobs share
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
+- `_collection_results`: what it writes when they are done
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
 - `_evaluate`: `jfsf evaluate`

@@ -1,15 +1,12 @@
 """jfsf collection: a folder of meshes to one topology and a shape model."""
 
-import csv
-import io
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 from rich.console import Console
-from rich.table import Table
 
 from jfsf.cli._collection_jobs import (
     keep,
@@ -19,29 +16,24 @@ from jfsf.cli._collection_jobs import (
     put_template,
     read_maps,
 )
+from jfsf.cli._collection_results import (
+    registered,
+    rows_of,
+    table,
+    write_landmarks_of,
+    write_model_of,
+    write_pages_index,
+    write_summary,
+)
 from jfsf.cli._files import (
     Orientation,
     OrientationOption,
     can_write_in,
     need_matplotlib,
 )
-from jfsf.cli._pages import batch_index
 from jfsf.cli._runs import bars, begin, raising_interrupts
-from jfsf.mesh import surface_area
-from jfsf.types import Mesh
 
 PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
-COLUMNS = (
-    "name",
-    "trust",
-    "confidence",
-    "mean_distance",
-    "most_distance",
-    "bridged",
-    "flipped",
-    "collapsed",
-    "reason",
-)
 
 
 def collection(
@@ -149,17 +141,17 @@ def collection(
         for i in np.flatnonzero(~graph.joined).tolist()
     }
     reasons |= failed
-    rows = _rows(out, paths, shapes, graph, reasons)
+    rows = rows_of(out, paths, shapes, graph, reasons)
     mean = shapes[names[graph.paths.template]].mesh
-    written, notes = _write_model(out, rows, mean.faces, scale=scale)
-    written.insert(0, _write_summary(out, rows))
+    written, notes = write_model_of(out, rows, mean.faces, scale=scale)
+    written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
-        written += _carried(out, rows, mean, points, landmarks.suffix)
+        written += write_landmarks_of(out, rows, mean, points, landmarks.suffix)
     if report:
-        written.append(_index(out, rows))
+        written.append(write_pages_index(out, rows))
     console = Console()
     title = f"template {names[graph.paths.template]}, {len(graph.matched)} pairs"
-    console.print(_table(rows, title))
+    console.print(table(rows, title))
     for name, why in reasons.items():
         text = f"left out: {paths[name]}: {why}"
         console.print(text, soft_wrap=True, markup=False)
@@ -259,7 +251,7 @@ def _put(out, names, graph, run) -> dict[str, str]:
             way = out / "ways" / f"{names[i]}.npz"
             _write_way(way, map_along(graph.maps, graph.paths.way(i)))
             inputs = *inputs, way
-        jobs[names[i]] = Job(inputs, out / "registered" / f"{names[i]}.npz")
+        jobs[names[i]] = Job(inputs, registered(out, names[i]))
     failed = run(list(jobs.values()), label="registered")
     return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
 
@@ -300,122 +292,3 @@ def _points(landmarks: Path | None, template: Path | None):
     found = read_landmarks(landmarks)
     on_surface(found, read(template))
     return found
-
-
-def _rows(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
-    """What is known of each shape: those left out first, then the least confident."""
-    number = {name: i for i, name in enumerate(shapes)}
-    rows = []
-    for name in paths:
-        row = dict.fromkeys(COLUMNS) | {"name": name, "reason": reasons.get(name, "")}
-        if name in number:
-            row["trust"] = float(graph.paths.trust[number[name]])
-        if not row["reason"]:
-            with np.load(_registered(out, name)) as file:
-                unit = np.sqrt(surface_area(shapes[name].mesh))
-                away = file["distance"] / unit
-                row |= {
-                    "confidence": float(file["confidence"]),
-                    "mean_distance": float(away.mean()),
-                    "most_distance": float(np.quantile(away, 0.95)),
-                    "bridged": float(file["bridged"].mean()),
-                    "flipped": int(file["flipped"]),
-                    "collapsed": int(file["collapsed"]),
-                }
-        rows.append(row)
-    sure = lambda row: (row["confidence"] is not None, row["confidence"] or 0.0)
-    return sorted(rows, key=sure)
-
-
-def _write_summary(out: Path, rows) -> Path:
-    """Write summary.csv: a row a shape."""
-    from jfsf.storage import write_text
-
-    text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    path = out / "summary.csv"
-    write_text(path, text.getvalue())
-    return path
-
-
-def _write_model(out: Path, rows, faces, *, scale: bool) -> tuple[list[Path], list]:
-    """Write the model of the joined shapes; the files, and what to say of it."""
-    from jfsf.model import (
-        bending_warning,
-        fit_model,
-        write_model,
-        write_modes,
-        write_scores,
-    )
-
-    names = sorted(row["name"] for row in rows if not row["reason"])
-    if len(names) < 2:
-        return [], ["a model needs two shapes or more, and there is none"]
-    positions = np.stack([np.load(_registered(out, n))["vertices"] for n in names])
-    model = fit_model(positions, faces, scale=scale)
-    write_model(out / "model.npz", model)
-    write_scores(out / "scores.csv", names, model)
-    written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
-    said = bending_warning(positions, faces)
-    return written, [said] if said else []
-
-
-def _carried(out: Path, rows, mesh: Mesh, landmarks, suffix: str) -> list[Path]:
-    """Write the template's landmarks on each joined shape."""
-    from jfsf.landmarks import Landmarks, on_surface, write_landmarks
-
-    found = on_surface(landmarks, mesh)
-    folder = out / "landmarks"
-    folder.mkdir(exist_ok=True)
-    for row in rows:
-        if not row["reason"]:
-            vertices = np.load(_registered(out, row["name"]))["vertices"]
-            points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
-            own = Landmarks(landmarks.names, points, None, found.system)
-            write_landmarks(folder / f"{row['name']}{suffix}", own)
-    return [folder]
-
-
-def _index(out: Path, rows) -> Path:
-    """Write the index of the pages of the shapes, beside the maps."""
-    template = next(r["name"] for r in rows if r["trust"] == 1 and not r["reason"])
-    listed = [
-        {
-            "x": template,
-            "y": row["name"],
-            "file": f"{row['name']}.npz",
-            "confidence": row["confidence"],
-            "warnings": [],
-            "reason": row["reason"],
-        }
-        for row in rows
-        if row["name"] != template
-    ]
-    return batch_index(out / "maps", listed)
-
-
-def _table(rows, title: str) -> Table:
-    """A line a shape, those to be looked at first."""
-    joined = sum(not row["reason"] for row in rows)
-    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {title}")
-    shown.add_column("shape")
-    for name in ("confidence", "mean distance", "95 %", "bridged", "flipped faces"):
-        shown.add_column(name, justify="right")
-    for row in rows:
-        if not row["reason"]:
-            shown.add_row(
-                row["name"],
-                f"{row['confidence']:.2f}",
-                f"{row['mean_distance']:.2%}",
-                f"{row['most_distance']:.2%}",
-                f"{row['bridged']:.1%}",
-                str(row["flipped"]),
-            )
-    shown.caption = "Distances between template and shape, in % of sqrt(area)."
-    return shown
-
-
-def _registered(out: Path, name: str) -> Path:
-    return out / "registered" / f"{name}.npz"

@@ -1,12 +1,11 @@
-"""The point of a surface that is nearest to a point, in space: exact, in float64."""
+"""Points of a mesh: the nearest ones to points in space, or its vertices."""
 
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
-from trimesh.triangles import closest_point, points_to_barycentric
 
-from jfsf.mesh import face_areas
+from jfsf.mesh import closest, face_areas, surface_tree
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -27,11 +26,7 @@ class Nearest(NamedTuple):
 
 
 def nearest_points(mesh: Mesh, points: ArrayLike) -> Nearest:
-    """The point of the mesh nearest to each point.
-
-    The centre of the nearest triangle is no farther from a point than the nearest
-    vertex, and the radius of that triangle more. All triangles for which that holds are
-    measured.
+    """The point of the mesh nearest to each point, exactly (`jfsf.mesh.closest`).
 
     Args:
         mesh: n vertices, m faces. Of a point cloud, and of a mesh without area, the
@@ -44,25 +39,9 @@ def nearest_points(mesh: Mesh, points: ArrayLike) -> Nearest:
     if len(faces) == 0:
         distances, at = KDTree(vertices).query(points)
         return at_vertices(mesh, at)._replace(distances=distances)
-    triangles = vertices[faces]
-    centres = triangles.mean(1)
-    radii = np.linalg.norm(triangles - centres[:, None], axis=2).max(1)
-    bounds = KDTree(vertices[np.unique(faces)]).query(points)[0]
-    # Rounding must not lose the nearest.
-    slack = 1e-9 * (np.ptp(vertices, axis=0).max() + bounds)
-    near = KDTree(centres).query_ball_point(points, bounds + radii.max() + slack)
-    face, found = np.empty(len(points), np.int64), np.empty_like(points)
-    for i, point in enumerate(points):
-        some = np.array(near[i])
-        away = np.linalg.norm(centres[some] - point, axis=1) - radii[some]
-        some = some[away <= bounds[i] + slack[i]]
-        on = closest_point(triangles[some], np.tile(point, (len(some), 1)))
-        best = np.linalg.norm(on - point, axis=1).argmin()
-        face[i], found[i] = some[best], on[best]
-    weights = points_to_barycentric(triangles[face], found).clip(0, 1)
-    weights /= weights.sum(1, keepdims=True)
-    distances = np.linalg.norm(found - points, axis=1)
-    return Nearest(faces[face].astype(np.int64), weights, found, distances)
+    found = closest(surface_tree(Mesh(vertices, faces)), points)
+    corners = faces[found.face].astype(np.int64)
+    return Nearest(corners, found.barycentric, found.position, found.distance)
 
 
 def at_vertices(mesh: Mesh, vertices: ArrayLike) -> Nearest:

@@ -1,0 +1,147 @@
+"""The results of `jfsf collection`: a row a shape, the model, landmarks, an index."""
+
+import csv
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from jfsf.cli._pages import batch_index
+from jfsf.mesh import surface_area
+from jfsf.types import Mesh
+
+COLUMNS = (
+    "name",
+    "trust",
+    "confidence",
+    "mean_distance",
+    "most_distance",
+    "bridged",
+    "flipped",
+    "collapsed",
+    "reason",
+)
+
+
+def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
+    """What is known of each shape: those left out first, then the least confident."""
+    number = {name: i for i, name in enumerate(shapes)}
+    rows = []
+    for name in paths:
+        row = dict.fromkeys(COLUMNS) | {"name": name, "reason": reasons.get(name, "")}
+        if name in number:
+            row["trust"] = float(graph.paths.trust[number[name]])
+        if not row["reason"]:
+            with np.load(registered(out, name)) as file:
+                unit = np.sqrt(surface_area(shapes[name].mesh))
+                away = file["distance"] / unit
+                row |= {
+                    "confidence": float(file["confidence"]),
+                    "mean_distance": float(away.mean()),
+                    "most_distance": float(np.quantile(away, 0.95)),
+                    "bridged": float(file["bridged"].mean()),
+                    "flipped": int(file["flipped"]),
+                    "collapsed": int(file["collapsed"]),
+                }
+        rows.append(row)
+    sure = lambda row: (row["confidence"] is not None, row["confidence"] or 0.0)
+    return sorted(rows, key=sure)
+
+
+def write_summary(out: Path, rows) -> Path:
+    """Write summary.csv: a row a shape."""
+    from jfsf.storage import write_text
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    path = out / "summary.csv"
+    write_text(path, text.getvalue())
+    return path
+
+
+def write_model_of(out: Path, rows, faces, *, scale: bool) -> tuple[list[Path], list]:
+    """Write the model of the joined shapes; the files, and what to say of it."""
+    from jfsf.model import (
+        bending_warning,
+        fit_model,
+        write_model,
+        write_modes,
+        write_scores,
+    )
+
+    names = sorted(row["name"] for row in rows if not row["reason"])
+    if len(names) < 2:
+        return [], ["a model needs two shapes or more, and there is none"]
+    positions = np.stack([np.load(registered(out, n))["vertices"] for n in names])
+    model = fit_model(positions, faces, scale=scale)
+    write_model(out / "model.npz", model)
+    write_scores(out / "scores.csv", names, model)
+    written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
+    said = bending_warning(positions, faces)
+    return written, [said] if said else []
+
+
+def write_landmarks_of(
+    out: Path, rows, mesh: Mesh, landmarks, suffix: str
+) -> list[Path]:
+    """Write the template's landmarks on each joined shape."""
+    from jfsf.landmarks import Landmarks, on_surface, write_landmarks
+
+    found = on_surface(landmarks, mesh)
+    folder = out / "landmarks"
+    folder.mkdir(exist_ok=True)
+    for row in rows:
+        if not row["reason"]:
+            vertices = np.load(registered(out, row["name"]))["vertices"]
+            points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
+            own = Landmarks(landmarks.names, points, None, found.system)
+            write_landmarks(folder / f"{row['name']}{suffix}", own)
+    return [folder]
+
+
+def write_pages_index(out: Path, rows) -> Path:
+    """Write the index of the pages of the shapes, beside the maps."""
+    template = next(r["name"] for r in rows if r["trust"] == 1 and not r["reason"])
+    listed = [
+        {
+            "x": template,
+            "y": row["name"],
+            "file": f"{row['name']}.npz",
+            "confidence": row["confidence"],
+            "warnings": [],
+            "reason": row["reason"],
+        }
+        for row in rows
+        if row["name"] != template
+    ]
+    return batch_index(out / "maps", listed)
+
+
+def table(rows, title: str) -> Table:
+    """A line a shape, those to be looked at first."""
+    joined = sum(not row["reason"] for row in rows)
+    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {title}")
+    shown.add_column("shape")
+    for name in ("confidence", "mean distance", "95 %", "bridged", "flipped faces"):
+        shown.add_column(name, justify="right")
+    for row in rows:
+        if not row["reason"]:
+            shown.add_row(
+                row["name"],
+                f"{row['confidence']:.2f}",
+                f"{row['mean_distance']:.2%}",
+                f"{row['most_distance']:.2%}",
+                f"{row['bridged']:.1%}",
+                str(row["flipped"]),
+            )
+    shown.caption = "Distances between template and shape, in % of sqrt(area)."
+    return shown
+
+
+def registered(out: Path, name: str) -> Path:
+    """The file of the template on a shape."""
+    return out / "registered" / f"{name}.npz"
