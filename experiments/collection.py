@@ -1,0 +1,207 @@
+"""A collection of shapes through one template: how right its maps and meshes are.
+
+`jfsf collection` runs on the shapes of a set, in FOLDER/model, which is kept: run it
+again to go on. Then, in units of sqrt(area):
+
+- `direct`: errors of the pairs that were matched, which are those of shapes alike;
+- `through`: errors of maps from shape to shape by way of the template, of pairs that
+  are spread over all of them: by vertices, and by the surface of the registered
+  template (a vertex of X goes to its nearest point there, and to that point on Y);
+- `listed`: errors of `jfsf.match` itself on the pairs of the set, if it has results
+  here, beside those of the same pairs through the template;
+- `registered`: distances of the template from the shapes, flipped and collapsed faces.
+
+    python experiments/collection.py embedded FOLDER
+    python experiments/collection.py faust_r FOLDER --data ROOT [--pairs 100]
+"""
+
+import argparse
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import datasets
+import numpy as np
+import protocol
+import results_file
+from scipy.spatial import KDTree
+
+from jfsf.cli._collection_jobs import kept
+from jfsf.geometry import GeodesicSolver
+from jfsf.mapfiles import read_match
+from jfsf.mesh import closest, surface_area, surface_tree
+from jfsf.types import Mesh
+
+RESULTS = Path(__file__).parent / "results"
+POINTS = 250  # of ground truth, at most, in each pair
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("set", choices=["together", *protocol.SETS])
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
+    parser.add_argument("--pairs", type=int, default=100)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    shapes = shapes_of(args.set, args.data)
+    model = made(shapes, args.folder)
+    measured = measure(shapes, model, args.pairs, args.set)
+    out = args.out or RESULTS / f"collection_{args.set}.json"
+    settings = {"set": args.set, "pairs": args.pairs}
+    results_file.write(out, settings=settings, **measured)
+    print(json.dumps({k: v for k, v in measured.items() if k != "shapes"}, indent=1))
+
+
+def shapes_of(name: str, root: Path | None) -> dict[str, datasets.Shape]:
+    """The shapes of a set; "together" are the embedded ones and the creatures."""
+    sets = ["embedded", "creatures"] if name == "together" else [name]
+    found = {}
+    for own in sets:
+        data_set = protocol.SETS[own]
+        if data_set.folders:
+            if root is None:
+                raise SystemExit("give --data ROOT or set JFSF_DATA")
+            data_set = protocol.below(data_set, root)
+        if own == "creatures":  # those without the people, which are in the package
+            data_set = data_set._replace(folders=data_set.folders[:1])
+        names = datasets._names(data_set)
+        found |= {n: datasets.load_shape(data_set, n) for n in names if n not in found}
+    return found
+
+
+def made(shapes: dict[str, datasets.Shape], folder: Path) -> Path:
+    """The folder of the collection, by the command line."""
+    scans, model = folder / "scans", folder / "model"
+    scans.mkdir(parents=True, exist_ok=True)
+    for name, shape in shapes.items():
+        if not (path := scans / f"{name}.off").exists():
+            write_off(path, shape.mesh)
+    command = [sys.executable, "-m", "jfsf", "collection", scans, "--out", model]
+    subprocess.run(list(map(str, command)), check=False)
+    if not (model / "summary.csv").exists():
+        raise SystemExit(f"{model}: the command failed; see above")
+    return model
+
+
+def write_off(path: Path, mesh: Mesh) -> None:
+    """With all digits."""
+    lines = ["OFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
+    lines += [" ".join(map(repr, row)) for row in mesh.vertices.tolist()]
+    lines += [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
+    path.write_text("\n".join([*lines, ""]))
+
+
+def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:
+    """All figures of a collection."""
+    with (model / "summary.csv").open() as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    joined = [name for name in shapes if not rows[name]["reason"]]
+    template = next(name for name in joined if float(rows[name]["trust"]) == 1)
+    error = Errors(shapes)
+    direct = []
+    for path in sorted((model / "pairs").glob("*.npz")):
+        x, y = path.stem.split("__")
+        found = read_match(path)
+        likely = float(found.certificate.confidence)
+        row = {"x": x, "y": y, "error": error(found.T_xy, x, y), "confidence": likely}
+        direct.append(row)
+    other = [name for name in joined if name != template]
+    to, back, on = {}, {}, {}
+    for name in other:
+        match = read_match(model / "maps" / f"{name}.npz")
+        to[name], back[name] = np.asarray(match.T_xy), np.asarray(match.T_yx)
+    for name in joined:
+        with np.load(model / "registered" / f"{name}.npz") as file:
+            on[name] = file["vertices"]
+    faces = kept(model / "shapes" / f"{template}.npz").mesh.faces
+
+    def by_surface(x: str, y: str) -> np.ndarray:
+        found = closest(surface_tree(Mesh(on[x], faces)), shapes[x].mesh.vertices)
+        corners = on[y][faces[found.face]]
+        points = np.einsum("nc,nci->ni", found.barycentric, corners)
+        return np.asarray(KDTree(shapes[y].mesh.vertices).query(points)[1])
+
+    def through(pairs: list[tuple[str, str]]) -> list[dict]:
+        return [
+            {
+                "x": x,
+                "y": y,
+                "by_vertices": error(to[y][back[x]], x, y),
+                "by_surface": error(by_surface(x, y), x, y),
+            }
+            for x, y in pairs
+        ]
+
+    every = [(x, y) for x in other for y in other if x != y]
+    spread = through(datasets.spread(every, num))
+    listed = []
+    if (known := RESULTS / f"match_{set_name}.json").exists():
+        for own in json.loads(known.read_text())["pairs"]:
+            if own["x"] in other and own["y"] in other:
+                row = through([(own["x"], own["y"])])[0]
+                listed.append(row | {"direct": own["error"]})
+    return {
+        "summary": {
+            "shapes": len(shapes),
+            "left out": sorted(set(shapes) - set(joined)),
+            "template": template,
+            "pairs matched": len(direct),
+            "direct": figures([row["error"] for row in direct]),
+            "through, by vertices": figures([row["by_vertices"] for row in spread]),
+            "through, by surface": figures([row["by_surface"] for row in spread]),
+            "listed, direct": figures([row["direct"] for row in listed]),
+            "listed, by vertices": figures([row["by_vertices"] for row in listed]),
+            "listed, by surface": figures([row["by_surface"] for row in listed]),
+            "to the template": figures(
+                [error(back[name], name, template) for name in other]
+            ),
+            "mean distance, most": max(float(rows[n]["mean_distance"]) for n in joined),
+            "95 % distance, most": max(float(rows[n]["most_distance"]) for n in joined),
+            "flipped": sum(int(rows[name]["flipped"]) for name in joined),
+            "collapsed": sum(int(rows[name]["collapsed"]) for name in joined),
+        },
+        "shapes": [rows[name] for name in shapes],
+        "direct": direct,
+        "through": spread,
+        "listed": listed,
+    }
+
+
+def figures(errors: list[float]) -> dict | None:
+    """What is said of errors; None of none."""
+    if not errors:
+        return None
+    return {
+        "number": len(errors),
+        "mean": float(np.mean(errors)),
+        "median": float(np.median(errors)),
+        "below 0.06": int(np.sum(np.array(errors) < 0.06)),
+        "wrong": sum(not protocol.is_right(e) for e in errors),
+    }
+
+
+class Errors:
+    """Mean geodesic error of T_xy in sqrt(area of Y); distances on Y are kept."""
+
+    def __init__(self, shapes: dict[str, datasets.Shape]):
+        self.shapes, self.rows = shapes, {}
+
+    def __call__(self, T_xy, x: str, y: str) -> float:
+        one, two = self.shapes[x], self.shapes[y]
+        num = min(len(one.truth), len(two.truth))
+        some = np.random.default_rng(0).permutation(num)[:POINTS]
+        if (y, num) not in self.rows:
+            rows = GeodesicSolver(two.mesh).rows(two.truth[some])
+            self.rows[y, num] = rows / np.sqrt(surface_area(two.mesh))
+        images = np.asarray(T_xy)[one.truth[some]]
+        return float(self.rows[y, num][np.arange(len(some)), images].mean())
+
+
+if __name__ == "__main__":
+    main()
