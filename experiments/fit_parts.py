@@ -8,12 +8,15 @@ Weights are those of a conditional logit (McFadden 1974): within a pair, the cha
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
 0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`); how
-often the first map is right, by the weights of the package, is said of every set.
+often the first map is right, by the weights of the package, is said of every set, and
+`stops` says the same if no other map is tried after one with so much log odds
+(`PartSettings.sure`). A killed run goes on from what it has written.
 
     python experiments/fit_parts.py --data ROOT [--sets becos_pf] [--out RESULT.json]
 """
 
 import argparse
+import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -37,6 +40,7 @@ NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
+ENOUGH = 1.5, 2.0, 2.5, 3.0, 3.5, 4.0  # log odds
 
 
 def main() -> None:
@@ -48,22 +52,29 @@ def main() -> None:
     args = parser.parse_args()
     if args.data is None:
         parser.error("give --data ROOT or set JFSF_DATA")
-    rows, fitted = [], {}
+    rows = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
+    known = {(row["set"], row["x"], row["y"]) for row in rows}
     for name in args.sets:
         data_set = protocol.below(protocol.SETS[name], Path(args.data))
         for pair in datasets.pairs_of(data_set):
+            if (name, pair.x, pair.y) in known:
+                continue
             x, y = datasets.load_pair_of(data_set, pair)
             found = candidates(x, y)
             about = {"set": name, "role": data_set.role(0), "x": pair.x, "y": pair.y}
             rows.append(about | found)
             best = min(one["error"] for one in found["starts"])
             print(f"{name} {pair.x} {pair.y}: best start {best:.3f}", flush=True)
-            fitted = fit(rows)
-            settings = {"fitted to": "sets with the role fit", "shipped": shipped()}
-            results_file.write(
-                args.out, settings=settings, fitted=fitted, right=right(rows), rows=rows
-            )
-    print(fitted, right(rows), sep="\n")
+            write(args.out, rows)
+    print(json.dumps(write(args.out, rows), indent=1))
+
+
+def write(path: Path, rows: list[dict]) -> dict:
+    """Write all that is known, and return what is not a row of a pair."""
+    settings = {"fitted to": "sets with the role fit", "shipped": shipped()}
+    found = {"fitted": fit(rows), "right": right(rows), "stops": stops(rows)}
+    results_file.write(path, settings=settings, **found, rows=rows)
+    return found
 
 
 def shipped() -> dict[str, float]:
@@ -163,6 +174,29 @@ def right(rows: list[dict]) -> dict[str, dict]:
             row[f"{kind}: first right"] = sum(map(protocol.is_right, first))
             row[f"{kind}: any right"] = sum(map(protocol.is_right, best))
         found[name] = row
+    return found
+
+
+def stops(rows: list[dict]) -> dict[str, dict]:
+    """By log odds that are enough: right maps of each set, and maps refined a pair."""
+    weights = np.array(list(shipped().values()))
+    found: dict[str, dict] = {}
+    for enough in ENOUGH:
+        own = found[str(enough)] = {}
+        for name in dict.fromkeys(row["set"] for row in rows):
+            chosen, tried = [], []
+            for maps in (row["refined"] for row in rows if row["set"] == name):
+                first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
+                some = maps[: first[0] + 1] if first else maps
+                if some:
+                    score = columns(some, (*FIGURES, "log_odds")) @ weights
+                    chosen.append(some[score.argmin()]["error"])
+                tried.append(len(some))
+            own[name] = {
+                "right": sum(map(protocol.is_right, chosen)),
+                "error": float(np.mean(chosen)),
+                "refined": float(np.mean(tried)),
+            }
     return found
 
 

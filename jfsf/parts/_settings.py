@@ -19,10 +19,10 @@ class RegisterWeights(NamedTuple):
     log_odds: of those of the map between the regions, once it is refined.
     """
 
-    residual: float = 2.4
+    residual: float = 4.58
     energy: float = 1.0
-    share: float = -0.5
-    log_odds: float = -0.5
+    share: float = -0.65
+    log_odds: float = -0.7
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class PartSettings:
     refined: the best assignments, by which all of the whole is drawn onto the part, and
         the map between the regions refined: at most.
     sure: log odds (`jfsf.types.Certificate`) of such a map that no other is tried
-        beyond. 2.2 is nine to one.
+        beyond. 2.5 is twelve to one.
     carried_by: vertices of the copy whose motion carries one of the whole.
     bend: how the whole is deformed, and the weight of normals in the search for the
         nearest vertices.
@@ -172,7 +172,7 @@ class PartSettings:
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
     refined: int = 5
-    sure: float = 2.2
+    sure: float = 2.5
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
     bend_rounds: int = 6
