@@ -311,6 +311,7 @@ def exhaustive_searches(monkeypatch):
     return calls
 
 
+@pytest.mark.slow
 def test_vmap_compares_all_points_only_where_it_must(exhaustive_searches):
     # No other test has these settings: the program is traced here, and counts.
     run = lambda *args: search(*args, 5, settings=NeighbourSettings(checked=61))

@@ -548,6 +548,7 @@ def test_certificate_says_which_way_round(orientation, reading):
     assert reading in shown.get()
 
 
+@pytest.mark.slow
 def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
     from jfsf.initial import Candidates
     from jfsf.spectral import functional_map, truncate

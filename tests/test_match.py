@@ -376,6 +376,7 @@ def all_stages(pair, runner, settings):
     _stages.finish_maps([(pair, start)], [C_yx], runner, settings)
 
 
+@pytest.mark.slow
 def test_a_folder_of_many_sizes_needs_fourteen_programs():
     rng = np.random.default_rng(0)
     runner, settings = Counted(), Settings()
@@ -426,6 +427,7 @@ def test_exchanged_landmarks_are_named_and_not_obeyed():
     assert geodesic_error(found.T_xy, mesh_y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_point_clouds_are_not_mirrored():
     # Of 1300 points, neighbours are on several limbs. Of 2500, the first map is sure.
@@ -615,6 +617,7 @@ def sampled():
     return x, y
 
 
+@pytest.mark.slow
 def test_the_searchs_own_map_as_initial_gives_the_default():
     (mesh_x, _), (mesh_y, _) = shapes()
     runner = noting()

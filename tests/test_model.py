@@ -225,6 +225,7 @@ def test_missing_vertices_are_not_read():
     np.testing.assert_allclose(moved, known.positions, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_slopes_of_alignment():
     to = np.random.default_rng(1).normal(size=(N, 3))
     assert_slope(lambda x: jnp.sum((room.align(x).mean - to) ** 2), MOVED)

@@ -173,6 +173,7 @@ def test_a_functional_map_is_turned_into_a_map_of_points(found, monkeypatch):
     np.testing.assert_array_equal(seen.value.args[1], found.T_yx)
 
 
+@pytest.mark.slow
 def test_units_do_not_matter_if_both_have_them(found):
     scaled = [
         m._replace(vertices=1000 * m.vertices) for m in (turned(PART.mesh), WHOLE)

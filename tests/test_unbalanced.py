@@ -313,7 +313,9 @@ def arguments(seed):
     return *draw(seed), *numbers, *logs
 
 
-@pytest.mark.parametrize("options", [{"num_iters": 10}, {"tol": 1e-12}])
+@pytest.mark.parametrize(
+    "options", [{"num_iters": 10}, pytest.param({"tol": 1e-12}, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("seed", [0])
 def test_gradients_are_finite_differences(options, seed):
     args, value = arguments(seed), partial(value_of, **options)
@@ -326,6 +328,7 @@ def test_gradients_are_finite_differences(options, seed):
         np.testing.assert_allclose(found, exact, rtol=2e-5, atol=1e-7, err_msg=str(i))
 
 
+@pytest.mark.slow
 def test_gradients_without_limit_are_those_of_the_filter():
     emb_x, emb_y, a, b = *draw(), weights(0, N_X), weights(1, N_Y)
     run = {"k0": FULL, "tol": 1e-10}
