@@ -9,6 +9,7 @@ import typer
 from rich.console import Console
 
 from jfsf.cli._collection_jobs import (
+    has_page,
     keep,
     kept,
     match_pair,
@@ -135,7 +136,8 @@ def collection(
             graph = _grown(out, shapes, base, partial(run, work=work))
             work = partial(put_template, report=report)
             names = list(shapes)
-            failed = _put(out, names, graph, partial(run, work=work))
+            done = has_page if report else None
+            failed = _put(out, names, graph, partial(run, work=work, done=done))
     reasons |= {
         names[i]: reason(graph, names, i)
         for i in np.flatnonzero(~graph.joined).tolist()
@@ -180,13 +182,15 @@ def _meshes_in(folder: Path) -> dict[str, Path]:
     return found
 
 
-def _outcomes(client, shown, jobs, *, label: str, work) -> dict[Path, str | None]:
+def _outcomes(
+    client, shown, jobs, *, label: str, work, done=None
+) -> dict[Path, str | None]:
     """Do the jobs; why each failed, by its file, None for those that did not."""
     from jfsf.batch import run_jobs
 
     bar = shown.add_task(label, total=len(jobs))
     reasons = {}
-    for outcome in run_jobs(jobs, client, prepare=nothing, work=work):
+    for outcome in run_jobs(jobs, client, prepare=nothing, work=work, done=done):
         reasons[outcome.job.out] = outcome.reason
         shown.advance(bar)
     return reasons

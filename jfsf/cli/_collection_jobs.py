@@ -83,6 +83,21 @@ def read_maps(path: Path):
     return matched(read_match(path))
 
 
+def has_page(job) -> bool:
+    """Whether `put_template` with a report has nothing to do."""
+    from jfsf.batch import is_done
+    from jfsf.cli._pages import pages_of
+
+    itself = job.inputs[0] == job.inputs[1]
+    pages = [] if itself else pages_of(_maps(job))
+    return is_done(job) and all(page.exists() for page in pages)
+
+
+def _maps(job) -> Path:
+    """The file of the maps between the template and the shape of a job."""
+    return job.out.parent.parent / "maps" / job.out.name
+
+
 def put_template(job, report: bool) -> None:
     """Match the template with a shape by way of other shapes, and put it there.
 
@@ -94,13 +109,12 @@ def put_template(job, report: bool) -> None:
     from jfsf.storage import write_atomically
 
     template, shape = map(kept, job.inputs[:2])
-    name = job.out.stem
     if job.inputs[0] == job.inputs[1]:
         found = itself(template.mesh)
     else:
         T = np.load(job.inputs[2])["T_xy"]
         found = member(template.mesh, shape.mesh, T)
-        maps = job.out.parent.parent / "maps" / f"{name}.npz"
+        maps = _maps(job)
         maps.parent.mkdir(exist_ok=True)
         write_maps(maps, found.match, template, shape)
         if report:
