@@ -55,7 +55,7 @@ def main() -> None:
     out = args.out or RESULTS / f"collection_{args.set}.json"
     settings = {"set": args.set, "pairs": args.pairs}
     results_file.write(out, settings=settings, **measured)
-    print(json.dumps({k: v for k, v in measured.items() if k != "shapes"}, indent=1))
+    print(json.dumps(measured["summary"], indent=1))
 
 
 def shapes_of(name: str, root: Path | None) -> dict[str, datasets.Shape]:

@@ -300,6 +300,7 @@ def test_maps_by_way_of_the_template_agree_round_all_cycles():
     x, y = found.meshes[1:]
     offset = y.vertices[found.map_between(1, 2)] - x.vertices
     np.testing.assert_allclose(offset, 1, atol=1e-12)
+    np.testing.assert_allclose(found.points_between(1, 2), x.vertices + 1, atol=1e-12)
     # Boxes that differ by a shift alone do not vary.
     assert float(found.model().total_variance) < 1e-12
 
@@ -314,6 +315,8 @@ def test_what_was_left_out_is_named():
         ValueError, match=r"c was left out: no trusted map .* a \(0.90\)"
     ):
         found.map_between(0, 2)
+    with pytest.raises(ValueError, match="points_between: c was left out"):
+        found.points_between(2, 0)
     bare = graph._replace(right={(0, 1): 0.9})
     assert reason(bare, found.names, 2) == "no pair with it could be matched"
 

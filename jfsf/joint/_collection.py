@@ -13,6 +13,7 @@ from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
 from jfsf.joint._sketch import sketch
 from jfsf.matching import basis, check_matchable, match
+from jfsf.mesh import closest, surface_tree
 from jfsf.model import ShapeModel, fit_model
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.settings import Settings
@@ -89,13 +90,34 @@ class Collection(NamedTuple):
         Raises:
             ValueError: a shape that was left out.
         """
-        for i in (x, y):
-            if self.members[i] is None:
-                raise ValueError(
-                    f"map_between: {self.names[i]} was left out: "
-                    f"{reason(self.graph, self.names, i)}"
-                )
-        return np.asarray(self.members[y].maps.T_xy)[self.members[x].maps.T_yx]  # type: ignore
+        on_x, on_y = (self._member("map_between", i) for i in (x, y))
+        return np.asarray(on_y.maps.T_xy)[np.asarray(on_x.maps.T_yx)]
+
+    def points_between(self, x: int, y: int) -> Float[np.ndarray, "n_x 3"]:
+        """The point of shape y, in its unit, for each vertex of shape x.
+
+        By the registered template: the nearest point of it on x, and that point of it
+        on y. No vertex is rounded to on the way, so this is nearer to the truth than
+        `map_between`.
+
+        Raises:
+            ValueError: a shape that was left out.
+        """
+        on_x, on_y = (self._member("points_between", i) for i in (x, y))
+        faces = np.asarray(self.meshes[self.template].faces)
+        surface = surface_tree(Mesh(on_x.registration.vertices, faces))
+        found = closest(surface, self.meshes[x].vertices)
+        corners = np.asarray(on_y.registration.vertices)[faces[found.face]]
+        return np.einsum("nc,nci->ni", found.barycentric, corners)
+
+    def _member(self, caller: str, i: int) -> Member:
+        found = self.members[i]
+        if found is None:
+            raise ValueError(
+                f"{caller}: {self.names[i]} was left out: "
+                f"{reason(self.graph, self.names, i)}"
+            )
+        return found
 
     def model(self, *, modes: int | None = None, scale: bool = False) -> ShapeModel:
         """The mean of the joined shapes and how they vary (`jfsf.model.fit_model`).
