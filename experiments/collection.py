@@ -141,7 +141,8 @@ def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:
     every = [(x, y) for x in other for y in other if x != y]
     spread = through(datasets.spread(every, num))
     listed = []
-    if (known := RESULTS / f"match_{set_name}.json").exists():
+    same = "creatures" if set_name == "together" else set_name
+    if (known := RESULTS / f"match_{same}.json").exists():
         for own in json.loads(known.read_text())["pairs"]:
             if own["x"] in other and own["y"] in other:
                 row = through([(own["x"], own["y"])])[0]
