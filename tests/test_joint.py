@@ -9,6 +9,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from jfsf import testing
 from jfsf.joint import (
     Collection,
     Graph,
@@ -31,6 +32,7 @@ from jfsf.joint import (
     unlikeness,
 )
 from jfsf.joint._cycles import AGREE, distance
+from jfsf.mesh import MeshError
 from jfsf.registration import Registration
 from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh
@@ -337,3 +339,5 @@ def test_bad_collections_are_errors(options, message):
         collection([mesh, mesh], **options)
     with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
         collection([mesh])
+    with pytest.raises(MeshError, match="1: has no faces, and a collection registers"):
+        collection([testing.blob(0), mesh._replace(faces=mesh.faces[:0])])

@@ -31,12 +31,13 @@ def nothing(path: Path) -> None:
 
 def keep(job, largest: bool, mend: bool) -> None:
     """Write what is kept of a mesh, and put its spectrum into the cache."""
-    from jfsf.joint import sketch
+    from jfsf.joint import check_surface, sketch
     from jfsf.matching import basis
     from jfsf.storage import write_atomically
 
     (path,) = job.inputs
     shape = matchable(path, largest, mend)
+    check_surface(shape.mesh, str(path))
     n = len(shape.mesh.vertices)
     index = np.arange(n) if shape.index is None else np.asarray(shape.index)
     arrays = {

@@ -13,7 +13,7 @@ from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
 from jfsf.joint._sketch import sketch
 from jfsf.matching import basis, check_matchable, match
-from jfsf.mesh import closest, surface_tree
+from jfsf.mesh import MeshError, closest, surface_tree
 from jfsf.model import ShapeModel, fit_model
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.settings import Settings
@@ -166,6 +166,7 @@ def collection(
     names = tuple(map(str, range(len(meshes)))) if names is None else tuple(names)
     _check(meshes, names, template)
     for name, mesh in zip(names, meshes, strict=True):
+        check_surface(mesh, name)
         check_matchable(mesh, name=name, settings=settings.match)
     say = progress or (lambda step: None)
     sketches = []
@@ -237,6 +238,15 @@ def itself(
     own: Any = np.arange(len(template.vertices), dtype=np.int32)
     on_itself = register(template, template, own, settings=settings.registration)
     return Member(Maps(own, own), None, on_itself)
+
+
+def check_surface(mesh: Mesh, name: str) -> None:
+    """MeshError for a point cloud, onto which no template can be deformed."""
+    if len(mesh.faces) == 0:
+        raise MeshError(
+            f"{name}: has no faces, and a collection registers surfaces; triangulate "
+            "it (jfsf.mesh.reconstruct)"
+        )
 
 
 def reason(graph: Graph, names: Sequence[str], shape: int) -> str:

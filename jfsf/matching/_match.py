@@ -87,7 +87,7 @@ def match(
             without the descriptors. An initial map replaces that search: it is turned
             into a T_xy, its scale is read from it, and no other is tried. Cuts change
             the sizes of arrays, so it runs on the host, with `match` of the cuts
-            inside: it cannot be traced. It takes about five times as long. Two closed
+            inside: it cannot be traced. It takes some ten times as long. Two closed
             surfaces share all. There is no confidence for parts.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
