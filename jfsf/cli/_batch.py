@@ -19,7 +19,13 @@ from jfsf.cli._files import (
     write_found,
 )
 from jfsf.cli._pages import batch_index, pages_of, pair_page
-from jfsf.cli._runs import bars, begin, raising_interrupts
+from jfsf.cli._runs import (
+    SchedulerOption,
+    WorkersOption,
+    bars,
+    begin,
+    raising_interrupts,
+)
 from jfsf.cli._summary import (
     doubtful_first,
     summary_row,
@@ -37,20 +43,8 @@ def batch(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="A dask scheduler, host:port; its workers must see the same files. "
-            "Without it, processes on this machine.",
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Local processes, one a core by default. Give 1 for one GPU."
-        ),
-    ] = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
     orientation: OrientationOption = Orientation.preserve,
     largest_component: Annotated[
         bool,

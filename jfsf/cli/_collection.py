@@ -32,7 +32,13 @@ from jfsf.cli._files import (
     can_write_in,
     need_matplotlib,
 )
-from jfsf.cli._runs import bars, begin, raising_interrupts
+from jfsf.cli._runs import (
+    SchedulerOption,
+    WorkersOption,
+    bars,
+    begin,
+    raising_interrupts,
+)
 
 PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
 
@@ -57,20 +63,8 @@ def collection(
             ".pp, .csv or .txt.",
         ),
     ] = None,
-    scheduler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="A dask scheduler, host:port; its workers must see the same files. "
-            "Without it, processes on this machine.",
-        ),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            min=1, help="Local processes, one a core by default. Give 1 for one GPU."
-        ),
-    ] = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
     orientation: OrientationOption = Orientation.preserve,
     scale: Annotated[
         bool,
@@ -144,16 +138,16 @@ def collection(
     }
     reasons |= failed
     rows = rows_of(out, paths, shapes, graph, reasons)
-    mean = shapes[names[graph.paths.template]].mesh
-    written, notes = write_model_of(out, rows, mean.faces, scale=scale)
+    name = names[graph.paths.template]
+    mesh = shapes[name].mesh
+    written, notes = write_model_of(out, rows, mesh.faces, scale=scale)
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
-        written += write_landmarks_of(out, rows, mean, points, landmarks.suffix)
+        written += write_landmarks_of(out, rows, mesh, points, landmarks.suffix)
     if report:
-        written.append(write_pages_index(out, rows))
+        written.append(write_pages_index(out, rows, name))
     console = Console()
-    title = f"template {names[graph.paths.template]}, {len(graph.matched)} pairs"
-    console.print(table(rows, title))
+    console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
     for name, why in reasons.items():
         text = f"left out: {paths[name]}: {why}"
         console.print(text, soft_wrap=True, markup=False)

@@ -103,9 +103,8 @@ def write_landmarks_of(
     return [folder]
 
 
-def write_pages_index(out: Path, rows) -> Path:
+def write_pages_index(out: Path, rows, template: str) -> Path:
     """Write the index of the pages of the shapes, beside the maps."""
-    template = next(r["name"] for r in rows if r["trust"] == 1 and not r["reason"])
     listed = [
         {
             "x": template,

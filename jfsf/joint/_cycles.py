@@ -17,8 +17,8 @@ from jfsf.joint._pairs import Edge
 from jfsf.joint._sketch import Sketch
 from jfsf.types import ArrayLike, Maps
 
-# Probability that the maps round a triangle agree, by how many of them are wrong. One
-# wrong map among right ones shows; two wrong ones agree if both, say, turn one shape.
+# The probability that the maps round a triangle agree, by how many of them are wrong.
+# Set by hand. One wrong map among right ones shows. Two agree if both turn one shape.
 AGREE = np.array([0.98, 0.01, 0.1, 0.1])
 SWEEPS, DAMPING = 50, 0.5
 LEAST = 0.02  # no confidence counts for more than 1 - LEAST, nor for less than this

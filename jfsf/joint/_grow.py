@@ -20,7 +20,7 @@ from jfsf.types import Maps, Match
 
 @dataclass(frozen=True)
 class PairSettings:
-    """Which pairs are matched, and which of their maps are trusted.
+    """Which pairs are matched, and which of their maps are trusted. Set by hand.
 
     pairs_a_shape: pairs that are matched, at most, for each shape.
     agree: the maps round a triangle agree if they are less than this apart, relative to

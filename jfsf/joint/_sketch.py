@@ -12,7 +12,7 @@ SIGNATURE = 30  # eigenvalues: how a shape differs from others as a whole
 
 
 class Sketch(NamedTuple):
-    """A shape in a few numbers. A thousandth of its spectrum.
+    """What tells a shape from others, and how far apart its vertices are.
 
     signature: square roots of eigenvalues, in units of their mean growth (Weyl's law).
         The shape has area 1, so size plays no part; nor does the pose (Reuter et al.
