@@ -11,8 +11,12 @@ again to go on. Then, in units of sqrt(area):
   here, beside those of the same pairs through the template;
 - `registered`: distances of the template from the shapes, flipped and collapsed faces.
 
+Each class of SHREC'07 is a collection of its own, in FOLDER/CLASS; results are of each,
+and of the listed pairs of all.
+
     python experiments/collection.py embedded FOLDER
     python experiments/collection.py faust_r FOLDER --data ROOT [--pairs 100]
+    python experiments/collection.py shrec07 FOLDER --data ROOT [--classes ant bird]
 """
 
 import argparse
@@ -37,6 +41,19 @@ from jfsf.types import Mesh
 
 RESULTS = Path(__file__).parent / "results"
 POINTS = 250  # of ground truth, at most, in each pair
+CLASSES = {  # of SHREC'07, and the number of the first of its twenty shapes
+    "human": 1,
+    "glasses": 41,
+    "airplane": 61,
+    "ant": 81,
+    "teddy": 161,
+    "hand": 181,
+    "plier": 201,
+    "fish": 221,
+    "bird": 241,
+    "armadillo": 281,
+    "four-legged": 381,
+}
 
 
 def main() -> None:
@@ -48,19 +65,55 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
     parser.add_argument("--pairs", type=int, default=100)
     parser.add_argument("--out", type=Path)
+    parser.add_argument("--classes", nargs="+", choices=CLASSES, default=list(CLASSES))
     args = parser.parse_args()
     shapes = shapes_of(args.set, args.data)
-    model = made(shapes, args.folder)
-    measured = measure(shapes, model, args.pairs, args.set)
+    if args.set == "shrec07":
+        measured = measure_classes(shapes, args.folder, args.classes, args.pairs)
+    else:
+        model = made(shapes, args.folder)
+        measured = measure(shapes, model, args.pairs, args.set)
     out = args.out or RESULTS / f"collection_{args.set}.json"
     settings = {"set": args.set, "pairs": args.pairs}
     results_file.write(out, settings=settings, **measured)
     print(json.dumps(measured["summary"], indent=1))
 
 
-def shapes_of(name: str, root: Path | None) -> dict[str, datasets.Shape]:
+def measure_classes(
+    shapes: dict[str, datasets.Shape], folder: Path, classes: list[str], num: int
+) -> dict:
+    """Figures of a collection of each class of SHREC'07, and of all listed pairs."""
+    by_class = {}
+    for name in classes:
+        first = CLASSES[name]
+        own = {n: s for n, s in shapes.items() if first <= int(n) < first + 20}
+        by_class[name] = measure(own, made(own, folder / name), num, "shrec07")
+        print(name, json.dumps(by_class[name]["summary"]), flush=True)
+    summaries = {name: found["summary"] for name, found in by_class.items()}
+    listed = [row for found in by_class.values() for row in found["listed"]]
+    return {
+        "summary": {
+            "shapes": sum(found["shapes"] for found in summaries.values()),
+            "left out": sum((found["left out"] for found in summaries.values()), []),
+            **of_listed(listed),
+        },
+        "classes": summaries,
+        "listed": listed,
+    }
+
+
+def of_listed(rows: list[dict]) -> dict:
+    """Figures of the pairs of a set, by `jfsf.match` and through the template."""
+    return {
+        "listed, direct": figures([row["direct"] for row in rows]),
+        "listed, by vertices": figures([row["by_vertices"] for row in rows]),
+        "listed, by surface": figures([row["by_surface"] for row in rows]),
+    }
+
+
+def shapes_of(set_name: str, root: Path | None) -> dict[str, datasets.Shape]:
     """The shapes of a set; "together" are the embedded ones and the creatures."""
-    sets = ["embedded", "creatures"] if name == "together" else [name]
+    sets = ["embedded", "creatures"] if set_name == "together" else [set_name]
     found = {}
     for own in sets:
         data_set = protocol.SETS[own]
@@ -70,8 +123,14 @@ def shapes_of(name: str, root: Path | None) -> dict[str, datasets.Shape]:
             data_set = protocol.below(data_set, root)
         if own == "creatures":  # those without the people, which are in the package
             data_set = data_set._replace(folders=data_set.folders[:1])
-        names = datasets._names(data_set)
-        found |= {n: datasets.load_shape(data_set, n) for n in names if n not in found}
+        truths = dict.fromkeys(datasets._names(data_set), "")
+        if data_set.truth == "listed":  # of each shape in the same order
+            for pair in datasets.pairs_of(data_set):
+                truths |= dict(zip((pair.x, pair.y), pair.truth, strict=True))
+            truths = {n: truth for n, truth in truths.items() if truth}
+        for name, truth in truths.items():
+            if name not in found:
+                found[name] = datasets.load_shape(data_set, name, truth)
     return found
 
 
@@ -116,6 +175,8 @@ def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:
     for name in other:
         match = read_match(model / "maps" / f"{name}.npz")
         to[name], back[name] = np.asarray(match.T_xy), np.asarray(match.T_yx)
+    itself = np.arange(len(shapes[template].mesh.vertices))
+    to[template] = back[template] = itself
     for name in joined:
         with np.load(model / "registered" / f"{name}.npz") as file:
             on[name] = file["vertices"]
@@ -144,7 +205,7 @@ def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:
     same = "creatures" if set_name == "together" else set_name
     if (known := RESULTS / f"match_{same}.json").exists():
         for own in json.loads(known.read_text())["pairs"]:
-            if own["x"] in other and own["y"] in other:
+            if own["x"] in joined and own["y"] in joined:
                 row = through([(own["x"], own["y"])])[0]
                 listed.append(row | {"direct": own["error"]})
     return {
@@ -156,9 +217,7 @@ def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:
             "direct": figures([row["error"] for row in direct]),
             "through, by vertices": figures([row["by_vertices"] for row in spread]),
             "through, by surface": figures([row["by_surface"] for row in spread]),
-            "listed, direct": figures([row["direct"] for row in listed]),
-            "listed, by vertices": figures([row["by_vertices"] for row in listed]),
-            "listed, by surface": figures([row["by_surface"] for row in listed]),
+            **of_listed(listed),
             "to the template": figures(
                 [error(back[name], name, template) for name in other]
             ),
