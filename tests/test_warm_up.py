@@ -1,4 +1,4 @@
-"""Programs that are compiled before there are shapes are those that a match asks for."""
+"""Programs compiled before there are shapes are those that a match asks for."""
 
 import jax
 import numpy as np
@@ -11,7 +11,6 @@ import jfsf
 from jfsf import matching, storage
 from jfsf.cli import app
 from jfsf.runtime import _programs
-from jfsf.settings import Settings
 
 
 @pytest.mark.slow  # all programs of a match
