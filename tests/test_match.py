@@ -108,6 +108,7 @@ def test_the_truth_is_found():
 
 def test_each_stage_is_named_as_it_begins():
     (mesh_x, _), (mesh_y, _) = shapes()
+    plain()  # compiles
     named = []
     same(match(mesh_x, mesh_y, progress=named.append))
     first = ["spectra", "features", "search"]

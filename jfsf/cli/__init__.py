@@ -19,6 +19,7 @@ Read in this order:
 - `_register`: `jfsf register`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
+- `_warm_up`: `jfsf warm-up`
 - `_cache`: `jfsf cache`
 - `_app`: the other commands, options, and exit codes
 """

@@ -4,6 +4,7 @@ Read in this order:
 
 - `_match`: checks and spectra, then the policy: `match`, `alternatives`,
   `symmetry`, `basis`, `attempted_pair`
+- `_warm_up`: the programs of `match`, compiled before there are shapes
 """
 
 from jfsf.matching._match import (
@@ -14,6 +15,7 @@ from jfsf.matching._match import (
     match,
     symmetry,
 )
+from jfsf.matching._warm_up import warm_up
 
 __all__ = [
     "alternatives",
@@ -22,4 +24,5 @@ __all__ = [
     "check_matchable",
     "match",
     "symmetry",
+    "warm_up",
 ]

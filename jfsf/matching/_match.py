@@ -369,13 +369,15 @@ def _attempted(
         )
         # Compiling or loading the programs takes as long as the spectra, or longer.
         like = [spectrum_like(size) for size in sizes]
-        compiler = CompileOnly(host.keep_programs, pool)
+        compiler = CompileOnly(host.keep_programs, pool, programs := [])
         like_pair = PairState((like[0], like[-1]), given)
         compile_first_attempt(like_pair, compiler, settings=settings)
         specs = [
             jax.tree.map(jnp.asarray, padded(spec, size))
             for spec, size in zip(specs, sizes, strict=True)
         ]
+        if not all(program.ready() for program in programs):
+            host.say("compiling, once for shapes of about this size")
     pair = PairState((specs[0], specs[-1]), given)
     pair.seconds["spectra"] = perf_counter() - started
 

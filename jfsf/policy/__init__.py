@@ -19,7 +19,12 @@ Read in this order:
 - `_match`: the sources in turn, for the pairs in doubt
 """
 
-from jfsf.policy._match import attempt_pairs, compile_first_attempt, match_pairs
+from jfsf.policy._match import (
+    attempt_pairs,
+    compile_copies,
+    compile_first_attempt,
+    match_pairs,
+)
 from jfsf.policy._pairs import Attempt, PairState
 from jfsf.policy._sources import Proposal, Source
 
@@ -29,6 +34,7 @@ __all__ = [
     "Proposal",
     "Source",
     "attempt_pairs",
+    "compile_copies",
     "compile_first_attempt",
     "match_pairs",
 ]

@@ -1,10 +1,20 @@
 """The sources of starts in turn, for all pairs that are still in doubt."""
 
 from collections.abc import Sequence
+from functools import partial
 
+import jax
+
+from jfsf.initial import nonisometric_starts
 from jfsf.policy._pairs import Attempt, PairState
 from jfsf.policy._sources import Proposal, Source, sources_of
-from jfsf.policy._stages import describe, finish_maps, match_starts
+from jfsf.policy._stages import (
+    describe,
+    finish_maps,
+    match_starts,
+    run_stage,
+    search_inputs,
+)
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
 from jfsf.types import Match
@@ -61,6 +71,22 @@ def compile_first_attempt(
     source = sources_of(pair.inputs, settings)[0]
     ((start,),) = source.make([pair], runner, settings)
     match_starts([(pair, start.start)], runner, settings)
+
+
+def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> None:
+    """Have the programs compiled that pairs in doubt need beside those of every pair.
+
+    Args:
+        copy: of shapes and types in place of the arrays of two coarse copies.
+        runner: `jfsf.runtime.CompileOnly`.
+        settings: of all stages.
+    """
+    describe([copy], runner, settings)
+    inputs = search_inputs([copy], [copy.samples])
+    stage = partial(nonisometric_starts, settings=settings.search)
+    (stacked,) = run_stage(runner, "further starts", stage, [copy], inputs)
+    one = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), stacked)
+    match_starts([(copy, one)], runner, settings)
 
 
 def _attempt(

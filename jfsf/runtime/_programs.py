@@ -46,9 +46,15 @@ class Program:
         result: shapes and types of what it returns, as `jax.ShapeDtypeStruct`.
     """
 
-    def __init__(self, result: Any, compiled: Callable[[], Callable]) -> None:
-        """`compiled` waits for a function from leaves to leaves."""
+    def __init__(
+        self,
+        result: Any,
+        compiled: Callable[[], Callable],
+        ready: Callable[[], bool] = lambda: True,
+    ) -> None:
+        """`compiled` waits for a function from leaves to leaves, if it is not ready."""
         self.result = result
+        self.ready = ready
         self._compiled = compiled
 
     def __call__(self, *args: Any) -> Any:
@@ -143,7 +149,8 @@ def _compiled(function, tree, shapes, path, pool) -> Program:
     if pool is None:
         compiled = build()
         return Program(result, lambda: compiled)
-    return Program(result, pool.submit(build).result)
+    future = pool.submit(build)
+    return Program(result, future.result, future.done)
 
 
 def _warn_once(folder: Path, error: NotPrivateError) -> None:

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from jfsf.runtime._map_pairs import PAIRS, map_pairs
-from jfsf.runtime._programs import compile_ahead
+from jfsf.runtime._programs import Program, compile_ahead
 
 # Bytes of a shape of some 120 000 vertices. Two larger ones at a time need twice the
 # memory and save nothing: one keeps all cores busy.
@@ -80,20 +80,25 @@ class CompileOnly(NamedTuple):
     """Compiles the programs of `OneByOne`; inputs and results are shapes and types.
 
     keep: keep the programs on disk.
-    pool: compiles, beside the caller.
+    pool: compiles, beside the caller; without it, the caller waits.
+    programs: a list to which all programs are added.
     """
 
     keep: bool
-    pool: Executor
+    pool: Executor | None = None
+    programs: list[Program] | None = None
 
     def map(self, name, stage, inputs, at_a_time=1) -> list[Any]:
         """As `Runner` says."""
         del name, at_a_time
         make = partial(_program, stage, keep=self.keep, pool=self.pool)
-        return [make(args).result for args in inputs]
+        programs = [make(args) for args in inputs]
+        if self.programs is not None:
+            self.programs.extend(programs)
+        return [program.result for program in programs]
 
 
-def _program(stage: partial, args: tuple, **options: Any):
+def _program(stage: partial, args: tuple, **options: Any) -> Program:
     return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
