@@ -13,7 +13,10 @@ right. Three regressions, see `jfsf.evidence.confidence`:
    other shares found, so those with which the results were made are kept (`RANK`), and
    what a fit to the results gives stands beside them. Put that into `RANK` and run
    match_pairs.py again where it ranks better.
-3. logistic, of the match of each pair that was compared with others on copies.
+3. logistic, of the match of each pair that was compared with others on copies. A match
+   that other maps beat has a small share: `match` keeps one only if it was given. None
+   of the right ones has a share below `least_share`, so there the confidence falls in
+   proportion to the share.
 
 For the scores each set is left out in turn, together with those that share its shapes.
 The area under the ROC curve is that of the confidence of matches; the calibration error
@@ -98,11 +101,15 @@ class Results(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """Factors of a map alone (1 + e,), of the rank (r,), of a map compared (3,)."""
+    """Factors of a map alone (1 + e,), of the rank (r,), of a map compared (3,).
+
+    least_share: of the right maps that were compared.
+    """
 
     alone: np.ndarray
     rank: np.ndarray
     compared: np.ndarray
+    least_share: float
 
 
 def main() -> None:
@@ -167,6 +174,7 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
     right = {name: own.matches.right for name, own in sets.items()}
     join = lambda values: np.concatenate(list(values.values()))
     compared = _named(("constant", "log_odds", "margin"), shipped.compared)
+    compared["least_share"] = round(shipped.least_share, 3)
     return {
         "alone": _named(("constant", *EVIDENCE), shipped.alone),
         "rank": RANK,
@@ -214,15 +222,17 @@ def fit_all(sets: list[Results]) -> Constants:
     signs = {"log_odds": 1, "margin": 1}
     among = fit(columns, compared.right[known], ones, signs)
     rank = fit_rank([pool for s in sets for pool in s.copies])
-    return Constants(alone, rank, among)
+    least = float(expit(compared.margin[known & compared.right].min()))
+    return Constants(alone, rank, among, least)
 
 
 def predict(constants: Constants, matches: Matches) -> np.ndarray:
     """The confidence of each match."""
-    alone, _, compared = constants
+    alone, _, compared, least = constants
     z = alone[0] + matches.columns @ alone[1:]
     among = compared[0] + _compared(alone, matches) @ compared[1:]
-    return expit(np.where(np.isnan(matches.margin), z, among))
+    beaten = np.minimum(expit(matches.margin) / least, 1)
+    return np.where(np.isnan(matches.margin), expit(z), expit(among) * beaten)
 
 
 def fit_rank(pools: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:

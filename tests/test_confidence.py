@@ -100,6 +100,11 @@ def test_confidence_follows_the_evidence():
     np.testing.assert_allclose(confidence(0.0), 0.5)
 
 
+def test_a_map_that_others_beat_is_not_likely_however_well_it_fits():
+    # As a given map has: `match` itself would keep the other one.
+    assert confidence(4.0, 0.04) < 0.25 < 0.8 < confidence(4.0, 0.4)
+
+
 def test_confidence_is_half_where_left_and_right_cannot_be_told():
     whole, half = (confidence(2.0, 0.7, 0.0, told) for told in (True, False))
     np.testing.assert_allclose(half, whole / 2)

@@ -15,8 +15,10 @@ all, so other evidence tells most. Their odds are as exp(r),
 
 Of a map that was compared so, with s its share of these odds (`share_among`):
 
-    p = 1 / (1 + exp(-z')),
-    z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m)
+    p = min(s / l, 1) / (1 + exp(-z')),
+    z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m),
+
+l being the least share of a right map in the data.
 """
 
 import json
@@ -119,6 +121,8 @@ def confidence(
     compared = COMPARED["constant"] + COMPARED["log_odds"] * log_odds
     compared += COMPARED["margin"] * margin
     likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
+    # `known` is one half where the share is not: that takes nothing away.
+    likely *= jnp.minimum(known / COMPARED["least_share"], 1)
     likely **= 1 + missed_weight * missed
     return jnp.where(left_and_right, likely, likely / 2)
 
