@@ -180,9 +180,10 @@ def match(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), or a "
-            "table of name,x,y,z or name,vertex (.csv, .tsv, .txt). Goes with "
-            "--landmarks-y; they are paired by name, or by order.",
+            help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), "
+            ".particles (ShapeWorks), or a table of name,x,y,z or name,vertex (.csv, "
+            ".tsv, .txt). Goes with --landmarks-y; they are paired by name, or by "
+            "order.",
         ),
     ] = None,
     landmarks_y: Annotated[
