@@ -1,8 +1,9 @@
 """Landmark files of other programs: read, written, paired, carried.
 
-They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds named points of one shape. On a mesh they become vertices or points of the
-surface. Two shapes' landmarks are paired by name or by order, and a map carries those
-of one shape to another.
+They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds
+named points of one shape. On a mesh they become vertices or points of the surface. Two
+shapes' landmarks are paired by name or by order, and a map carries those of one shape
+to another.
 
 Read in this order:
 

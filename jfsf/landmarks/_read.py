@@ -25,9 +25,10 @@ def read_landmarks(path: Path) -> Landmarks:
 
     Args:
         path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles, or
-            a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or a name and a vertex;
-            or a vertex, counted from 0. Its first line may hold titles, and Slicer's
-            l, p, s or r, a, s, or ParaView's Points:0 and so on, in place of x, y, z.
+            a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or
+            a name and a vertex; or a vertex, counted from 0. Its first line may hold
+            titles, and Slicer's l, p, s or r, a, s, or ParaView's Points:0 and so on,
+            in place of x, y, z.
 
     Returns:
         The landmarks that have a position, in the order and the coordinates of the

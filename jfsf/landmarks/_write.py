@@ -26,11 +26,12 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
     """Write landmarks as `read_landmarks` reads them, and the program of the format.
 
     Slicer needs a coordinate system: landmarks without one are written as LPS, in which
-    it saves and loads meshes. MeshLab's format does not hold the system, and .particles of ShapeWorks neither that nor
-    names.
+    it saves and loads meshes. MeshLab's format does not hold the system, and
+    ShapeWorks' neither the system nor names.
 
     Args:
-        path: its suffix is the format: .mrk.json, .fcsv, .pp, .csv, .tsv, .txt or .particles.
+        path: its suffix is the format: .mrk.json, .fcsv, .pp, .csv, .tsv, .txt or
+            .particles.
         landmarks: points in any format; vertices in a table only.
 
     Raises:
