@@ -1,17 +1,19 @@
 """What the command line says: options and units, what was left out, no nan."""
 
+import io
 import json
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 import jfsf
 from jfsf import testing
 from jfsf.arguments import check_one_unit, doubtful_units
 from jfsf.cli import app
-from jfsf.cli._words import in_options
+from jfsf.cli._words import in_options, print_any_letter
 from jfsf.evaluate import evaluate, geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import MapFileError, read_match, read_notes, write_map, write_match
@@ -62,6 +64,16 @@ def folder(tmp_path):
 )
 def test_messages_name_options(text, said):
     assert in_options(text) == said
+
+
+def test_names_in_letters_that_a_terminal_lacks_do_not_end_a_command(monkeypatch):
+    stream = io.TextIOWrapper(io.BytesIO(), encoding="ascii")
+    monkeypatch.setattr("sys.stdout", stream)
+    monkeypatch.setattr("sys.stderr", io.StringIO())  # which has no encoding
+    print_any_letter()
+    Console(file=stream).print("wrote 鼻尖.npz")
+    stream.flush()
+    assert stream.buffer.getvalue().startswith(b"wrote \\u9f3b\\u5c16.npz")  # type: ignore
 
 
 def test_unknown_figures_have_words():

@@ -98,10 +98,9 @@ def test_parts_of_a_scene_keep_their_order(tmp_path):
         vertex_colours(tmp_path / "a.glb"),
         read(tmp_path / "a.glb").vertices,
     )
-    part = np.round((points.mean(1) - MESH.vertices.mean()) / 3).astype(int)
     for i, value in enumerate((0.0, 0.7, 1.0)):
         near = np.linalg.norm(points - 3 * i, axis=1) < 2
-        assert np.allclose(found[near], value), (i, part)
+        assert near.any() and np.allclose(found[near], value)
 
 
 def test_x_is_exported_in_given_colours(tmp_path):

@@ -155,7 +155,9 @@ def _table(warped, scan: Mesh, certificate) -> Table:
     shown.add_row("scale of the template", f"{float(warped.scale):.4g}")
     if certificate is not None:
         likely = float(certificate.confidence)
-        words = f"{likely:.2f}, {verdict(likely)}"
+        words = verdict(likely)
+        if not np.isnan(likely):
+            words = f"{likely:.2f}, {words}"
         shown.add_row("confidence of the map", words)
     return shown
 

@@ -26,18 +26,21 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
     """The colour of each vertex of `read`, sRGB in [0, 1]; opacity is dropped.
 
     Args:
-        path: a file that `read` reads. STL has no colours that are in common use.
+        path: a file that `read` reads.
 
     Returns:
         None if the file has no colours of vertices, or the same everywhere, as some
-        programs write for a mesh that has none.
+        programs write for a mesh that has none; and for other formats, such as STL.
 
     Raises:
         MeshError: as `read`.
     """
     path = Path(path)
-    mesh, suffix = read(path), path.suffix.lower()
-    found = _FINDERS[suffix](path, mesh) if suffix in _FINDERS else None
+    finder = _FINDERS.get(path.suffix.lower())
+    if finder is None:
+        return None
+    mesh = read(path)
+    found = finder(path, mesh)
     if found is None or np.shape(found) != np.shape(mesh.vertices):
         return None
     if not np.isfinite(found).all() or not np.ptp(found, axis=0).any():
