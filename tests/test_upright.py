@@ -121,7 +121,7 @@ def test_up_that_is_known_leaves_the_front_to_be_found():
     assert degrees(found.axes, frame("z")) < 20
 
 
-def mask(n=41):
+def mask(n=27):
     """A relief with nose, chin and eyes, which bulges towards z, up y; an open disk."""
     x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1.4, 1.4, n))
     bump = lambda at, up, size: np.exp(-((x - at) ** 2 + (y - up) ** 2) / size**2)

@@ -82,6 +82,8 @@ def test_files_of_other_writers(tmp_path):
     )
     found = vertex_colours(tmp_path / "b.obj")
     assert np.allclose(found[:, 0], np.arange(9) * 25 / 255)
+    (tmp_path / "c.obj").write_text("v 0 0 0 a b c\nv 1 0 0 a b c\nv 0 1 0 a b c\n")
+    assert vertex_colours(tmp_path / "c.obj") is None
     trimesh.Trimesh(*MESH).export(tmp_path / "a.stl")
     assert vertex_colours(tmp_path / "a.stl") is None
 

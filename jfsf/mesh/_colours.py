@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from jfsf.mesh._gltf import scene_parts
 from jfsf.mesh._read import read
+from jfsf.mesh._values import MeshError
 
 _GREY = 0.7  # of a part of a scene without colours, beside parts with some
 # Of the diagonal of the bounding box: within, two vertices are one.
@@ -40,7 +41,12 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
     if finder is None:
         return None
     mesh = read(path)
-    found = finder(path, mesh)
+    try:
+        found = finder(path, mesh)
+    except MeshError:
+        raise
+    except ValueError:  # what stands there are no numbers
+        return None
     if found is None or np.shape(found) != np.shape(mesh.vertices):
         return None
     if not np.isfinite(found).all() or not np.ptp(found, axis=0).any():
