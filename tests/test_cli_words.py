@@ -211,7 +211,7 @@ def test_metrics_leave_out_vertices_without_a_face():
     T_xy[0] = N
     assert np.isinf(geodesic_error(T_xy, stray, np.arange(N), gt_y)[0])
     with pytest.raises(ValueError, match="all 2 points of the ground truth"):
-        evaluate(maps, X, stray, truth=([0, 1], [N, N + 1]), only=only)
+        evaluate(maps, X, stray, truth=([1, 2], [N, N + 1]), only=only)
 
 
 def test_notes_are_kept_with_a_match(tmp_path):

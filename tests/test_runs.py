@@ -448,7 +448,7 @@ def test_options_of_pairs_by_column(client, tmp_path, monkeypatch):
         "0.off,1.off,any,a.csv,",
         "stray.off,1.off,,a.csv,",
         "pieces.off,1.off,,a.csv,yes",
-        "pieces.off,0.off,,a.csv,",
+        "pieces.off,0.off,,,",
     ]
     (pairs := tmp_path / "pairs.csv").write_text("\n".join(lines))
     out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
@@ -491,7 +491,7 @@ def test_options_of_pairs_by_column(client, tmp_path, monkeypatch):
     for line, why in (
         ("x,y,landmarks\n0.off,1.off,b.csv\n", None),
         ("x,y,gt_x,gt_y\n0.off,1.off,a.vts,b.vts\n", "add --report"),
-        ("x,y\n0.off,1.off\n", "go together; give both"),
+        ("x,y\n0.off,1.off\n", "b.csv, and no line names landmarks_x"),
     ):
         pairs.write_text(line)
         result = batch(pairs, tmp_path / "other", *at)

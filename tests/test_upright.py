@@ -144,23 +144,22 @@ def mean_normal(mesh):
 
 
 def test_a_sheet_is_seen_along_its_mean_normal():
-    face = mask()
-    for way in TURNS.values():
-        mesh = turned(face, way)
-        found = find_frame(mesh)
-        assert found.sheet
-        assert np.degrees(np.arccos(found.axes[:, 2] @ mean_normal(mesh))) < 5
-        # Whichever way it is wound, from the side on which it bulges.
-        other = find_frame(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
-        assert degrees(other.axes, found.axes) < 5
-        assert degrees(found.axes, way.as_matrix() @ find_frame(face).axes) < 5
+    face, way = mask(), TURNS["random"]
+    mesh = turned(face, way)
+    found = find_frame(mesh)
+    assert found.sheet
+    assert np.degrees(np.arccos(found.axes[:, 2] @ mean_normal(mesh))) < 5
+    assert degrees(found.axes, way.as_matrix() @ find_frame(face).axes) < 5
+    # Whichever way it is wound, from the side on which it bulges.
+    other = find_frame(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    assert degrees(other.axes, found.axes) < 5
     assert not find_frame(load("man_up").mesh).sheet
     known = find_frame(face, np.array([1.0, 1, 0]))
     assert known.axes[:, 2] @ mean_normal(face) > 0.99
     assert np.allclose(known.axes[:, 1] @ [1, 1, 0], np.sqrt(2), atol=0.02)
 
 
-@pytest.mark.parametrize("turn", [0, 85, 180])
+@pytest.mark.parametrize("turn", [0, 85])
 def test_a_turn_of_a_sheet_about_its_normal_is_seen(turn):
     # A map that turns a round sheet: where a point of X comes to lie on Y.
     face = mask()

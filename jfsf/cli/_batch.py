@@ -83,13 +83,16 @@ def batch(
     ] = None,
     landmarks_x: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Landmarks of X in all pairs; see match."),
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of X, for all pairs whose line names those of Y.",
+        ),
     ] = None,
     landmarks_y: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Landmarks of Y in all pairs, as of one template; see match.",
+            help="Landmarks of Y, such as one template, likewise.",
         ),
     ] = None,
     largest_component: Annotated[

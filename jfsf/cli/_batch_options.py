@@ -22,7 +22,8 @@ def options_of_pairs(list_file: Path, listed: Sequence, usual, *, pages: bool) -
         pages: whether pages are written, for which ground truth is.
 
     Raises:
-        ValueError: options of a pair do not go together.
+        ValueError: options of a pair do not go together, or landmarks of one side are
+            for no pair.
     """
     found = {}
     for pair in listed:
@@ -35,6 +36,10 @@ def options_of_pairs(list_file: Path, listed: Sequence, usual, *, pages: bool) -
             base = base._replace(landmarks=None)
         said = {k: v for k, v in own._asdict().items() if v is not None}
         options = base._replace(**said)
+        # Those of a template are for the pairs whose line names the other's.
+        if own.landmarks_x is None and own.landmarks_y is None:
+            if (options.landmarks_x is None) != (options.landmarks_y is None):
+                options = options._replace(landmarks_x=None, landmarks_y=None)
         absolute = {
             name: value.absolute()
             for name, value in options._asdict().items()
@@ -50,6 +55,14 @@ def options_of_pairs(list_file: Path, listed: Sequence, usual, *, pages: bool) -
         except ValueError as error:
             raise ValueError(f"{list_file}: {pair.x}, {pair.y}: {error}") from None
         found[pair.name] = options
+    for side, other in ("xy", "yx"):
+        given = getattr(usual, f"landmarks_{side}")
+        sides = [(one.landmarks_x, one.landmarks_y) for one in found.values()]
+        if given is not None and not any(all(pair) for pair in sides):
+            raise ValueError(
+                f"{list_file}: --landmarks-{side} is {given}, and no line names "
+                f"landmarks_{other}; add that column"
+            )
     return found
 
 
