@@ -132,6 +132,6 @@ def test_the_command_takes_the_colours_of_y(tmp_path, monkeypatch):
     assert result.exit_code == 0, result.output
     assert "exported in the vertex colours of y.ply" in result.stdout
     assert np.abs(vertex_colours("c.ply") - colours[1:][T]).max() < BYTE
-    result = CliRunner().invoke(app, [*args, "--no-own-colours"])
+    result = CliRunner().invoke(app, [*args, "--by-place"])
     assert result.exit_code == 0 and "vertex colours" not in result.stdout
     assert np.abs(vertex_colours("c.ply") - colours[1:][T]).max() > 0.1

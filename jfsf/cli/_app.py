@@ -19,7 +19,7 @@ from jfsf.cli._batch import batch
 from jfsf.cli._cache import cache
 from jfsf.cli._collection import collection
 from jfsf.cli._evaluate import evaluate
-from jfsf.cli._exports import CheckerOption, Looks, OwnColoursOption, UpAxis, draw
+from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw
 from jfsf.cli._exports import export as exported
 from jfsf.cli._files import (
     BaseOption,
@@ -152,13 +152,13 @@ def match(
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="X in the colours of Y, for MeshLab, Blender and the like: .ply, .obj "
-            "or .glb. PLY and GLB hold the confidence of each vertex too. May be given "
-            "several times.",
+            help="X in the colours of Y, those of its file if it has any, for MeshLab, "
+            "Blender and the like: .ply, .obj or .glb. PLY and GLB hold the confidence "
+            "of each vertex too. May be given several times.",
         ),
     ] = None,
     checker: CheckerOption = False,
-    own_colours: OwnColoursOption = True,
+    by_place: ByPlaceOption = False,
     report: Annotated[
         Path | None,
         typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
@@ -246,7 +246,7 @@ def match(
     console = Console()
     if partial and (doubt := check_units((x, y), (shape_x, shape_y))):
         console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
-    looks = Looks(None if up is None else up.value, checker, own_colours)
+    looks = Looks(None if up is None else up.value, checker, by_place)
     started = perf_counter()
     with stage_bar(_PART_STAGES if partial else _STAGES) as stage:
         matched = match_meshes(

@@ -1,4 +1,7 @@
-"""jfsf batch: many pairs, through dask.distributed."""
+"""jfsf batch: many pairs, through dask.distributed.
+
+This file is long because it declares the options of the command, with their help.
+"""
 
 import functools
 from enum import StrEnum
@@ -17,9 +20,9 @@ from jfsf.cli._batch_options import (
     prepared_kinds,
 )
 from jfsf.cli._exports import (
+    ByPlaceOption,
     CheckerOption,
     Looks,
-    OwnColoursOption,
     UpAxis,
     draw,
     export,
@@ -125,7 +128,7 @@ def batch(
         ),
     ] = None,
     checker: CheckerOption = False,
-    own_colours: OwnColoursOption = True,
+    by_place: ByPlaceOption = False,
     report: Annotated[
         bool,
         typer.Option(
@@ -183,7 +186,7 @@ def batch(
         )
         for pair in listed
     ]
-    looks = Looks(None if up is None else up.value, checker, own_colours)
+    looks = Looks(None if up is None else up.value, checker, by_place)
     wanted = {"report": report, "png": png, "suffixes": suffixes}
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:

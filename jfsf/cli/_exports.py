@@ -35,12 +35,11 @@ CheckerOption = Annotated[
         "--checker", help="Export a checker carried from Y too (.obj and .glb)."
     ),
 ]
-OwnColoursOption = Annotated[
+ByPlaceOption = Annotated[
     bool,
     typer.Option(
-        "--own-colours/--no-own-colours",
-        help="Export the colours of Y's vertices, if its file has any; else, and with "
-        "--no-own-colours, Y is coloured by place.",
+        "--by-place",
+        help="Export Y coloured by place, even if its file has colours of vertices.",
     ),
 ]
 
@@ -50,12 +49,12 @@ class Looks(NamedTuple):
 
     up: the axis that points up in both files; found when None.
     checker: whether a checker is exported too.
-    own_colours: whether the colours of Y's file are taken, if it has any.
+    by_place: whether Y is coloured by place even if its file has colours.
     """
 
     up: Any = None
     checker: bool = False
-    own_colours: bool = True
+    by_place: bool = False
 
 
 def draw(path: Path, x: Shape, y: Shape, found: Match, looks: Looks) -> None:
@@ -97,7 +96,7 @@ def export(
     from jfsf.mesh import vertex_colours
 
     colours = None
-    if paths and looks.own_colours:
+    if paths and not looks.by_place:
         colours = vertex_colours(file_y)
         if colours is not None and y.index is not None:
             colours = colours[np.asarray(y.index)]

@@ -1,4 +1,7 @@
-"""A certificate in words: how sure, why, and what to try."""
+"""A certificate in words: how sure, why, and what to try.
+
+This file is long because all sentences on a map are in one place.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
