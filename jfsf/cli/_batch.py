@@ -275,7 +275,7 @@ def prepare(
 
 def work(
     job,
-    looks: Looks,
+    looks: Looks = Looks(),
     report: bool = False,
     png: bool = False,
     suffixes: tuple[str, ...] = (),
