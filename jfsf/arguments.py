@@ -11,8 +11,23 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int
 
+from jfsf.mesh import surface_area
 from jfsf.runtime import PaddedShape, with_rows
-from jfsf.types import ArrayLike
+from jfsf.types import ArrayLike, Mesh
+
+# Two shapes of which one is a part of the other: beyond these factors between the
+# diagonals of their bounding boxes they may be, or are taken to be, in two units, if
+# their triangles differ too. A hand and a body differ by 9 and have triangles of any
+# size; smaller parts are not found.
+MAYBE_UNITS, TWO_UNITS, TWO_SIZES = 5.0, 12.0, 4.0
+# The smaller unit, the larger one, and how many of the first are one of the second.
+_UNITS = {
+    10.0: ("millimetres", "centimetres"),
+    25.4: ("millimetres", "inches"),
+    100.0: ("centimetres", "metres"),
+    1000.0: ("millimetres", "metres"),
+    1e6: ("micrometres", "metres"),
+}
 
 
 class MatchInputs(NamedTuple):
@@ -69,6 +84,50 @@ def checked_landmarks(
             )
     at_x, at_y = jnp.asarray(pairs.T, jnp.int32)
     return at_x, at_y
+
+
+def doubtful_units(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    names: tuple[str, str] = ("mesh_x", "mesh_y"),
+    above: float = MAYBE_UNITS,
+) -> str:
+    """A sentence on two shapes that may be in different units; "" if they are not.
+
+    Args:
+        mesh_x, mesh_y: with faces; one is a part of the other, or both overlap.
+        names: of them, in the sentence.
+        above: the factor between their sizes from which on it is said.
+    """
+    sizes = [
+        float(np.linalg.norm(np.ptp(np.asarray(mesh.vertices, float), axis=0)))
+        for mesh in (mesh_x, mesh_y)
+    ]
+    triangles = [
+        np.sqrt(surface_area(mesh) / max(len(mesh.faces), 1))
+        for mesh in (mesh_x, mesh_y)
+    ]
+    large, small = (0, 1) if sizes[0] > sizes[1] else (1, 0)
+    if sizes[small] <= 0 or triangles[small] <= 0:
+        return ""
+    factor = sizes[large] / sizes[small]
+    if factor < above or triangles[large] / triangles[small] < TWO_SIZES:
+        return ""
+    of_unit = min(_UNITS, key=lambda known: abs(np.log(factor / known)))
+    fine, coarse = _UNITS[of_unit]
+    return (
+        f"{names[large]} is {sizes[large]:.4g} across and {names[small]} "
+        f"{sizes[small]:.4g}, {factor:.4g} times less, and parts are found in one unit "
+        f"only. If {names[large]} is in {fine}, and {names[small]} in {coarse}, "
+        f"multiply the coordinates of {names[small]} by {of_unit:g}"
+    )
+
+
+def check_one_unit(mesh_x: Mesh, mesh_y: Mesh) -> None:
+    """ValueError for parts that must be in two units: see `doubtful_units`."""
+    if doubt := doubtful_units(mesh_x, mesh_y, above=TWO_UNITS):
+        raise ValueError(f"match: partial=True: {doubt}")
 
 
 def checked_descriptors(

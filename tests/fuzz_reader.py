@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from jfsf.batch import read_pairs
-from jfsf.cli._landmarks import read_known_pairs
-from jfsf.landmarks import read_landmarks
+from jfsf.landmarks import read_landmarks, read_vertex_pairs
 from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
 from jfsf.mesh import MeshError, read
 
@@ -59,7 +58,7 @@ def pairs(path):
 
 
 def landmark_pairs(path):
-    found = read_known_pairs(path, (None, None))
+    found = read_vertex_pairs(path)
     assert found.shape == (len(found), 2) and found.dtype.kind == "i"
 
 

@@ -347,8 +347,8 @@ def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
 
 
 def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
-    from jfsf.batch import Job
-    from jfsf.cli._batch import _is_done, _is_reported, work
+    from jfsf.batch import Job, PairOptions
+    from jfsf.cli._batch import _is_complete, _is_done, work
     from jfsf.cli._pages import batch_index, pages_of
 
     found, calls = read_match(folder / "map.npz"), []
@@ -356,12 +356,13 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
         "jfsf.matching.match", lambda *_, **__: calls.append(1) or found
     )
     (out := folder / "many").mkdir()
-    job = Job((x, y), out / "a__b.npz")
-    options = {"orientation": "preserve", "largest_component": False}
-    work(job, **options)
-    assert _is_done(job) and not _is_reported(job)
-    work(job, **options, report=True)  # makes the page only
-    assert _is_reported(job) and len(calls) == 1
+    given = PairOptions("preserve", False, False, False)
+    job = Job((x, y), out / "a__b.npz", options=given)
+    is_reported = lambda job: _is_complete(job, True, False, ())
+    work(job)
+    assert _is_done(job) and not is_reported(job)
+    work(job, report=True)  # makes the page only
+    assert is_reported(job) and len(calls) == 1
     page, picture = pages_of(job.out)
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert record_of(page)["x"]["name"] == "man_walk"
@@ -373,7 +374,7 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     assert listed[1]["page"] == "report/a__b.html" and listed[1]["lines"] == ["look"]
     assert all((out / listed[1][name]).exists() for name in ("page", "picture"))
     page.unlink()
-    assert not _is_reported(job)
+    assert not is_reported(job)
 
 
 def test_match_refuses_before_it_works(folder, x, y, monkeypatch):

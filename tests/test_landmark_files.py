@@ -1,6 +1,8 @@
 """Landmark files as other programs write them, round trips, landmarks on meshes."""
 
 import json
+import re
+import unicodedata
 
 import jax.numpy as jnp
 import numpy as np
@@ -256,6 +258,91 @@ def test_tables_are_read(tmp_path, text, names, points):
         held = found.points if found.vertices is None else found.vertices
         assert np.array_equal(held, points)
         assert len(found.said) == ("NA" in str(text))
+
+
+SCRIPTS = (
+    "鼻尖",
+    "النقطة",
+    "क्षेत्र",
+    "Точка",
+    "e\u0301le\u0300ve",
+    "😀 2",
+    "",
+    "Ångström",
+)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("system", ["LPS", "RAS"])
+def test_names_in_all_scripts_and_missing_ones_go_round(tmp_path, suffix, system):
+    points = np.random.default_rng(0).normal(size=(len(SCRIPTS), 3))
+    path = tmp_path / f"a{suffix}"
+    write_landmarks(path, Landmarks(SCRIPTS, points, None, system))
+    path.read_bytes().decode("utf-8")
+    found = read_landmarks(path)
+    assert found.names == SCRIPTS and np.array_equal(found.points, points)
+    assert found.system == (None if suffix == ".pp" else system)
+    # Names of two formats are paired, in either way to write an accent, in any order.
+    other = tuple(unicodedata.normalize("NFC", name) for name in SCRIPTS[::-1])
+    write_landmarks(tmp_path / "b.csv", Landmarks(other, points[::-1]))
+    pairing = pair_landmarks(found, read_landmarks(tmp_path / "b.csv"))
+    last = len(SCRIPTS) - 1
+    named = [i for i, name in enumerate(SCRIPTS) if name]
+    assert pairing.rows.tolist() == [[i, last - i] for i in named]
+    assert any("one without a name" in line for line in pairing.said)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_files_without_names_are_paired_by_order(tmp_path, suffix):
+    points = np.arange(9.0).reshape(3, 3)
+    write_landmarks(tmp_path / f"a{suffix}", Landmarks(("",) * 3, points))
+    write_landmarks(tmp_path / "b.particles", Landmarks(("x", "y", "z"), points + 1))
+    both = [read_landmarks(tmp_path / name) for name in (f"a{suffix}", "b.particles")]
+    assert all(found.names == ("",) * 3 for found in both)
+    assert np.array_equal(both[1].points, points + 1)
+    assert pair_landmarks(*both).rows.tolist() == [[0, 0], [1, 1], [2, 2]]
+
+
+def test_labels_that_are_missing_in_the_file(tmp_path):
+    tree = json.loads(MARKUPS)
+    for control in tree["markups"][0]["controlPoints"]:
+        del control["label"]
+    sources = {
+        ".json": json.dumps(tree),
+        ".fcsv": FCSV_4.replace("Target", "").replace('"left, ""upper"""', ""),
+        ".pp": re.sub(' name="[^"]*"', "", PICKED),
+        ".csv": "name,x,y,z\n,1,2,3\n,4,5,6\n",
+    }
+    for suffix, text in sources.items():
+        found = read_landmarks(written(tmp_path, suffix, text))
+        assert found.names == ("", "") and found.points.shape == (2, 3)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_one_mesh_takes_landmarks_in_lps_and_in_ras(tmp_path, suffix):
+    at = np.array([3, 50, 99])
+    mesh = Mesh(X.vertices + [0.0, 20, 0], X.faces)
+    for system in ("LPS", "RAS"):
+        points = mesh.vertices[at] * ([-1, -1, 1] if system == "RAS" else 1)
+        path = tmp_path / f"{system}{suffix}"
+        write_landmarks(path, Landmarks(("a", "b", "c"), points, None, system))
+        found = read_landmarks(path)
+        if suffix == ".pp" and system == "RAS":
+            # The format has no word for it.
+            with pytest.raises(ValueError, match="same units and axes"):
+                to_vertices(found, mesh)
+            continue
+        placed = to_vertices(found, mesh)
+        assert placed.vertices.tolist() == at.tolist()
+        assert len(placed.said) == (system == "RAS")
+
+
+@pytest.mark.parametrize("mark", [":", "_"])
+def test_the_table_of_paraview_is_read(tmp_path, mark):
+    titles = ",".join(f'"Points{mark}{i}"' for i in range(3))
+    text = f'"Point ID","quality",{titles}\n17,0.5,1,2,3\n4,0.25,4,5,6\n'
+    found = read_landmarks(written(tmp_path, ".csv", text))
+    assert found.names == ("", "") and found.points.tolist() == [[1, 2, 3], [4, 5, 6]]
 
 
 def test_the_table_of_slicer_is_read(tmp_path):

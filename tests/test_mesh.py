@@ -585,7 +585,7 @@ REFUSED = {
     "one point": (cloud(np.ones((9, 3))), {}, "coincide"),
     "no area": (Mesh(BALL.vertices * [1, 0, 0], BALL.faces), {}, "area of its 80"),
     "line": (Mesh(BALL.vertices[:, [0, 0, 0]] + 0.1, BALL.faces), {}, "area of its"),
-    "stray vertex": (stray(BALL), {}, "vertex 42 and 0 others belong to no face"),
+    "stray vertex": (stray(BALL), {}, "vertex 42 belongs to no face; remove it"),
     "stray, pieces fine": (stray(BALL), {"components": False}, "vertex 42"),
     "two pieces": (together(BALL, BALL), {}, "2 connected components"),
 }

@@ -17,10 +17,10 @@ import pytest
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.batch import Job, connect, read_pairs, run_jobs
+from jfsf.batch import Job, PairOptions, connect, read_pairs, run_jobs
 from jfsf.cli import app
 from jfsf.cli._runs import _interrupt, raising_interrupts
-from jfsf.mapfiles import read_match
+from jfsf.mapfiles import read_match, read_notes
 from jfsf.types import STAGES, Certificate, Match, MatchInfo, Mesh
 
 dask = pytest.importorskip("dask")
@@ -251,10 +251,37 @@ def test_pairs_are_read(tmp_path):
     ]
 
 
+def test_pairs_have_options(tmp_path):
+    path = tmp_path / "pairs.csv"
+    path.write_text(
+        "target,Source,orientation,partial,repair,landmarks_x,landmarks_y,\n"
+        "a.off,b.off,Any,yes,0,b.pp,/c/a.csv\n"
+        "c.off,b.off,,,,\n"
+    )
+    first, second = read_pairs(path)
+    assert (first.x, first.y) == (tmp_path / "b.off", tmp_path / "a.off")
+    assert first.name == "b.off__a.off"
+    assert first.options == PairOptions(
+        orientation="any",
+        partial=True,
+        repair=False,
+        landmarks_x=tmp_path / "b.pp",
+        landmarks_y=Path("/c/a.csv"),
+    )
+    assert second.options == PairOptions()
+
+
 @pytest.mark.parametrize(
     "text, message",
     [
         ("", "has no pairs"),
+        ("x,y,landmark\na,b,c\n", "line 1: there is no column 'landmark'; they are x"),
+        ("x,y,repair,repair\na,b,1,1\n", "line 1: two columns are repair"),
+        ("x,repair\na,1\n", "line 1: no column is x or none is y"),
+        ("x,y,repair\na,b,maybe\n", "line 2: repair is 'maybe'; write yes or no"),
+        ("x,y,orientation\na,b,left\n", "line 2: orientation is 'left'; write one of"),
+        ("x,y,repair\na,b,1,1\n", "line 2 is 'a,b,1,1'; a line holds x, y, repair"),
+        ("x,y,repair\na,b,1\na,b,0\n", "lines 2 and 3 would both be named"),
         ("x,y\n", "has no pairs"),
         ("a.off,b.off\nc.off;d.off\n", "line 2 is 'c.off;d.off'"),
         ("a.off,\n", "line 1 is 'a.off,'"),
@@ -314,7 +341,7 @@ def test_the_command(client, tmp_path, monkeypatch):
     out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
     result = batch(pairs, out, *at)
     assert result.exit_code == 1, result.output
-    assert "2 pairs: 1 matched (0 of them earlier), 1 failed" in _words(result.stdout)
+    assert "2 pairs: 1 matched, 1 failed, 1 with warnings" in _words(result.stdout)
     assert re.search(r"failed: .*1.off, .*bad.off: .*bad.off: ", result.stdout)
     assert read_match(out / "0.off__1.off.npz").T_xy.shape == (162,)
     record = json.loads((out / "summary.json").read_text())
@@ -337,7 +364,9 @@ def test_the_command(client, tmp_path, monkeypatch):
     (out / "1.off__0.off.npz").write_bytes(b"PK")
     result = batch(pairs, out, *at)
     assert result.exit_code == 0, result.output
-    assert "2 pairs: 2 matched (1 of them earlier), 0 failed" in _words(result.stdout)
+    assert "2 pairs: 2 matched (1 of them earlier), 2 with warnings" in _words(
+        result.stdout
+    )
     assert not list(out.glob("*.tmp"))
     assert read_match(out / "1.off__0.off.npz").T_xy.shape == (162,)
 
@@ -349,7 +378,7 @@ def test_the_command(client, tmp_path, monkeypatch):
 def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
     odds = iter([1.5, -0.5])
 
-    def match_of_parts(mesh_x, mesh_y, *, orientation, partial):
+    def match_of_parts(mesh_x, mesh_y, *, partial, **_):
         assert partial and len(mesh_x.vertices) == len(mesh_y.vertices) == 162
         found = fake_match(mesh_x, mesh_y)
         unknown, own = jnp.asarray(jnp.nan), jnp.asarray(next(odds))
@@ -388,6 +417,88 @@ def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
     assert result.exit_code == 1 and "name another folder" in result.stderr
 
 
+def test_options_of_pairs_by_column(client, tmp_path, monkeypatch):
+    asked = {}
+
+    def match_of_pair(mesh_x, mesh_y, **given):
+        rows = given.get("landmarks")
+        asked[len(mesh_x.vertices)] = given["orientation"], rows
+        found = fake_match(mesh_x, mesh_y)
+        likely = [jnp.full(len(mesh.vertices), 0.5) for mesh in (mesh_x, mesh_y)]
+        far = jnp.asarray([] if rows is None else [0.0, 0.9])
+        certificate = found.certificate._replace(landmarks=far)
+        one, two = likely
+        return found._replace(
+            certificate=certificate, confidence_x=one, confidence_y=two
+        )
+
+    monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr("jfsf.matching.match", match_of_pair)
+    blobs(tmp_path, 2)
+    vertices, faces = testing.blob(0, subdivisions=3)
+    flake = np.array([[9.0, 9, 9], [9.1, 9, 9], [9, 9.1, 9], [7, 7, 7]])
+    stray = Mesh(np.concatenate([vertices, flake[3:]]), faces)
+    write_off(tmp_path / "stray.off", stray)
+    more = np.concatenate([faces, [[0, 1, 2] + np.full(3, len(vertices), np.int32)]])
+    write_off(tmp_path / "pieces.off", Mesh(np.r_[vertices, flake[:3]], more))
+    (tmp_path / "a.csv").write_text("nose,3\n鼻尖,8\n", encoding="utf-8")
+    (tmp_path / "b.csv").write_text("鼻尖,5\nnose,4\n", encoding="utf-8")
+    lines = [
+        "x,y,orientation,landmarks_x,repair",
+        "0.off,1.off,any,a.csv,",
+        "stray.off,1.off,,a.csv,",
+        "pieces.off,1.off,,a.csv,yes",
+        "pieces.off,0.off,,,",
+    ]
+    (pairs := tmp_path / "pairs.csv").write_text("\n".join(lines))
+    out, at = tmp_path / "maps", ("--scheduler", client.scheduler.address)
+    at += "--landmarks-y", tmp_path / "b.csv"
+    result = batch(pairs, out, *at)
+    assert result.exit_code == 1, result.output  # two pieces, and no repair
+    assert "4 pairs: 3 matched, 1 failed" in _words(result.stdout)
+    assert "keep one with match --largest-component" in _words(result.stdout)
+    assert set(asked) == {162, 642}
+    assert asked[162][0] == "any" and asked[162][1].tolist() == [[3, 4], [8, 5]]
+    assert asked[642][0] == "preserve"
+    said = _words(result.stdout)
+    assert f"{tmp_path / 'stray.off'}: 1 vertex without a face left out" in said
+    assert "1 small component removed" in said
+    assert "landmarks: 2 paired by name: nose, 鼻尖" in said
+    rows = json.loads((out / "summary.json").read_text(encoding="utf-8"))["pairs"]
+    (row,) = (row for row in rows if row["x"].endswith("stray.off"))
+    assert any("without a face" in note for note in row["notes"])
+    assert any("landmark 2 (鼻尖) ends far" in line for line in row["warnings"])
+    names = [f"{name}.off__1.off.npz" for name in ("0", "stray", "pieces")]
+    assert any("left out" in note for note in read_notes(out / names[1]))
+
+    # A line that has changed is matched again, and only that; the rest is exported.
+    asked.clear()
+    lines = [*lines[:1], lines[1].replace("any", "reverse"), *lines[2:4]]
+    pairs.write_text("\n".join(lines))
+    made = [(out / name).stat().st_mtime_ns for name in names]
+    result = batch(pairs, out, *at, "--export", "ply")
+    assert result.exit_code == 0, result.output
+    assert set(asked) == {162} and asked[162][0] == "reverse"
+    now = [(out / name).stat().st_mtime_ns for name in names]
+    assert [a == b for a, b in zip(made, now, strict=True)] == [False, True, True]
+    assert (out / "stray.off__1.off.ply").exists()
+    asked.clear()
+    assert batch(pairs, out, *at, "--export", "ply").exit_code == 0 and not asked
+    # So is one whose landmarks are newer.
+    os.utime(tmp_path / "a.csv", (3e9, 3e9))
+    assert batch(pairs, out, *at).exit_code == 0 and set(asked) == {162, 642}
+
+    for line, why in (
+        ("x,y,landmarks\n0.off,1.off,b.csv\n", None),
+        ("x,y,gt_x,gt_y\n0.off,1.off,a.vts,b.vts\n", "add --report"),
+        ("x,y\n0.off,1.off\n", "b.csv, and no line names landmarks_x"),
+    ):
+        pairs.write_text(line)
+        result = batch(pairs, tmp_path / "other", *at)
+        assert result.exit_code == 1
+        assert why is None or why in _words(result.stderr), result.output
+
+
 def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr("jfsf.matching.match", fake_match)
@@ -415,7 +526,9 @@ def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
     np.savez(damaged[3], **arrays | {"C_yx": np.array("a")})
     result = batch(pairs, out, *at)
     assert result.exit_code == 0, result.output
-    assert "5 pairs: 5 matched (1 of them earlier), 0 failed" in _words(result.stdout)
+    assert "5 pairs: 5 matched (1 of them earlier), 5 with warnings" in _words(
+        result.stdout
+    )
     assert all(read_match(path).C_yx.shape == (3, 3) for path in damaged)
 
 

@@ -6,7 +6,7 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from jfsf.data import load, names
-from jfsf.mesh import coarsen, largest_component
+from jfsf.mesh import coarsen, face_normals, largest_component
 from jfsf.plot import find_frame, find_frames, frame
 from jfsf.types import Mesh
 
@@ -119,6 +119,60 @@ def test_up_that_is_known_leaves_the_front_to_be_found():
     found = find_frame(mesh, np.array([0.0, 0, 1]))
     assert np.allclose(found.axes[:, 1], [0, 0, 1])
     assert degrees(found.axes, frame("z")) < 20
+
+
+def mask(n=27):
+    """A relief with nose, chin and eyes, which bulges towards z, up y; an open disk."""
+    x, y = np.meshgrid(np.linspace(-1, 1, n), np.linspace(-1.4, 1.4, n))
+    bump = lambda at, up, size: np.exp(-((x - at) ** 2 + (y - up) ** 2) / size**2)
+    z = 0.9 - 0.6 * x**2 - 0.25 * y**2 + 0.4 * bump(0, -0.1, 0.2)
+    z -= 0.15 * (bump(-0.4, 0.3, 0.18) + bump(0.4, 0.3, 0.18))
+    at = np.arange(n * n).reshape(n, n)
+    a, b, c, d = at[:-1, :-1], at[:-1, 1:], at[1:, 1:], at[1:, :-1]
+    faces = np.concatenate(
+        [np.stack(q, -1).reshape(-1, 3) for q in ((a, b, c), (a, c, d))]
+    )
+    inside = (x / 1) ** 2 + ((y + 0.1 * (1 - x**2)) / 1.3) ** 2 < 1
+    faces = faces[inside.ravel()[faces].all(1)]
+    points = np.stack([x, y, z], -1).reshape(-1, 3)
+    return largest_component(Mesh(points, faces.astype(np.int32))).mesh
+
+
+def mean_normal(mesh):
+    total = face_normals(mesh.vertices, mesh.faces).sum(0)
+    return total / np.linalg.norm(total)
+
+
+def test_a_sheet_is_seen_along_its_mean_normal():
+    face, way = mask(), TURNS["random"]
+    mesh = turned(face, way)
+    found = find_frame(mesh)
+    assert found.sheet
+    assert np.degrees(np.arccos(found.axes[:, 2] @ mean_normal(mesh))) < 5
+    assert degrees(found.axes, way.as_matrix() @ find_frame(face).axes) < 5
+    # Whichever way it is wound, from the side on which it bulges.
+    other = find_frame(Mesh(mesh.vertices, mesh.faces[:, ::-1]))
+    assert degrees(other.axes, found.axes) < 5
+    assert not find_frame(load("man_up").mesh).sheet
+    known = find_frame(face, np.array([1.0, 1, 0]))
+    assert known.axes[:, 2] @ mean_normal(face) > 0.99
+    assert np.allclose(known.axes[:, 1] @ [1, 1, 0], np.sqrt(2), atol=0.02)
+
+
+@pytest.mark.parametrize("turn", [0, 85])
+def test_a_turn_of_a_sheet_about_its_normal_is_seen(turn):
+    # A map that turns a round sheet: where a point of X comes to lie on Y.
+    face = mask()
+    centred = face.vertices - face.vertices.mean(0)
+    way = Rotation.from_rotvec(np.radians(turn) * mean_normal(face))
+    T = KDTree(centred[:, :2]).query(way.apply(centred)[:, :2])[1]
+    one, two = find_frames(face, turned(face, TURNS["random"]), T)
+    back = TURNS["random"].inv().apply(two.axes.T).T
+    for axes in (one.axes, back):
+        assert np.degrees(np.arccos(axes[:, 2] @ mean_normal(face))) < 5
+    # Either the shapes are seen turned, or their colours are.
+    seen = np.degrees(Rotation.from_matrix(back @ one.axes.T).magnitude())
+    assert seen < 5 or abs(seen - turn) < 15
 
 
 def test_shapes_that_tell_little_have_a_frame_all_the_same():

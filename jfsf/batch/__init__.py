@@ -17,7 +17,7 @@ Read in this order:
 from jfsf.batch._cluster import connect
 from jfsf.batch._hosts import join, local_shard
 from jfsf.batch._jobs import Job, Outcome, is_done, run_jobs
-from jfsf.batch._pair_list import Pair, read_pairs
+from jfsf.batch._pair_list import Pair, PairOptions, read_pairs
 from jfsf.batch._pairs import convert, match_spectra, refine, search
 from jfsf.runtime import map_pairs, padded_pair
 
@@ -25,6 +25,7 @@ __all__ = [
     "Job",
     "Outcome",
     "Pair",
+    "PairOptions",
     "connect",
     "convert",
     "is_done",

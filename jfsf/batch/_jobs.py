@@ -21,10 +21,14 @@ class Job(NamedTuple):
 
     out: to be written atomically (`jfsf.storage.write_atomically`), because a file that
         exists counts as done.
+    extras: further files that it is made from, which need no preparation.
+    options: what else the work is told, hashable.
     """
 
     inputs: tuple[Path, ...]
     out: Path
+    extras: tuple[Path, ...] = ()
+    options: Any = None
 
 
 class Outcome(NamedTuple):
@@ -148,10 +152,11 @@ def _result(future) -> tuple[str | None, float]:
 
 
 def is_done(job: Job) -> bool:
-    """Whether `out` exists and all inputs exist and are not newer."""
+    """Whether `out` exists and all inputs and extras exist and are not newer."""
     try:
         made = job.out.stat().st_mtime_ns
-        return all(path.stat().st_mtime_ns <= made for path in job.inputs)
+        used = *job.inputs, *job.extras
+        return all(path.stat().st_mtime_ns <= made for path in used)
     except OSError:
         return False
 

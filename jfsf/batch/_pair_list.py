@@ -1,12 +1,43 @@
-"""Lists of pairs: a CSV file with two mesh paths a line."""
+"""Lists of pairs: a CSV file with two mesh paths a line, and options of the pair."""
 
 import csv
 import os
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-# A first line of these words is a line of column titles, not a pair.
-TITLES = {"x", "y", "mesh_x", "mesh_y", "source", "target", "from", "to", "a", "b"}
+# Titles of the columns of X and of Y.
+_X = "x", "mesh_x", "source", "from", "a"
+_Y = "y", "mesh_y", "target", "to", "b"
+_WORDS = {
+    **dict.fromkeys(("yes", "true", "1"), True),
+    **dict.fromkeys(("no", "false", "0"), False),
+}
+_ORIENTATIONS = "preserve", "reverse", "any"
+
+
+class PairOptions(NamedTuple):
+    """Options of one pair, as of `jfsf match`; None where its line says nothing.
+
+    orientation: "preserve", "reverse" or "any".
+    largest_component, partial, repair: yes or no.
+    landmarks: the file of pairs of vertices.
+    landmarks_x, landmarks_y: the files of landmarks of each shape.
+    gt_x, gt_y: the files of ground truth, for the page of the pair.
+    """
+
+    orientation: str | None = None
+    largest_component: bool | None = None
+    partial: bool | None = None
+    repair: bool | None = None
+    landmarks: Path | None = None
+    landmarks_x: Path | None = None
+    landmarks_y: Path | None = None
+    gt_x: Path | None = None
+    gt_y: Path | None = None
+
+
+_FILES = "landmarks", "landmarks_x", "landmarks_y", "gt_x", "gt_y"
+_COLUMNS = f"x, y, {', '.join(PairOptions._fields)}"
 
 
 class Pair(NamedTuple):
@@ -14,11 +45,13 @@ class Pair(NamedTuple):
 
     x, y: the files.
     name: made of both paths, relative to the list's folder; unique in its list.
+    options: what its line says beside.
     """
 
     x: Path
     y: Path
     name: str
+    options: PairOptions = PairOptions()
 
 
 def read_pairs(path: Path) -> list[Pair]:
@@ -26,15 +59,19 @@ def read_pairs(path: Path) -> list[Pair]:
 
     Args:
         path: two mesh paths a line, relative to its own folder or absolute. Blank lines
-            and those that begin with # are skipped, and so is a first line of titles
-            (x,y or mesh_x,mesh_y or source,target, ...).
+            and those that begin with # are skipped. The first line may hold titles: x
+            and y, mesh_x and mesh_y, source and target, from and to, or a and b, in any
+            order, and those of further columns, the fields of `PairOptions`. Paths in
+            these are relative to the folder too; yes and no may be true and false or 1
+            and 0; an empty cell says nothing.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: a line does not hold two paths, there are no pairs, or two pairs
-            would have the same name.
+        ValueError: a line does not hold two paths, a title is unknown, a cell holds
+            what its column cannot, there are no pairs, or two pairs would have the same
+            name.
     """
-    pairs, lines = {}, {}
+    pairs, lines, columns = {}, {}, None
     try:
         text = path.read_text(encoding="utf-8-sig")
         rows = list(enumerate(csv.reader(text.splitlines()), 1))
@@ -44,25 +81,76 @@ def read_pairs(path: Path) -> list[Pair]:
         cells = [cell.strip() for cell in row]
         if not any(cells) or cells[0].startswith("#"):
             continue
-        if len(cells) != 2 or not all(cells) or "\0" in "".join(cells):
-            raise ValueError(
-                f"{path}: line {number} is {','.join(row)!r}; a line holds two mesh "
-                "paths, with a comma between"
-            )
-        if not lines and all(cell.lower() in TITLES for cell in cells):
-            continue
-        x, y = cells
-        name = "__".join(_plain(cell, path.parent) for cell in (x, y))
-        found = Pair(path.parent / x, path.parent / y, name)
+        where = f"{path}: line {number}"
+        if columns is None:
+            columns = _columns(cells, where)
+            if columns is not None:
+                continue
+            columns = ["x", "y"]
+        found = _pair(cells, columns, path.parent, where, row)
         first = lines.setdefault(found.name, number)
         if pairs.setdefault(found.name, found) != found:
             raise ValueError(
                 f"{path}: lines {first} and {number} would both be named "
-                f"{found.name!r}; rename a file or folder"
+                f"{found.name!r}; rename a file or folder, or leave one of them out"
             )
     if not pairs:
         raise ValueError(f"{path}: has no pairs; a line holds two mesh paths")
     return list(pairs.values())
+
+
+def _columns(cells: list[str], where: str) -> list[str] | None:
+    """What each column holds, if these are titles."""
+    titles = ",".join(cell.lower() for cell in cells).rstrip(",").split(",")
+    named = ["x" if t in _X else "y" if t in _Y else t for t in titles]
+    known = [name in ("x", "y", *PairOptions._fields) for name in named]
+    # Two paths, or titles of which some are misspelt.
+    if not all(known) and not {"x", "y"} <= set(named):
+        return None
+    if not all(known):
+        unknown = cells[known.index(False)]
+        raise ValueError(
+            f"{where}: there is no column {unknown!r}; they are {_COLUMNS}"
+        )
+    if twice := [name for name in named if named.count(name) > 1]:
+        raise ValueError(f"{where}: two columns are {twice[0]}; leave one out")
+    if not {"x", "y"} <= set(named):
+        raise ValueError(f"{where}: no column is x or none is y; name both")
+    return named
+
+
+def _pair(
+    cells: list[str], columns: list[str], folder: Path, where: str, row: list[str]
+) -> Pair:
+    given = dict(zip(columns, cells, strict=False))
+    x, y = given.pop("x", ""), given.pop("y", "")
+    more = any(cells[len(columns) :])
+    if not x or not y or more or "\0" in "".join(cells):
+        few = "two mesh paths, with a comma between"
+        hint = f"a line holds {few}; titles in the first line name further columns"
+        if len(columns) > 2:
+            hint = f"a line holds {', '.join(columns)}, as the first one says"
+        raise ValueError(f"{where} is {','.join(row)!r}; {hint}")
+    options: dict[str, Any] = {}
+    for name, cell in given.items():
+        if cell:
+            options[name] = _option(name, cell, folder, where)
+    name = "__".join(_plain(cell, folder) for cell in (x, y))
+    return Pair(folder / x, folder / y, name, PairOptions(**options))
+
+
+def _option(name: str, cell: str, folder: Path, where: str) -> Any:
+    if name in _FILES:
+        return folder / cell
+    word = cell.lower()
+    if name == "orientation":
+        if word not in _ORIENTATIONS:
+            known = ", ".join(_ORIENTATIONS)
+            raise ValueError(f"{where}: {name} is {cell!r}; write one of {known}")
+        return word
+    if word not in _WORDS:
+        raise ValueError(f"{where}: {name} is {cell!r}; write yes or no")
+    return _WORDS[word]
 
 
 def _plain(cell: str, folder: Path) -> str:

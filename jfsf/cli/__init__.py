@@ -4,14 +4,18 @@ Heavy imports are made inside the commands, so that help and wrong usage answer 
 
 Read in this order:
 
+- `_words`: messages in the words of the command line
 - `_files`: the files that the commands read, check and write
-- `_landmarks`: the landmarks of `jfsf match`
+- `_landmarks`: the landmarks of `jfsf match` and `jfsf batch`
+- `_notes`: what these two say of the meshes of a pair
+- `_exports`: what they draw and export
 - `_stages`: a bar that names the stage
 - `_report`: the certificate as a table, and the figures of a map
 - `_summary`: the results of many pairs, as a table and as files
 - `_pages`: the reports of the commands
 - `_demo`: the comparison that `jfsf demo` runs
 - `_runs`: what the commands of many jobs share
+- `_batch_options`: the options of each pair of `jfsf batch`
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
 - `_collection_results`: what it writes when they are done

@@ -6,7 +6,6 @@ interrupted.
 This file is long because it declares the options of most commands, with their help.
 """
 
-from enum import StrEnum
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated
@@ -20,7 +19,10 @@ from jfsf.cli._batch import batch
 from jfsf.cli._cache import cache
 from jfsf.cli._collection import collection
 from jfsf.cli._evaluate import evaluate
+from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw
+from jfsf.cli._exports import export as exported
 from jfsf.cli._files import (
+    BaseOption,
     MeshX,
     MeshY,
     Orientation,
@@ -28,10 +30,8 @@ from jfsf.cli._files import (
     can_export,
     can_write,
     can_write_in,
-    known_confidence,
     matchable,
     need_matplotlib,
-    sides_in_doubt,
     write_found,
 )
 from jfsf.cli._info import info
@@ -41,11 +41,13 @@ from jfsf.cli._landmarks import (
     check_landmark_options,
     known_pairs,
 )
+from jfsf.cli._notes import check_units, notes_of
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
 from jfsf.cli._warm_up import warm_up
+from jfsf.cli._words import print_any_letter, sentence
 from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
 
@@ -64,15 +66,8 @@ class _OneLine(TyperGroup):
         try:
             return super().invoke(ctx)
         except (ValueError, ImportError, OSError) as error:
-            typer.echo(f"jfsf: {_sentence(error)}", err=True)
+            typer.echo(f"jfsf: {sentence(error)}", err=True)
             raise typer.Exit(1) from None
-
-
-def _sentence(error: Exception) -> str:
-    text = str(error)
-    if isinstance(error, OSError) and error.filename and error.strerror:
-        text = f"{error.filename}: {error.strerror}; check the path"
-    return " ".join(text.split())
 
 
 app = typer.Typer(
@@ -86,27 +81,9 @@ app = typer.Typer(
 )
 
 
-class Up(StrEnum):
-    """The axis that points up, as choices of an option."""
-
-    x = "x"
-    y = "y"
-    z = "z"
-    minus_x = "-x"
-    minus_y = "-y"
-    minus_z = "-z"
-
-
-UpAxis = Annotated[
-    Up | None,
-    typer.Option(
-        help="Axis that points up in both files, for the picture. Found when absent."
-    ),
-]
-
-
 def main() -> None:
     """Run the command line, and end the process."""
+    print_any_letter()
     app()
 
 
@@ -176,17 +153,13 @@ def match(
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="X in the colours of Y, for MeshLab, Blender and the like: .ply, .obj "
-            "or .glb. PLY and GLB hold the confidence of each vertex too. May be given "
-            "several times.",
+            help="X in the colours of Y, those of its file if it has any, for MeshLab, "
+            "Blender and the like: .ply, .obj or .glb. PLY and GLB hold the confidence "
+            "of each vertex too. May be given several times.",
         ),
     ] = None,
-    checker: Annotated[
-        bool,
-        typer.Option(
-            "--checker", help="Export a checker carried from Y too (.obj and .glb)."
-        ),
-    ] = False,
+    checker: CheckerOption = False,
+    by_place: ByPlaceOption = False,
     report: Annotated[
         Path | None,
         typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
@@ -195,6 +168,7 @@ def match(
         Path | None, typer.Option(help="Ground truth for the page, as in evaluate.")
     ] = None,
     gt_y: Annotated[Path | None, typer.Option(help="The same for Y.")] = None,
+    base: BaseOption = None,
     orientation: OrientationOption = Orientation.preserve,
     landmarks: Annotated[
         Path | None,
@@ -207,9 +181,10 @@ def match(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), or a "
-            "table of name,x,y,z or name,vertex (.csv, .tsv, .txt). Goes with "
-            "--landmarks-y; they are paired by name, or by order.",
+            help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), "
+            ".particles (ShapeWorks), or a table of name,x,y,z or name,vertex (.csv, "
+            ".tsv, .txt). Goes with --landmarks-y; they are paired by name, or by "
+            "order.",
         ),
     ] = None,
     landmarks_y: Annotated[
@@ -255,10 +230,7 @@ def match(
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
-    from jfsf.export import export_map
     from jfsf.matching import match as match_meshes
-    from jfsf.parts import likely_part
-    from jfsf.plot import draw_pair
 
     can_write(out, ".npz")
     if png is not None:
@@ -270,14 +242,17 @@ def match(
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
     shape_x, shape_y = (matchable(path, largest_component, repair) for path in (x, y))
-    mesh_x, mesh_y = shape_x.mesh, shape_y.mesh
-    truth = kept_truth(gt_x, gt_y, (shape_x, shape_y))
+    truth = kept_truth(gt_x, gt_y, (shape_x, shape_y), base)
     known = known_pairs(files, (shape_x, shape_y))
+    console = Console()
+    if partial and (doubt := check_units((x, y), (shape_x, shape_y))):
+        console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
+    looks = Looks(None if up is None else up.value, checker, by_place)
     started = perf_counter()
     with stage_bar(_PART_STAGES if partial else _STAGES) as stage:
         matched = match_meshes(
-            mesh_x,
-            mesh_y,
+            shape_x.mesh,
+            shape_y.mesh,
             orientation=orientation.value,
             landmarks=None if known is None else known.rows,  # type: ignore
             partial=partial,
@@ -286,61 +261,32 @@ def match(
         )
         seconds = {"matching": perf_counter() - started}
         stage("writing")
-        write_found(out, matched, shape_x, shape_y)
-        axis = None if up is None else up.value
+        known = known or KnownPairs(np.zeros((0, 2), np.int64))
+        shapes = shape_x, shape_y
+        notes = notes_of((x, y), shapes, partial=partial, said=known.said)
+        write_found(out, matched, *shapes, notes=notes)
         if png is not None:
-            draw_pair(
-                mesh_x,
-                mesh_y,
-                np.asarray(matched.T_xy),
-                path=png,
-                matched_x=matched.matched_x,
-                matched_y=matched.matched_y,
-                up=axis,
-            )
-        for path in exports:
-            export_map(
-                path,
-                mesh_x,
-                mesh_y,
-                np.asarray(matched.T_xy),
-                up=axis,
-                checker=checker,
-                confidence=known_confidence(matched),
-                matched_x=matched.matched_x,
-            )
+            draw(png, *shapes, matched, looks)
+        notes = exported(exports, *shapes, y, matched, looks) + notes
         if report is not None:
             write_report(
                 report,
-                Side(mesh_x, x.stem, shape_x.index),
-                Side(mesh_y, y.stem, shape_y.index),
+                Side(shape_x.mesh, x.stem, shape_x.index),
+                Side(shape_y.mesh, y.stem, shape_y.index),
                 matched,
                 orientation=orientation.value,  # type: ignore
                 truth=truth,
-                up=axis,
+                up=looks.up,
                 seconds=seconds,
                 cache=not no_cache,
                 progress=lambda name: stage(f"report: {name}"),
             )
-    console = Console()
     console.print(certificate_table(matched.certificate))
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
-    known = known or KnownPairs(np.zeros((0, 2), np.int64))
-    notes = warnings_of(matched.certificate, orientation.value, landmarks=known.names)
-    for path, mesh in ((x, mesh_x), (y, mesh_y)):
-        if doubt := sides_in_doubt(mesh):
-            notes.append(f"{path}: {doubt}; check left and right")
-    if not partial and likely_part(mesh_x, mesh_y):
-        notes.append("one shape has a long boundary: if it is a part, pass --partial")
-    for path, shape in ((x, shape_x), (y, shape_y)):
-        if shape.repaired is not None:
-            words = ", ".join(shape.repaired.done) or "nothing to repair"
-            console.print(f"{path}: {words}", soft_wrap=True, markup=False)
-    for line in known.said:
+    doubts = warnings_of(matched.certificate, orientation.value, landmarks=known.names)
+    for line in (*notes, *(f"warning: {doubt}" for doubt in doubts)):
         console.print(line, soft_wrap=True, markup=False)
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in filter(None, (out, png, *exports, report)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 

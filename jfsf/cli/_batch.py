@@ -1,6 +1,10 @@
-"""jfsf batch: many pairs, through dask.distributed."""
+"""jfsf batch: many pairs, through dask.distributed.
+
+This file is long because it declares the options of the command, with their help.
+"""
 
 import functools
+from enum import StrEnum
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -9,7 +13,22 @@ import numpy as np
 import typer
 from rich.console import Console
 
+from jfsf.cli._batch_options import (
+    forget_outdated,
+    landmark_files,
+    options_of_pairs,
+    prepared_kinds,
+)
+from jfsf.cli._exports import (
+    ByPlaceOption,
+    CheckerOption,
+    Looks,
+    UpAxis,
+    draw,
+    export,
+)
 from jfsf.cli._files import (
+    BaseOption,
     Orientation,
     OrientationOption,
     can_write_in,
@@ -18,7 +37,9 @@ from jfsf.cli._files import (
     need_matplotlib,
     write_found,
 )
-from jfsf.cli._pages import batch_index, pages_of, pair_page
+from jfsf.cli._landmarks import known_pairs, landmark_names
+from jfsf.cli._notes import WARNING, check_units, notes_of
+from jfsf.cli._pages import batch_index, kept_truth, pages_of, pair_page
 from jfsf.cli._runs import (
     SchedulerOption,
     WorkersOption,
@@ -33,19 +54,50 @@ from jfsf.cli._summary import (
     write_summary,
 )
 
+MOST_NOTES = 20  # lines on the meshes that are printed
+
+
+class Format(StrEnum):
+    """Formats of exported meshes, as choices of an option."""
+
+    ply = "ply"
+    obj = "obj"
+    glb = "glb"
+
 
 def batch(
     pairs: Annotated[
         Path,
         typer.Argument(
             metavar="PAIRS.csv",
-            help="Two mesh paths a line, with a comma between, relative to this file.",
+            help="Two mesh paths a line, with a comma between, relative to this file. "
+            "Titles in the first line name further columns: orientation, "
+            "largest_component, partial, repair, landmarks, landmarks_x, landmarks_y, "
+            "gt_x, gt_y. What a line says goes before the options.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
     scheduler: SchedulerOption = None,
     workers: WorkersOption = None,
     orientation: OrientationOption = Orientation.preserve,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Known pairs of vertices; see match."),
+    ] = None,
+    landmarks_x: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of X, for all pairs whose line names those of Y.",
+        ),
+    ] = None,
+    landmarks_y: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of Y, such as one template, likewise.",
+        ),
+    ] = None,
     largest_component: Annotated[
         bool,
         typer.Option(
@@ -63,62 +115,105 @@ def batch(
     repair: Annotated[
         bool, typer.Option("--repair", help="Repair all meshes first; see match.")
     ] = False,
+    png: Annotated[
+        bool, typer.Option("--png", help="A picture of each map (needs matplotlib).")
+    ] = False,
+    exports: Annotated[
+        list[Format] | None,
+        typer.Option(
+            "--export",
+            metavar="FORMAT",
+            help="X in the colours of Y, a file a pair: ply, obj or glb. May be given "
+            "several times.",
+        ),
+    ] = None,
+    checker: CheckerOption = False,
+    by_place: ByPlaceOption = False,
     report: Annotated[
         bool,
         typer.Option(
             "--report", help="A page a pair, and index.html with links to all."
         ),
     ] = False,
+    base: BaseOption = None,
+    no_cache: Annotated[
+        bool,
+        typer.Option(
+            "--no-cache",
+            help="Leave the cache folder alone: each pair makes its spectra anew.",
+        ),
+    ] = False,
+    up: UpAxis = None,
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
     Writes X__Y.npz a pair, and summary.csv and summary.json of all, the least
     confident first. Run it again to continue a stopped run, or to add pairs: results
-    that are not older than their meshes are kept. Exit code 1 if a pair failed; the
-    others are matched all the same.
+    that are not older than their files, and whose line says the same, are kept. Exit
+    code 1 if a pair failed; the others are matched all the same.
 
     Example: jfsf batch pairs.csv --out maps --report
     """
-    from jfsf.batch import Job, connect, read_pairs, run_jobs
+    from jfsf.batch import Job, PairOptions, connect, read_pairs, run_jobs
 
-    if report:
+    suffixes = tuple(f".{one.value}" for one in exports or [])
+    if report or png:
         need_matplotlib()
+    if checker and (not suffixes or ".ply" in suffixes):
+        raise ValueError("--checker goes with --export obj and --export glb only")
     listed = read_pairs(pairs)
-    can_write_in(out)
-    jobs = {
-        # Absolute, because each worker has its own working folder.
-        pair.name: Job(
-            (pair.x.absolute(), pair.y.absolute()),
-            out.absolute() / f"{pair.name}.npz",
-        )
-        for pair in listed
-    }
-    options = {
+    settings = {
         "orientation": orientation.value,
         "largest_component": largest_component,
         "partial": partial,
         "repair": repair,
     }
+    usual = PairOptions(
+        **settings,
+        landmarks=landmarks,
+        landmarks_x=landmarks_x,
+        landmarks_y=landmarks_y,
+    )
+    options = options_of_pairs(pairs, listed, usual, pages=report)
+    can_write_in(out)
+    jobs = [
+        # Absolute, because each worker has its own working folder.
+        Job(
+            (pair.x.absolute(), pair.y.absolute()),
+            out.absolute() / f"{pair.name}.npz",
+            tuple(path for path in landmark_files(options[pair.name]) if path),
+            options[pair.name],
+        )
+        for pair in listed
+    ]
+    looks = Looks(None if up is None else up.value, checker, by_place)
+    wanted = {"report": report, "png": png, "suffixes": suffixes}
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
-        begin(out, options)
+        begin(out, settings)
+        forget_outdated(out, options, PairOptions(**settings))
         with bars() as shown:
             shapes = shown.add_task("spectra", total=None)
             done = shown.add_task("pairs", total=len(jobs))
             outcomes = run_jobs(
-                list(jobs.values()),
+                jobs,
                 client,
                 prepare=functools.partial(
-                    prepare, largest=largest_component, mend=repair
+                    prepare,
+                    usual=(largest_component, repair),
+                    others=prepared_kinds(jobs, (largest_component, repair)),
+                    cache=not no_cache,
                 ),
-                work=functools.partial(work, report=report, **options),
-                done=_is_reported if report else _is_done,
+                work=functools.partial(
+                    work, looks=looks, base=base, cache=not no_cache, **wanted
+                ),
+                done=functools.partial(_is_complete, **wanted),
                 progress=lambda n, total: shown.update(
                     shapes, completed=n, total=total
                 ),
             )
             for outcome in outcomes:
-                rows[outcome.job.out.name] = summary_row(outcome, orientation.value)
+                rows[outcome.job.out.name] = _row(outcome)
                 shown.advance(done)
     ordered = doubtful_first(
         [
@@ -126,54 +221,126 @@ def batch(
             for pair in listed
         ]
     )
-    written = write_summary(out, ordered, options)
+    written = write_summary(out, ordered, settings)
     if report:
         written = *written, batch_index(out, ordered)
     console = Console()
     console.print(summary_table(ordered))
+    notes = list(dict.fromkeys(line for row in ordered for line in row["notes"]))
+    if len(notes) > MOST_NOTES:
+        more = f"{len(notes) - MOST_NOTES + 1} more such lines in {written[0]}"
+        notes = [*notes[: MOST_NOTES - 1], more]
     failed = [row for row in ordered if row["reason"]]
-    for row in failed:
-        text = f"failed: {row['x']}, {row['y']}: {row['reason']}"
-        console.print(text, soft_wrap=True, markup=False)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    notes += [f"failed: {row['x']}, {row['y']}: {row['reason']}" for row in failed]
+    for line in (*notes, *(f"wrote {path}" for path in written)):
+        console.print(line, soft_wrap=True, markup=False)
     if failed:
         raise typer.Exit(1)
 
 
-def prepare(path: Path, largest: bool, mend: bool = False) -> None:
-    """Check a mesh and put its spectrum into the cache, for all of its pairs."""
-    from jfsf.matching import basis
+def prepare(
+    path: Path,
+    usual: tuple[bool, bool],
+    others: dict[Path, tuple[tuple[bool, bool], ...]],
+    cache: bool = True,
+) -> None:
+    """Check a mesh and put its spectrum into the cache, for all of its pairs.
 
-    basis(matchable(path, largest, mend).mesh, name=str(path))
+    Args:
+        path: the file of the mesh.
+        usual: of all meshes, whether the largest piece is taken, and whether they are
+            repaired.
+        others: the same for meshes that are needed in other ways.
+        cache: whether spectra are kept at all.
+
+    Raises:
+        MeshError: it cannot be matched in any of the ways in which it is needed.
+    """
+    from jfsf.matching import basis
+    from jfsf.mesh import MeshError
+
+    wrong = []
+    kinds = others.get(path, (usual,))
+    for largest, mend in kinds:
+        try:
+            mesh = matchable(path, largest, mend).mesh
+            if cache:
+                basis(mesh, name=str(path))
+        except MeshError as error:
+            wrong.append(error)
+    # If it is needed in another way too, the pairs fail for themselves.
+    if len(wrong) == len(kinds):
+        raise wrong[0]
 
 
 def work(
     job,
-    orientation: str,
-    largest_component: bool,
-    partial: bool = False,
-    repair: bool = False,
+    looks: Looks = Looks(),
     report: bool = False,
+    png: bool = False,
+    suffixes: tuple[str, ...] = (),
+    base: int | None = None,
+    cache: bool = True,
 ) -> None:
-    """Match a pair and write it, and its page, as `jfsf match` does."""
+    """Match a pair and write it, its page and its pictures, as `jfsf match` does."""
     from jfsf.mapfiles import read_match
     from jfsf.matching import match
 
-    x, y = (matchable(path, largest_component, repair) for path in job.inputs)
-    if report and _is_done(job):
-        # Only its page is missing.
+    given = job.options
+    x, y = (
+        matchable(path, given.largest_component, given.repair) for path in job.inputs
+    )
+    shapes = x, y
+    if _is_done(job):
+        # Only its page or its pictures are missing.
         result, seconds = kept_match(read_match(job.out), x, y), {}
     else:
+        known = known_pairs(landmark_files(given), shapes)
+        units = check_units(job.inputs, shapes) if given.partial else ""
         started = perf_counter()
-        options: dict[str, Any] = {"orientation": orientation, "partial": partial}
+        options: dict[str, Any] = {
+            "orientation": given.orientation,
+            "partial": given.partial,
+            "cache": cache,
+        }
+        if known is not None:
+            options["landmarks"] = known.rows
         result = match(x.mesh, y.mesh, **options)
         seconds = {"matching": perf_counter() - started}
-        write_found(job.out, result, x, y)
+        said = () if known is None else known.said
+        notes = notes_of(
+            job.inputs, shapes, partial=given.partial, said=said, brief=True
+        )
+        notes += [f"{WARNING}{units}"] if units else []
+        write_found(job.out, result, x, y, notes)
+    if png:
+        draw(job.out.with_suffix(".png"), x, y, result, looks)
+    files = [job.out.with_suffix(suffix) for suffix in suffixes]
+    export(files, x, y, job.inputs[1], result, looks)
     if report:
-        shapes = zip(job.inputs, (x, y), strict=True)
-        inputs = [(path, own.mesh, own.index) for path, own in shapes]
-        pair_page(job.out, inputs, result, orientation=orientation, seconds=seconds)
+        inputs = [
+            (path, own.mesh, own.index)
+            for path, own in zip(job.inputs, shapes, strict=True)
+        ]
+        pair_page(
+            job.out,
+            inputs,
+            result,
+            orientation=given.orientation,
+            truth=kept_truth(given.gt_x, given.gt_y, shapes, base),
+            up=looks.up,
+            seconds=seconds,
+            cache=cache,
+        )
+
+
+def _row(outcome) -> dict[str, Any]:
+    """The row of a pair in the summary."""
+    options = outcome.job.options
+    names = ()
+    if outcome.reason is None:
+        names = landmark_names(landmark_files(options))
+    return summary_row(outcome, options.orientation, landmarks=names)
 
 
 def _is_done(job) -> bool:
@@ -186,9 +353,12 @@ def _is_done(job) -> bool:
         return False
 
 
-def _is_reported(job) -> bool:
+def _is_complete(job, report: bool, png: bool, suffixes: tuple[str, ...]) -> bool:
+    """Whether the match is there, and all that is drawn of it."""
     if not _is_done(job):
         return False
     made = job.out.stat().st_mtime_ns
-    files = pages_of(job.out)
+    files = list(pages_of(job.out)) if report else []
+    files += [job.out.with_suffix(".png")] if png else []
+    files += [job.out.with_suffix(suffix) for suffix in suffixes]
     return all(f.exists() and f.stat().st_mtime_ns >= made for f in files)

@@ -39,6 +39,7 @@ from jfsf.cli._runs import (
     begin,
     raising_interrupts,
 )
+from jfsf.cli._words import in_options
 
 PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
 
@@ -185,7 +186,8 @@ def _outcomes(
     bar = shown.add_task(label, total=len(jobs))
     reasons = {}
     for outcome in run_jobs(jobs, client, prepare=nothing, work=work, done=done):
-        reasons[outcome.job.out] = outcome.reason
+        why = outcome.reason
+        reasons[outcome.job.out] = None if why is None else in_options(why)
         shown.advance(bar)
     return reasons
 

@@ -129,9 +129,10 @@ def table(rows, title: str) -> Table:
         shown.add_column(name, justify="right")
     for row in rows:
         if not row["reason"]:
+            likely = row["confidence"]
             shown.add_row(
                 row["name"],
-                f"{row['confidence']:.2f}",
+                "unknown" if np.isnan(likely) else f"{likely:.2f}",
                 f"{row['mean_distance']:.2%}",
                 f"{row['most_distance']:.2%}",
                 f"{row['bridged']:.1%}",

@@ -1,6 +1,7 @@
 """jfsf evaluate: the figures of a map, against ground truth if it is given."""
 
 import json
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -8,7 +9,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from jfsf.cli._files import MeshX, MeshY, can_write, read_pair
+from jfsf.cli._files import BaseOption, MeshX, MeshY, can_write, read_pair
 from jfsf.cli._report import figures_of
 
 
@@ -35,12 +36,7 @@ def evaluate(
     every: Annotated[
         int, typer.Option(min=1, help="Measure at every Nth point and vertex.")
     ] = 1,
-    base: Annotated[
-        int | None,
-        typer.Option(
-            min=0, max=1, help="First index in text files that break the convention."
-        ),
-    ] = None,
+    base: BaseOption = None,
     repair: Annotated[
         bool,
         typer.Option(
@@ -53,22 +49,45 @@ def evaluate(
 ) -> None:
     """Measure a map, against ground truth if it is given.
 
-    Distances are geodesic and relative to sqrt(area).
+    Distances are geodesic and relative to sqrt(area). Points of the ground truth on
+    vertices that belong to no face, or that were not matched, are left out and counted.
 
     Example: jfsf evaluate a.off b.off map.npz --gt-x a.vts --gt-y b.vts --every 5
     """
+    from jfsf.mapfiles import read_map
+
     if json_file is not None:
         can_write(json_file, ".json")
     mesh_x, mesh_y, maps, truth = read_pair(
         x, y, map_file, gt_x, gt_y, base, mend=repair
     )
+    points = left_out = None
+    why = ""
+    if truth is not None:
+        points = len(read_map(gt_x, base=base))  # type: ignore
+        left_out = points - len(truth[0])
+        why = _why_left_out(maps, repair)
+        if left_out == points:
+            raise ValueError(
+                f"{gt_x}, {gt_y}: all {points} points are left out, {why}; are the "
+                "files those of these meshes?"
+            )
     figures = figures_of(mesh_x, mesh_y, maps, truth, exact, every)
     shown = Table(title=map_file.name)
     shown.add_column("figure")
     shown.add_column("value", justify="right")
     for name, value in figures.items():
-        shown.add_row(name.replace("_", " "), f"{value:.4g}")
-    Console().print(shown)
+        text = f"{value:.4g}" if math.isfinite(value) else "no finite distance"
+        shown.add_row(name.replace("_", " "), text)
+    console = Console()
+    console.print(shown)
+    if left_out:
+        are = "is" if left_out == 1 else "are"
+        line = f"ground truth: {left_out} of {points} points {are} left out, {why}"
+        console.print(line, soft_wrap=True, markup=False)
+    if not all(map(math.isfinite, figures.values())):
+        line = "no finite distance: the map takes some points to another piece"
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
     if json_file is not None:
         from jfsf import __version__
         from jfsf.storage import write_text
@@ -81,7 +100,19 @@ def evaluate(
             "geodesics": "exact" if exact else "heat method",
             "every": every,
             "repair": repair,
+            "points": points,
+            "points_left_out": left_out,
             "jfsf": __version__,
-            "figures": figures,
+            # JSON has no infinity.
+            "figures": {n: v if math.isfinite(v) else None for n, v in figures.items()},
         }
         write_text(json_file, json.dumps(record, indent=2) + "\n")
+
+
+def _why_left_out(maps, repair: bool) -> str:
+    """Why points of the ground truth are left out."""
+    if repair:
+        return "on vertices that the repair removes"
+    if maps.index_x is not None or maps.index_y is not None:
+        return "on vertices that were not matched"
+    return "on vertices that belong to no face"

@@ -3,6 +3,7 @@
 This file is long because all commands check their files alike, before any work.
 """
 
+from collections.abc import Sequence
 from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
+from jfsf.cli._words import in_options
 from jfsf.types import Match, Mesh
 
 
@@ -27,6 +29,13 @@ OrientationOption = Annotated[
     typer.Option(help="Keep left and right, swap them, or take the better map."),
 ]
 
+
+BaseOption = Annotated[
+    int | None,
+    typer.Option(
+        min=0, max=1, help="First index in text files that break the convention."
+    ),
+]
 
 FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
@@ -91,9 +100,7 @@ def check_mesh(mesh: Mesh, path: Path) -> None:
     try:
         check_matchable(mesh, name=str(path))
     except MeshError as error:
-        hint = str(error).replace("largest_component", "match --largest-component")
-        hint = hint.replace("with weld", "with match --repair")
-        raise MeshError(hint) from None
+        raise MeshError(in_options(str(error))) from None
 
 
 def sides_in_doubt(mesh: Mesh) -> str:
@@ -155,13 +162,15 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     return shape
 
 
-def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
+def write_found(
+    path: Path, match: Match, x: Shape, y: Shape, notes: Sequence[str] = ()
+) -> None:
     """Write a match; after a repair its maps are those between the files' vertices."""
     from jfsf.mapfiles import write_match
     from jfsf.mesh import map_of_originals, nearest_kept
 
     if x.repaired is None and y.repaired is None:
-        write_match(path, match, index_x=x.index, index_y=y.index)
+        write_match(path, match, index_x=x.index, index_y=y.index, notes=notes)
         return
     both = _repaired(x), _repaired(y)
     match = match._replace(
@@ -169,7 +178,7 @@ def write_found(path: Path, match: Match, x: Shape, y: Shape) -> None:
         T_yx=map_of_originals(match.T_yx, y.file, *both[::-1]),
     )
     at = [nearest_kept(s.file, own) for s, own in zip((x, y), both, strict=True)]
-    write_match(path, _values_at(match, *at))
+    write_match(path, _values_at(match, *at), notes=notes)
 
 
 def kept_match(match: Match, x: Shape, y: Shape) -> Match:

@@ -56,36 +56,51 @@ def known_pairs(files: LandmarkFiles, shapes: tuple[Shape, Shape]) -> KnownPairs
             its mesh, or landmarks cannot be paired.
     """
     if files.pairs is not None:
-        partners = tuple(shape.partner for shape in shapes)
-        return KnownPairs(read_known_pairs(files.pairs, partners))
+        return KnownPairs(read_known_pairs(files.pairs, shapes))
     if files.x is None or files.y is None:
         return None
     return _paired((files.x, files.y), shapes)
 
 
-def read_known_pairs(path: Path, partners) -> np.ndarray:
+def landmark_names(files: LandmarkFiles) -> tuple[str, ...]:
+    """The name of each row of `known_pairs`, from the files alone; () without names."""
+    from jfsf.landmarks import pair_landmarks, read_landmarks
+
+    if files.x is None or files.y is None:
+        return ()
+    return pair_landmarks(read_landmarks(files.x), read_landmarks(files.y)).names
+
+
+def read_known_pairs(path: Path, shapes: tuple[Shape, Shape]) -> np.ndarray:
     """Rows (vertex of X, vertex of Y) of a file of text.
 
     Args:
         path: as `jfsf.landmarks.read_vertex_pairs` takes it.
-        partners: of the `Shape` of X and of Y, whose vertices the rows that are
-            returned count.
+        shapes: of X and of Y, whose vertices the rows that are returned count.
 
     Raises:
-        ValueError: another format, or a vertex that was not kept.
+        ValueError: another format, or a vertex that there is not or was not kept.
     """
     from jfsf.landmarks import read_vertex_pairs
 
     pairs = read_vertex_pairs(path)
     columns = [
-        _kept(path, pairs[:, column], partner, "XY"[column])
-        for column, partner in enumerate(partners)
+        _kept(path, pairs[:, column], shape, "XY"[column])
+        for column, shape in enumerate(shapes)
     ]
     return np.stack(columns, axis=1)
 
 
-def _kept(path: Path, vertices: np.ndarray, partner, side: str) -> np.ndarray:
-    at = numbered(vertices, partner)
+def _kept(path: Path, vertices: np.ndarray, shape: Shape, side: str) -> np.ndarray:
+    n = len(shape.file.vertices)
+    if (wrong := vertices >= n).any():
+        row = int(np.argmax(wrong))
+        raise ValueError(
+            f"{path}: landmark {row + 1} names vertex {vertices[row]} of {side}, which "
+            f"has vertices 0 to {n - 1}; is the file of another mesh, or counted from "
+            "1?"
+        )
+    at = numbered(vertices, shape.partner)
     if (lost := at < 0).any():
         raise ValueError(
             f"{path}: vertex {vertices[lost][0]} of {side} is not in the "
@@ -109,7 +124,7 @@ def _paired(paths: tuple[Path, Path], shapes: tuple[Shape, Shape]) -> KnownPairs
         if found.vertices is None:
             found = found._replace(points=np.asarray(found.points)[rows])
         else:
-            kept = _kept(path, np.asarray(found.vertices)[rows], shape.partner, side)
+            kept = _kept(path, np.asarray(found.vertices)[rows], shape, side)
             found = found._replace(vertices=kept)
         found = found._replace(names=tuple(found.names[row] for row in rows))
         try:

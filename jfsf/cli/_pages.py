@@ -22,11 +22,13 @@ def can_report(path: Path | None, gt_x: Path | None, gt_y: Path | None) -> None:
         raise ValueError(f"{gt_x}: ground truth is for the report; name one: --report")
 
 
-def kept_truth(gt_x: Path | None, gt_y: Path | None, shapes) -> Any:
+def kept_truth(
+    gt_x: Path | None, gt_y: Path | None, shapes, base: int | None = None
+) -> Any:
     """Vertices that correspond, of two files, or None without files.
 
     Args:
-        gt_x, gt_y: as `jfsf.mapfiles.read_ground_truth` takes them.
+        gt_x, gt_y, base: as `jfsf.mapfiles.read_ground_truth` takes them.
         shapes: the `Shape` of X and of Y. Points whose vertex was not kept are left
             out.
     """
@@ -37,7 +39,7 @@ def kept_truth(gt_x: Path | None, gt_y: Path | None, shapes) -> Any:
     n_x, n_y = (
         len(own.mesh.vertices if own.partner is None else own.partner) for own in shapes
     )
-    truth = read_ground_truth(gt_x, gt_y, n_x=n_x, n_y=n_y)
+    truth = read_ground_truth(gt_x, gt_y, n_x=n_x, n_y=n_y, base=base)
     return kept_points(truth, [own.partner for own in shapes])
 
 

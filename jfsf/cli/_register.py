@@ -10,6 +10,7 @@ from rich.table import Table
 
 from jfsf.cli._files import (
     FORMATS,
+    BaseOption,
     Orientation,
     OrientationOption,
     can_export,
@@ -47,6 +48,7 @@ def register(
             "T_xy as .npz, .mat, .map or .vts. Found when absent.",
         ),
     ] = None,
+    base: BaseOption = None,
     orientation: OrientationOption = Orientation.preserve,
     largest_component: Annotated[
         bool,
@@ -85,7 +87,7 @@ def register(
     T = certificate = matched = None
     if map_file is not None:
         mesh, onto, maps, _ = read_pair(
-            template, scan, map_file, None, None, None, mend=repair
+            template, scan, map_file, None, None, base, mend=repair
         )
         T = maps.T_xy
         if (stored := _stored(map_file)) is not None:
@@ -153,7 +155,9 @@ def _table(warped, scan: Mesh, certificate) -> Table:
     shown.add_row("scale of the template", f"{float(warped.scale):.4g}")
     if certificate is not None:
         likely = float(certificate.confidence)
-        words = f"{likely:.2f}, {verdict(likely)}"
+        words = verdict(likely)
+        if not np.isnan(likely):
+            words = f"{likely:.2f}, {words}"
         shown.add_row("confidence of the map", words)
     return shown
 
@@ -172,7 +176,8 @@ def _warnings(warped, scan: Mesh) -> list[str]:
     if share > MAX_BRIDGED:
         notes.append(f"{share:.0%} of the vertices have no scan near: is it a part?")
     if flaws := int(warped.flipped + warped.collapsed):
-        notes.append(f"{flaws} faces are flipped or collapsed: look at them")
+        are = "face is" if flaws == 1 else "faces are"
+        notes.append(f"{flaws} {are} flipped or collapsed: look there")
     if warped.orientation_sign < 0:
         notes.append(
             "the map swaps left and right, so the template is mirrored; its faces are "

@@ -44,12 +44,14 @@ def figures_of(mesh_x, mesh_y, maps, truth, exact, every) -> dict[str, float]:
             progress=show,
         )
     figures: dict[str, float] = {}
+    errors = measured.error[~np.isnan(measured.error)]
     for name, value in measured._asdict().items():
-        if name != "error" and not np.isnan(value):
+        # How many points were left out is no figure of the map.
+        if name not in ("error", "error_left_out") and not np.isnan(value):
             figures[name] = value
-        if name == "error_max" and len(measured.error):
-            shares = error_curve(measured.error, ERROR_LIMITS)
+        if name == "error_max" and len(errors):
+            shares = error_curve(errors, ERROR_LIMITS)
             for limit, share in zip(ERROR_LIMITS, shares, strict=True):
                 figures[f"share_within_{limit}"] = float(share)
-            figures["auc_0.25"] = auc(measured.error, limit=0.25)
+            figures["auc_0.25"] = auc(errors, limit=0.25)
     return figures

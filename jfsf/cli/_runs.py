@@ -40,19 +40,37 @@ def begin(out: Path, options: dict) -> None:
     path = out / SETTINGS
     if path.exists():
         try:
-            before = json.loads(path.read_text())
+            before = json.loads(path.read_text(encoding="utf-8"))
         except ValueError:
             before = None
         if before != options:
             raise ValueError(
-                f"{path}: the results there were made with {before}, not {options}; "
-                "name another folder, or remove it"
+                f"{path}: the results there were made with other settings"
+                f"{_differences(before, options)}; name another folder, or remove it"
             )
     out.mkdir(parents=True, exist_ok=True)
     # Unfinished files of a killed run.
     for part in out.rglob("*.tmp"):
         part.unlink(missing_ok=True)
     write_text(path, json.dumps(options, indent=2) + "\n")
+
+
+def _differences(before, now: dict) -> str:
+    """The options that differ, as they were and as they are."""
+    if not isinstance(before, dict):
+        return ""
+    words = {True: "yes", False: "no", None: "not given"}
+
+    def named(options, name):
+        value = options.get(name)
+        return words[value] if value is None or value in (True, False) else value
+
+    differ = [name for name in now | before if before.get(name) != now.get(name)]
+    said = ", ".join(
+        f"{name.replace('_', '-')} was {named(before, name)}, is {named(now, name)}"
+        for name in differ
+    )
+    return f" ({said})" if said else ""
 
 
 @contextmanager

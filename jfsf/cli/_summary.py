@@ -4,33 +4,39 @@ import csv
 import io
 import json
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
+from jfsf.cli._notes import WARNING
+from jfsf.cli._words import in_options
 from jfsf.report import warnings_of
 from jfsf.types import FIGURES, STAGES
 
 
-def summary_row(outcome, orientation: str) -> dict[str, Any]:
+def summary_row(
+    outcome, orientation: str, *, landmarks: Sequence[str] = ()
+) -> dict[str, Any]:
     """The row of a pair: the reason if it failed, else the certificate of its file.
 
     Args:
         outcome: a `jfsf.batch.Outcome` whose job wrote a match.
-        orientation: as in `warnings_of`.
+        orientation, landmarks: as in `warnings_of`.
     """
-    from jfsf.mapfiles import read_match
+    from jfsf.mapfiles import read_match, read_notes
 
     row: dict[str, Any] = {
         "file": "",
-        "reason": outcome.reason or "",
+        "reason": in_options(outcome.reason or ""),
         "earlier": outcome.earlier,
         "seconds": None if math.isnan(outcome.seconds) else outcome.seconds,
         "n_x": None,
         "n_y": None,
         "warnings": [],
+        "notes": [],
         **dict.fromkeys(("start", "attempts", "confidences", *FIGURES)),
         **dict.fromkeys(map(_seconds_of, STAGES)),
     }
@@ -45,11 +51,15 @@ def summary_row(outcome, orientation: str) -> dict[str, Any]:
         for stage, seconds in zip(STAGES, info.seconds, strict=True):
             row[_seconds_of(stage)] = None if np.isnan(seconds) else float(seconds)
     figures = {name: value.item() for name, value in certificate.figures().items()}
+    notes = read_notes(outcome.job.out)
+    doubts = [n.removeprefix(WARNING) for n in notes if n.startswith(WARNING)]
+    warnings = warnings_of(certificate, orientation, landmarks=landmarks)
     return row | {
         "file": outcome.job.out.name,
         "n_x": len(match.T_xy),
         "n_y": len(match.T_yx),
-        "warnings": warnings_of(certificate, orientation),
+        "warnings": doubts + warnings,
+        "notes": [note for note in notes if not note.startswith(WARNING)],
         # JSON has neither nan nor inf: a point cloud's orientation is null, and so is
         # the gap of a map without a rival.
         **{name: v if math.isfinite(v) else None for name, v in figures.items()},
@@ -65,10 +75,12 @@ def summary_table(rows: list[dict[str, Any]]) -> Table:
     done = [row for row in rows if not row["reason"]]
     earlier = sum(row["earlier"] for row in rows)
     doubtful = sum(bool(row["warnings"]) for row in done)
-    shown = Table(
-        title=f"{len(rows)} pairs: {len(done)} matched ({earlier} of them earlier), "
-        f"{len(rows) - len(done)} failed, {doubtful} with warnings"
-    )
+    title = f"{len(rows)} {'pair' if len(rows) == 1 else 'pairs'}: {len(done)} matched"
+    title += f" ({earlier} of them earlier)" if earlier else ""
+    counts = {"failed": len(rows) - len(done), "with warnings": doubtful}
+    for what, number in counts.items():
+        title += f", {number} {what}" if number else ""
+    shown = Table(title=title)
     for name in ("figure", "min", "median", "max"):
         shown.add_column(name, justify="left" if name == "figure" else "right")
     for name in ("seconds", *FIGURES):
@@ -105,7 +117,7 @@ def write_summary(
     text = io.StringIO()
     table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
     table.writeheader()
-    joined = "warnings", "confidences"
+    joined = "warnings", "notes", "confidences"
     for row in rows:
         lists = {name: "; ".join(map(str, row[name] or ())) for name in joined}
         table.writerow(row | lists)

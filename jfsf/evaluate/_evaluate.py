@@ -25,9 +25,11 @@ class Figures(NamedTuple):
 
     error: (p,) float64, one a point of the ground truth; see `geodesic_error`. Measured
         on Y. (0,) without ground truth.
-    error_mean, error_median, error_max: over those points.
+    error_mean, error_median, error_max: over those points, but for
+    error_left_out: so many, whose vertex of Y belongs to no face. Their error is nan.
     bijectivity_x: mean distance on X from x to T_yx[T_xy[x]]; see `bijectivity`.
-    bijectivity_y: mean distance on Y from y to T_xy[T_yx[y]].
+    bijectivity_y: mean distance on Y from y to T_xy[T_yx[y]]. Both without vertices
+        that belong to no face.
     coverage_xy: share of Y's area that T_xy hits, in [0, 1].
     coverage_yx: share of X's area that T_yx hits, in [0, 1].
     smoothness: mean Dirichlet energy on X of Y's coordinates pulled back by T_xy.
@@ -39,6 +41,7 @@ class Figures(NamedTuple):
     error_mean: float = np.nan
     error_median: float = np.nan
     error_max: float = np.nan
+    error_left_out: float = np.nan
     bijectivity_x: float = np.nan
     bijectivity_y: float = np.nan
     coverage_xy: float = np.nan
@@ -86,7 +89,8 @@ def evaluate(
         The figures; nan for those that are not in `only` or that lack their input.
 
     Raises:
-        ValueError: `every` is below 1, `only` holds an unknown name, or as the metrics.
+        ValueError: `every` is below 1, `only` holds an unknown name, all points of the
+            ground truth are left out, or as the metrics.
     """
     if every < 1:
         raise ValueError(f"evaluate: every is {every}, it must be 1 or more")
@@ -114,10 +118,17 @@ def evaluate(
             T_xy, mesh_y, *points, exact=exact, progress=report("error")
         )
         found["error"] = error
-        if len(error):
-            found["error_mean"] = error.mean()
-            found["error_median"] = np.median(error)
-            found["error_max"] = error.max()
+        known = error[~np.isnan(error)]
+        if len(known):
+            found["error_mean"] = known.mean()
+            found["error_median"] = np.median(known)
+            found["error_max"] = known.max()
+            found["error_left_out"] = len(error) - len(known)
+        elif len(error):
+            raise ValueError(
+                f"evaluate: all {len(error)} points of the ground truth are vertices "
+                "of mesh_y that belong to no face; give ground truth on its surface"
+            )
     for name, forward, back, mesh in (
         ("bijectivity_x", T_xy, T_yx, mesh_x),
         ("bijectivity_y", T_yx, T_xy, mesh_y),
@@ -127,7 +138,8 @@ def evaluate(
             away = bijectivity(
                 forward, back, mesh, at=at, exact=exact, progress=report(name)
             )
-            found[name] = away.mean()
+            known = away[~np.isnan(away)]
+            found[name] = known.mean() if len(known) else np.nan
     if "coverage_xy" in wanted:
         _, mass_y = operators_y or operators(mesh_y)
         found["coverage_xy"] = coverage(T_xy, mass_y)

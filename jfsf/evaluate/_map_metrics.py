@@ -40,7 +40,9 @@ def geodesic_error(
         exact, progress: as for `jfsf.geometry.geodesics`.
 
     Returns:
-        (p,) float64, without unit; inf between pieces that are not connected.
+        (p,) float64, without unit; inf between pieces that are not connected, such as
+        for an image that belongs to no face. nan where gt_y[i] itself belongs to no
+        face, and T_xy goes elsewhere: no distance to it can be measured.
 
     Raises:
         ValueError: lengths differ or an index is out of range.
@@ -52,7 +54,7 @@ def geodesic_error(
     if len(gt_x) != len(gt_y):
         raise ValueError(f"{name}: gt_x has {len(gt_x)} points, gt_y has {len(gt_y)}")
     dist = pair_distances(mesh_y, gt_y, T_xy[gt_x], exact=exact, progress=progress)
-    return dist / np.sqrt(_area(mesh_y))
+    return _without_strays(dist, mesh_y, gt_y) / np.sqrt(_area(mesh_y))
 
 
 def bijectivity(
@@ -76,7 +78,7 @@ def bijectivity(
         exact, progress: as for `jfsf.geometry.geodesics`.
 
     Returns:
-        (n_x,) or (p,) float64, without unit.
+        (n_x,) or (p,) float64, without unit; inf and nan as of `geodesic_error`.
 
     Raises:
         ValueError: lengths differ or an index is out of range.
@@ -89,7 +91,7 @@ def bijectivity(
     T_yx = vertex_indices(name, "T_yx", T_yx, n_x)
     x = np.arange(n_x) if at is None else vertex_indices(name, "at", at, n_x)
     dist = pair_distances(mesh_x, x, T_yx[T_xy[x]], exact=exact, progress=progress)
-    return dist / np.sqrt(_area(mesh_x))
+    return _without_strays(dist, mesh_x, x) / np.sqrt(_area(mesh_x))
 
 
 def coverage(
@@ -203,6 +205,15 @@ def _errors(name, errors):
     if errors.ndim != 1 or len(errors) == 0:
         raise ValueError(f"{name}: errors are {errors.shape}, expected (p,), p > 0")
     return errors
+
+
+def _without_strays(dist: np.ndarray, mesh: Mesh, at: np.ndarray) -> np.ndarray:
+    """Distances from these vertices; nan from one that belongs to no face."""
+    if not len(mesh.faces):
+        return dist
+    stray = np.ones(len(mesh.vertices), bool)
+    stray[np.asarray(mesh.faces)] = False
+    return np.where(stray[at] & np.isinf(dist), np.nan, dist)
 
 
 def _area(mesh: Mesh) -> float:

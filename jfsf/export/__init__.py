@@ -1,9 +1,9 @@
 """Meshes in the colours of a map, as files for other programs: PLY, OBJ and GLB.
 
-X gets the colours of Y, laid on it as `jfsf.plot.find_frame` sees it, through the map:
-where the map is right, corresponding parts have equal colours in MeshLab, Blender and
-the like. A checker that is laid on Y and carried to X shows where the map stretches.
-Vertices and faces keep their numbers.
+X gets the colours of Y through the map: those of Y's file, or colours that are laid on
+it as `jfsf.plot.find_frame` sees it. Where the map is right, corresponding parts have
+equal colours in MeshLab, Blender and the like. A checker that is laid on Y and carried
+to X shows where the map stretches. Vertices and faces keep their numbers.
 
 Read in this order:
 

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +40,7 @@ def export_map(
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
     confidence: Float[ArrayLike, " n_x"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
+    colours_y: Float[ArrayLike, "n_y 3"] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
@@ -58,6 +60,9 @@ def export_map(
             with `TILES` squares along the longer side.
         confidence: of each vertex of X, `Match.confidence_x`; see `export_mesh`.
         matched_x: of a match of parts, `Match.matched_x`; all other vertices are grey.
+        colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
+            (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
+            place.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -68,14 +73,25 @@ def export_map(
             f"export_map: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}"
         )
     T_xy = np.asarray(T_xy)
-    # Of Y alone, so that X and Y can be written one by one.
-    axes = frame(up) if up else find_frame(mesh_y).axes
-    body = np.asarray(mesh_y.vertices, float) @ axes
-    colours = matched_colours(pull_back(body_colours(body), T_xy), matched_x)
+
+    @cache
+    def body():
+        # Of Y alone, so that X and Y can be written one by one.
+        axes = frame(up) if up else find_frame(mesh_y).axes
+        return np.asarray(mesh_y.vertices, float) @ axes
+
+    if colours_y is None:
+        colours_y = body_colours(body())
+    elif np.shape(colours_y) != np.shape(mesh_y.vertices):
+        raise ValueError(
+            f"export_map: Y has {len(mesh_y.vertices)} vertices, colours_y has shape "
+            f"{np.shape(colours_y)}"
+        )
+    colours = matched_colours(pull_back(np.asarray(colours_y), T_xy), matched_x)
     uv = None
     if checker or uv_y is not None:
         if uv_y is None:
-            uv_y = texture_coordinates(body) * (TILES / 2)
+            uv_y = texture_coordinates(body()) * (TILES / 2)
         if np.shape(uv_y) != (len(mesh_y.vertices), 2):
             raise ValueError(
                 f"export_map: Y has {len(mesh_y.vertices)} vertices, uv_y has shape "

@@ -7,6 +7,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `method`: notation, the direction of every map, the search and the certificate
 - `meshes`: formats, repair, units, exit codes, maps on disk
 - `landmarks`: points that are known to correspond
+- `programs`: 3D Slicer, MeshLab, Blender, ParaView and ShapeWorks
 - `parts`: a shape that is a piece of the other
 - `registration`: a template mesh deformed onto a scan
 - `far`: bodies of different proportions, and how sure a map is
@@ -34,6 +35,7 @@ from jfsf.guide import (
     models,
     moving,
     parts,
+    programs,
     registration,
     stages,
     start,
@@ -45,6 +47,7 @@ __all__ = [
     "method",
     "meshes",
     "landmarks",
+    "programs",
     "parts",
     "registration",
     "far",

@@ -1,8 +1,9 @@
-"""Landmark files of 3D Slicer, MeshLab and tables: read, written, paired, carried.
+"""Landmark files of other programs: read, written, paired, carried.
 
-A file holds named points of one shape. On a mesh they become vertices or points of the
-surface. Two shapes' landmarks are paired by name or by order, and a map carries those
-of one shape to another.
+They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds
+named points of one shape. On a mesh they become vertices or points of the surface. Two
+shapes' landmarks are paired by name or by order, and a map carries those of one shape
+to another.
 
 Read in this order:
 
@@ -10,7 +11,7 @@ Read in this order:
 - `_markups`: 3D Slicer's .mrk.json
 - `_fcsv`: 3D Slicer's .fcsv
 - `_meshlab`: MeshLab's .pp
-- `_table`: tables of text, .csv, .tsv and .txt
+- `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_read`: read a file of any of these formats
 - `_write`: write one
 - `_vertex_pairs`: pairs of vertices of two shapes in a file of text

@@ -15,18 +15,20 @@ READERS = {
     ".csv": read_table,
     ".tsv": read_table,
     ".txt": read_table,
+    ".particles": read_table,
 }
-FORMATS = ".mrk.json, .fcsv, .pp, .csv, .tsv or .txt"
+FORMATS = ".mrk.json, .fcsv, .pp, .csv, .tsv, .txt or .particles"
 
 
 def read_landmarks(path: Path) -> Landmarks:
     """Read named points, or vertices, of one shape.
 
     Args:
-        path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, or a table (.csv, .tsv,
-            .txt): a line holds name, x, y and z; or x, y and z; or a name and a vertex;
-            or a vertex, counted from 0. Its first line may hold titles, and Slicer's
-            l, p, s or r, a, s in place of x, y, z.
+        path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles, or
+            a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or
+            a name and a vertex; or a vertex, counted from 0. Its first line may hold
+            titles, and Slicer's l, p, s or r, a, s, or ParaView's Points:0 and so on,
+            in place of x, y, z.
 
     Returns:
         The landmarks that have a position, in the order and the coordinates of the

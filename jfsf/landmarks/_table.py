@@ -1,8 +1,9 @@
-"""Landmarks in a table of text (.csv, .tsv, .txt), of spreadsheets and scripts.
+"""Landmarks in a table of text, of spreadsheets and scripts (.csv, .tsv, .txt).
 
 A line holds name, x, y and z; or x, y and z; or a name and a vertex; or a vertex. A
 line of titles may say in which columns these are. Between them stand tabs, semicolons,
-commas or blanks; where it is no comma, numbers may have a decimal comma.
+commas or blanks; where it is no comma, numbers may have a decimal comma. ShapeWorks'
+.particles hold x, y and z.
 """
 
 import csv
@@ -42,6 +43,10 @@ _NAMES = [
     "",
 ]
 _AXES = {"xyz": None, "ras": "RAS", "lps": "LPS"}  # Slicer's table has the last two
+# As ParaView names the coordinates.
+_AXES_OF_PARAVIEW = {
+    f"points{mark}{i}": axis for mark in ":_" for i, axis in enumerate("xyz")
+}
 _VERTICES = ["vertex", "vertices", "vertex_id", "vertex id", "index", "idx", "v"]
 _MISSING = {"", "na", "n/a", "nan", "none", "null"}
 
@@ -125,6 +130,16 @@ def table_text(landmarks: Landmarks, separator: str) -> str:
     return "\n".join([*lines, ""])
 
 
+def particles_text(landmarks: Landmarks) -> str:
+    """Points as ShapeWorks reads them: x, y and z a line, without names.
+
+    Args:
+        landmarks: with points.
+    """
+    points = np.asarray(landmarks.points).tolist()
+    return "".join(" ".join(map(repr, point)) + "\n" for point in points)
+
+
 def _separator(line: str) -> str:
     line = _QUOTED.sub('""', line)
     for separator in "\t;":
@@ -151,6 +166,7 @@ def _titles(cells: list[str]) -> _Columns | None:
     if any(to_number(cell, True) is not None for cell in cells):
         return None
     titles = [re.sub(r"[\[(].*", "", cell).strip().lower() for cell in cells]
+    titles = [_AXES_OF_PARAVIEW.get(title, title) for title in titles]
     place = lambda known: next((titles.index(t) for t in known if t in titles), -1)
     name, defined = place(_NAMES), place(["defined"])
     for axes, system in _AXES.items():

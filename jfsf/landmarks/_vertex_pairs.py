@@ -9,7 +9,7 @@ from jfsf.landmarks._record import decoded, numbered_lines, to_number, to_vertex
 
 EXPECTED = "a line holds a vertex of X and one of Y, counted from 0"
 # Those that hold points of one shape in other programs.
-_OF_ONE_SHAPE = {".json", ".fcsv", ".pp"}
+_OF_ONE_SHAPE = {".json", ".fcsv", ".pp", ".particles"}
 
 
 def read_vertex_pairs(path: Path) -> np.ndarray:

@@ -7,7 +7,7 @@ from jfsf.landmarks._markups import markups_text
 from jfsf.landmarks._meshlab import picked_points_text
 from jfsf.landmarks._read import FORMATS
 from jfsf.landmarks._record import Landmarks, checked, clean_name
-from jfsf.landmarks._table import table_text
+from jfsf.landmarks._table import particles_text, table_text
 from jfsf.storage import write_text
 
 _WRITERS = {
@@ -17,6 +17,7 @@ _WRITERS = {
     ".csv": lambda landmarks: table_text(landmarks, ","),
     ".tsv": lambda landmarks: table_text(landmarks, "\t"),
     ".txt": lambda landmarks: table_text(landmarks, "\t"),
+    ".particles": particles_text,
 }
 _TABLES = ".csv", ".tsv", ".txt"
 
@@ -25,10 +26,12 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
     """Write landmarks as `read_landmarks` reads them, and the program of the format.
 
     Slicer needs a coordinate system: landmarks without one are written as LPS, in which
-    it saves and loads meshes. MeshLab's format does not hold the system.
+    it saves and loads meshes. MeshLab's format does not hold the system, and
+    ShapeWorks' neither the system nor names.
 
     Args:
-        path: its suffix is the format: .mrk.json, .fcsv, .pp, .csv, .tsv or .txt.
+        path: its suffix is the format: .mrk.json, .fcsv, .pp, .csv, .tsv, .txt or
+            .particles.
         landmarks: points in any format; vertices in a table only.
 
     Raises:

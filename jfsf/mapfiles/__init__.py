@@ -23,7 +23,13 @@ Read in this order:
 
 from jfsf.mapfiles._arrays import read_mat
 from jfsf.mapfiles._formats import MapFileError
-from jfsf.mapfiles._read import GroundTruth, read_ground_truth, read_map, read_match
+from jfsf.mapfiles._read import (
+    GroundTruth,
+    read_ground_truth,
+    read_map,
+    read_match,
+    read_notes,
+)
 from jfsf.mapfiles._stored import StoredMap, read_stored
 from jfsf.mapfiles._write import write_map, write_mat, write_match
 
@@ -35,6 +41,7 @@ __all__ = [
     "read_map",
     "read_mat",
     "read_match",
+    "read_notes",
     "read_stored",
     "write_map",
     "write_mat",

@@ -15,6 +15,7 @@ VERTEX_KEYS = ["confidence_x", "confidence_y"]  # where the match has them
 INFO_KEYS = [
     *("info_sources", "info_confidence", "info_won", "info_stages", "info_seconds")
 ]
+NOTES_KEY = "notes"  # where something is to be said of how it was made
 MATCH_KEYS = ["T_xy", "T_yx", "C_yx"]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
 # Figures that files of version 0.2 lack, or have under another name.

@@ -12,6 +12,7 @@ from jfsf.mapfiles._formats import (
     LATER_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    NOTES_KEY,
     VERTEX_KEYS,
     Arrays,
     MapFileError,
@@ -137,6 +138,24 @@ def read_match(path: str | Path) -> Match:
     if all(key in arrays for key in INFO_KEYS):
         fields["info"] = _info(path, arrays)
     return Match(**fields, certificate=Certificate(*certificate))
+
+
+def read_notes(path: str | Path) -> list[str]:
+    """The notes in a file of `write_match`; [] if it has none.
+
+    Raises:
+        MapFileError: missing or damaged file, or notes that are no text.
+    """
+    arrays = read_npz(Path(path))
+    if NOTES_KEY not in arrays:
+        return []
+    notes = np.asarray(arrays[NOTES_KEY]())
+    if notes.dtype.kind != "U" or notes.ndim != 1:
+        raise MapFileError(
+            f"{path}[{NOTES_KEY}]: is {notes.dtype} {notes.shape}, expected lines of "
+            "text; match the pair again"
+        )
+    return notes.tolist()
 
 
 def _info(path: Path, arrays: Arrays) -> MatchInfo | None:

@@ -1,5 +1,6 @@
 """Maps, matches and MATLAB's variables -> files."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from jfsf.mapfiles._formats import (
     INFO_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    NOTES_KEY,
     VERTEX_KEYS,
     MapFileError,
     first_index,
@@ -77,6 +79,7 @@ def write_match(
     *,
     index_x: ArrayLike | None = None,
     index_y: ArrayLike | None = None,
+    notes: Sequence[str] = (),
 ) -> None:
     """Write a Match as `.npz`: T_xy, T_yx (int32, 0-based), C_yx, certificate_*.
 
@@ -91,6 +94,8 @@ def write_match(
         index_x, index_y: the original vertex of each vertex of X and of Y, if these are
             parts of larger meshes; see `jfsf.mesh.Submesh`. Written under these names,
             or left out if None.
+        notes: sentences on how it was made, such as what was left out of a mesh; for
+            `read_notes`.
 
     Raises:
         MapFileError: the suffix is not `.npz`, or a folder that cannot be written.
@@ -122,6 +127,8 @@ def write_match(
     for name, index in (("index_x", index_x), ("index_y", index_y)):
         if index is not None:
             arrays[name] = np.asarray(index)
+    if notes:
+        arrays[NOTES_KEY] = np.array(list(notes))
     _save(path, lambda file: np.savez_compressed(file, **arrays))
 
 

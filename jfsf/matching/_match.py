@@ -17,6 +17,7 @@ from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import (
     MatchInputs,
+    check_one_unit,
     checked_descriptors,
     checked_initial,
     checked_landmarks,
@@ -104,7 +105,8 @@ def match(
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
         ValueError: landmarks, descriptors or an initial map that do not fit the meshes,
-            an unknown orientation, or no overlap found with `partial`.
+            an unknown orientation, or with `partial` no overlap found, or shapes whose
+            sizes differ by 12 times or more, as in millimetres and in metres.
     """
     meshes = _checked(mesh_x, mesh_y, settings)
     host = _Host(cache, cache, progress)
@@ -418,6 +420,10 @@ def _partial(
         match = _match(shapes, inputs, settings, host)
         all_x, all_y = (jnp.ones(len(mesh.vertices), bool) for mesh in meshes.values())
         return match._replace(matched_x=all_x, matched_y=all_y)
+
+    # A map tells the scale itself.
+    if inputs.initial is None:
+        check_one_unit(*meshes.values())
 
     def refine(part_x, part_y, T_xy, landmarks=None):
         host.say("refinement of a region")

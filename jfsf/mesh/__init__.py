@@ -21,6 +21,7 @@ Read in this order:
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
 - `_read`: read a mesh file of any of these formats
+- `_colours`: the colours of its vertices
 """
 
 from jfsf.mesh._check import Report, check, validate
@@ -33,6 +34,7 @@ from jfsf.mesh._closest import (
     surface_tree,
 )
 from jfsf.mesh._coarsen import coarsen
+from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
 from jfsf.mesh._edit import Submesh, largest_component, weld
@@ -104,6 +106,7 @@ __all__ = [
     "unclear_winding",
     "validate",
     "vertex_areas",
+    "vertex_colours",
     "vertex_components",
     "vertex_normals",
     "weld",

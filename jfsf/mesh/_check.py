@@ -167,10 +167,12 @@ def validate(
     loose = np.ones(n, bool)
     loose[faces] = False
     if loose.any():
-        raise MeshError(
-            f"{name}: vertex {np.argmax(loose)} and {loose.sum() - 1} others belong "
-            "to no face; remove them, as largest_component does"
-        )
+        first, others = np.argmax(loose), int(loose.sum()) - 1
+        what = f"vertex {first} belongs to no face; remove it"
+        if others:
+            many = f"{others} others" if others > 1 else "1 other"
+            what = f"vertex {first} and {many} belong to no face; remove them"
+        raise MeshError(f"{name}: {what}, as without_strays and largest_component do")
     if not components:
         return
     pieces = vertex_components(faces, n).max() + 1

@@ -28,17 +28,8 @@ def parse_gltf(path: Path) -> Mesh:
         MeshError: a compression that trimesh cannot read. Errors of trimesh pass
             through.
     """
-    _check_accessors(_scene(path.read_bytes()))
-    import trimesh  # Slow to import, and no other format needs it.
-
-    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
-    rank = {name: i for i, name in enumerate(scene.geometry)}
-    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
     points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
-        part = scene.geometry[name]
-        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
-            continue
+    for matrix, name, part in scene_parts(path):
         xyz = np.asarray(part.vertices, np.float64)
         if not xyz.any():
             # trimesh gives zeros for draco data if DracoPy is not installed.
@@ -52,6 +43,28 @@ def parse_gltf(path: Path) -> Mesh:
         triangles.append(faces[:, ::step] + total)
         total += len(xyz)
     return Mesh(np.concatenate(points), np.concatenate(triangles))
+
+
+def scene_parts(path: Path) -> list[tuple[np.ndarray, str, Any]]:
+    """The placed parts of a scene that are read, in the order of their vertices.
+
+    Returns:
+        Of each the matrix that places it, its name and trimesh's Trimesh or PointCloud.
+
+    Raises:
+        MeshError: as `parse_gltf`.
+    """
+    _check_accessors(_scene(path.read_bytes()))
+    import trimesh  # Slow to import, and no other format needs it.
+
+    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    rank = {name: i for i, name in enumerate(scene.geometry)}
+    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    return [
+        (np.asarray(matrix), str(name), scene.geometry[name])
+        for matrix, name in sorted(parts, key=lambda part: rank[part[1]])
+        if isinstance(scene.geometry[name], trimesh.Trimesh | trimesh.PointCloud)
+    ]
 
 
 def _scene(data: bytes) -> dict[str, Any]:

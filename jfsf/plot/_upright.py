@@ -3,6 +3,9 @@
 up and front are those of the highest score, a weighted sum of the cues of both. The
 weights are fitted to bodies whose axes are known (`experiments/upright.py`).
 
+A sheet, such as a scan of a face or a mask, is seen along its mean normal, from the
+side on which it bulges: from elsewhere a turn about that normal could not be seen.
+
 It finds how people and animals stand, walk, kick or sit, in any axes and unit. It
 cannot know what the geometry does not tell:
 
@@ -40,6 +43,11 @@ _SURE = 1.0
 # of the shape.
 _STAYS = 0.2
 _ROUNDS = 30
+# Length of the mean normal, by area, from which a shape is a sheet: 1 for a plane, 0.5
+# for half a sphere, 0.37 for the face of an embedded body, 0.06 at most for all of it.
+_SHEET = 0.3
+# Cosine of the angle between its mean normal and an up that is known: beyond, it lies.
+_LIES = 0.9
 TRIED = 16  # directions whose fronts are looked at, 8 degrees apart
 FRONTS = 24
 # Degrees around a direction in which the good ones settle where it is.
@@ -53,10 +61,12 @@ class Frame(NamedTuple):
     axes: (3, 3), columns right, up and towards the viewer, a rotation.
     margin: score above that of the best frame that differs by more than 45 degrees; a
         logit. Below about 1 the frame is a guess.
+    sheet: whether the front is the mean normal of a sheet.
     """
 
     axes: Float[np.ndarray, "3 3"]
     margin: float
+    sheet: bool = False
 
 
 def find_frame(mesh: Mesh, up: Float[np.ndarray, " 3"] | None = None) -> Frame:
@@ -71,6 +81,14 @@ def find_frame(mesh: Mesh, up: Float[np.ndarray, " 3"] | None = None) -> Frame:
 
 def frame_from(seen: Cues, up: Float[np.ndarray, " 3"] | None = None) -> Frame:
     """`find_frame` from the cues."""
+    facing = seen.weight @ seen.normals
+    if np.linalg.norm(facing) >= _SHEET:
+        facing = facing / np.linalg.norm(facing)
+        if up is None:
+            return _sheet(seen, facing)
+        if abs(facing @ up) < _LIES * np.linalg.norm(up):
+            axes = frame_of(np.array(up, float) / np.linalg.norm(up), facing)
+            return Frame(axes, np.inf, True)
     if up is None:
         scores = up_cues(seen, seen.ups) @ UP_WEIGHTS
         order = np.argsort(-scores, kind="stable")
@@ -84,6 +102,18 @@ def frame_from(seen: Cues, up: Float[np.ndarray, " 3"] | None = None) -> Frame:
     other = scores[turn < np.cos(np.radians(45))]
     margin = float(scores.max() - other.max()) if len(other) else np.inf
     return Frame(_settled(seen, best, up is None), margin)
+
+
+def _sheet(seen: Cues, facing) -> Frame:
+    """The frame of a sheet that faces the viewer: which way it stands."""
+    ups = circle(facing, 120)
+    scores = up_cues(seen, ups) @ UP_WEIGHTS
+    best = ups[scores.argmax()]
+    other = scores[ups @ best < np.cos(np.radians(45))]
+    up = _middle(ups, scores, best, _UP_WITHIN)
+    up = up - (up @ facing) * facing
+    axes = frame_of(up / np.linalg.norm(up), facing)
+    return Frame(axes, float(scores.max() - other.max()), True)
 
 
 def find_frames(
@@ -161,11 +191,19 @@ def _centred(points, weight):
 
 
 def _carried(sure: Frame, own: Frame, turn) -> Frame:
-    carried = frame_of(sure.axes[:, 1] @ turn, sure.axes[:, 2] @ turn)
+    up, front = sure.axes[:, 1] @ turn, sure.axes[:, 2] @ turn
+    if own.sheet and sure.sheet:
+        # Each faces the viewer: the map tells how it stands only.
+        front = own.axes[:, 2]
+        up = up - (up @ front) * front
+        if (length := np.linalg.norm(up)) < 1e-6:
+            return own
+        up = up / length
+    carried = frame_of(up, front)
     agrees = (np.einsum("ij,ij->", carried, own.axes) - 1) / 2
     if own.margin > _SURE or agrees > np.cos(np.radians(_AGREES)):
         return own
-    return Frame(carried, sure.margin)
+    return Frame(carried, sure.margin, own.sheet)
 
 
 def _fronts(seen: Cues, up):

@@ -1,4 +1,7 @@
-"""A certificate in words: how sure, why, and what to try."""
+"""A certificate in words: how sure, why, and what to try.
+
+This file is long because all sentences on a map are in one place.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -32,6 +35,16 @@ SMALL_GAP = 0.1
 MIN_SHARE = 0.5
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
+# Of figures that are nan: a word in place of the number, and why.
+_NO_PLAN = "not measured", "the last conversion made no transport plan"
+_NOT_BENT = "not measured", "the shapes were not bent onto each other as surfaces"
+_WHY_UNKNOWN = {
+    "gap": ("no rival", "no second candidate was compared"),
+    "share": ("not compared", "no other map was tried"),
+    **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
+    **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),
+    "log_odds": _NOT_BENT,
+}
 
 
 class Finding(NamedTuple):
@@ -76,7 +89,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "gap": "extra energy of the second candidate, relative; 0 is a tie",
         "nn_agreement": "share that nearest neighbour maps alike",
         "recall": "share of nearest neighbours that the last search found",
-        "finite": "every number is finite",
+        "finite": "whether every number that the map is made from is finite",
         "energy": "departure from an isometry",
         "log_stretch_std": "how unevenly the map stretches; 0 for a similarity",
         "residual": "distance left between the bent shapes, in sqrt(area)",
@@ -94,8 +107,23 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         value = np.asarray(value)
         form = "+.2f" if name == "orientation" else ".4g"
         text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
-        texts[name] = text, meaning.get(name, "")
+        reading = meaning.get(name, "")
+        if np.isnan(value):
+            text, reading = _unknown(name, reading)
+        elif name == "gap" and np.isinf(value):
+            text, reading = "no rival", "no second candidate differs from the first"
+        texts[name] = text, reading
     return texts
+
+
+def _unknown(name: str, reading: str) -> tuple[str, str]:
+    """The text and the reading of a figure that is nan: that it was not measured."""
+    if name in _WHY_UNKNOWN:
+        return _WHY_UNKNOWN[name]
+    # These say themselves why they are not known.
+    if name in ("orientation", "confidence"):
+        return "unknown", reading
+    return "not measured", reading
 
 
 def findings(
@@ -174,7 +202,7 @@ def findings(
         ),
         (
             bool(certificate.empty),
-            f"{int(certificate.empty)} vertices got no mass",
+            f"{_counted(int(certificate.empty), 'vertex', 'vertices')} got no mass",
             "A few do no harm. Many: remesh the shapes more evenly.",
         ),
     ]
@@ -260,6 +288,10 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     return sentences
 
 
+def _counted(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
+
+
 def _of_parts(certificate: Certificate) -> bool:
     """Whether it is of a region that two shapes share: clouds have no log odds."""
     unknown = np.isnan(float(certificate.confidence))
@@ -281,7 +313,7 @@ def attempts(info: MatchInfo) -> str:
     if len(info.source) == 1:
         return f"One start was attempted ({info.start})."
     tried = ", ".join(
-        f"{name} {confidence:.2f}"
+        f"{name} {'unknown' if np.isnan(confidence) else f'{confidence:.2f}'}"
         for name, confidence in zip(info.sources, info.confidence, strict=True)
     )
     return (
