@@ -115,7 +115,7 @@ def peak():
     """Most memory so far, in MB."""
     try:
         # On Linux the other number may be that of the process that started this one.
-        status = Path("/proc/self/status").read_text()
+        status = Path("/proc/self/status").read_text(encoding="utf-8")
         return int(status.split("VmHWM:")[1].split()[0]) >> 10
     except (OSError, IndexError):
         unit = 20 if sys.platform == "darwin" else 10

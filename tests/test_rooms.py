@@ -33,7 +33,7 @@ def modules(package: Path) -> set[str]:
 def imported(path: Path) -> list[str]:
     """What a file imports from the package, as dotted names below it."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
             found += [n for n in names if n.startswith("jfsf.")]
@@ -149,12 +149,38 @@ def test_one_file_imports_a_solver(package, files):
 def roots_imported(path: Path) -> set[str]:
     """Top-level names of the packages that a file imports."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module.partition(".")[0])
         elif isinstance(node, ast.Import):
             found |= {alias.name.partition(".")[0] for alias in node.names}
     return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_text_is_read_and_written_as_utf8(path):
+    # Ruff's PLW1514 sees only objects that it knows to be paths or files.
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.Call):
+            continue
+        method = getattr(node.func, "attr", getattr(node.func, "id", ""))
+        written = method == "write_text" and isinstance(node.func, ast.Attribute)
+        opened = method in ("open", "NamedTemporaryFile", "fdopen", "TextIOWrapper")
+        words = [a.value for a in node.args if isinstance(a, ast.Constant)]
+        flags = [w for w in words if isinstance(w, str) and set(w) <= set("rwxabt+")]
+        binary = opened and any("b" in flag for flag in flags)
+        # Of other things than text: os.open, and members of an archive.
+        other = (
+            opened
+            and "os.O_" in ast.unparse(node)
+            or method == "open"
+            and (ast.unparse(node.func) in ("os.open", "file.open", "_open"))
+        )
+        if method == "read_text" and node.args:
+            continue  # of jfsf.mapfiles, for a path
+        if (method == "read_text" or written or opened) and not (binary or other):
+            names = [keyword.arg for keyword in node.keywords]
+            assert "encoding" in names, f"{path}:{node.lineno}: name the encoding"
 
 
 def test_products_are_precise_in_one_place():

@@ -45,6 +45,7 @@ from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
+from jfsf.mesh import stem_of
 from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
 
@@ -311,8 +312,8 @@ def match(
         if report is not None:
             write_report(
                 report,
-                Side(mesh_x, x.stem, shape_x.index),
-                Side(mesh_y, y.stem, shape_y.index),
+                Side(mesh_x, stem_of(x), shape_x.index),
+                Side(mesh_y, stem_of(y), shape_y.index),
                 matched,
                 orientation=orientation.value,  # type: ignore
                 truth=truth,
@@ -333,9 +334,8 @@ def match(
     if not partial and likely_part(mesh_x, mesh_y):
         notes.append("one shape has a long boundary: if it is a part, pass --partial")
     for path, shape in ((x, shape_x), (y, shape_y)):
-        if shape.repaired is not None:
-            words = ", ".join(shape.repaired.done) or "nothing to repair"
-            console.print(f"{path}: {words}", soft_wrap=True, markup=False)
+        for line in shape.said:
+            console.print(f"{path}: {line}", soft_wrap=True, markup=False)
     for line in known.said:
         console.print(line, soft_wrap=True, markup=False)
     for line in notes:

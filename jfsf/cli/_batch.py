@@ -1,6 +1,8 @@
 """jfsf batch: many pairs, through dask.distributed."""
 
 import functools
+import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 from time import perf_counter
 from typing import Annotated, Any
@@ -32,6 +34,8 @@ from jfsf.cli._summary import (
     summary_table,
     write_summary,
 )
+
+NOTES = "notes"  # folder of what is said of each mesh
 
 
 def batch(
@@ -109,7 +113,10 @@ def batch(
                 list(jobs.values()),
                 client,
                 prepare=functools.partial(
-                    prepare, largest=largest_component, mend=repair
+                    prepare,
+                    largest=largest_component,
+                    mend=repair,
+                    notes=out.absolute() / NOTES,
                 ),
                 work=functools.partial(work, report=report, **options),
                 done=_is_reported if report else _is_done,
@@ -126,7 +133,8 @@ def batch(
             for pair in listed
         ]
     )
-    written = write_summary(out, ordered, options)
+    said = notes_of(out / NOTES, [path for job in jobs.values() for path in job.inputs])
+    written = write_summary(out, ordered, options, said)
     if report:
         written = *written, batch_index(out, ordered)
     console = Console()
@@ -135,17 +143,54 @@ def batch(
     for row in failed:
         text = f"failed: {row['x']}, {row['y']}: {row['reason']}"
         console.print(text, soft_wrap=True, markup=False)
+    for path, lines in said.items():
+        for line in lines:
+            console.print(f"{path}: {line}", soft_wrap=True, markup=False)
     for path in written:
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
     if failed:
         raise typer.Exit(1)
 
 
-def prepare(path: Path, largest: bool, mend: bool = False) -> None:
-    """Check a mesh and put its spectrum into the cache, for all of its pairs."""
-    from jfsf.matching import basis
+def prepare(
+    path: Path, largest: bool, mend: bool = False, notes: Path | None = None
+) -> None:
+    """Check a mesh and put its spectrum into the cache, for all of its pairs.
 
-    basis(matchable(path, largest, mend).mesh, name=str(path))
+    Args:
+        path: of the mesh.
+        largest, mend: as `matchable`.
+        notes: folder for what is to be said of it, which a run that goes on later says
+            again.
+    """
+    from jfsf.matching import basis
+    from jfsf.storage import write_text
+
+    shape = matchable(path, largest, mend)
+    if notes is not None:
+        file = _note_file(notes, path)
+        if shape.said:
+            notes.mkdir(exist_ok=True)
+            write_text(file, "".join(f"{line}\n" for line in shape.said))
+        else:
+            file.unlink(missing_ok=True)
+    basis(shape.mesh, name=str(path))
+
+
+def notes_of(folder: Path, paths: Iterable[Path]) -> dict[str, list[str]]:
+    """What `prepare` noted of these meshes, for those of which it noted something."""
+    found = {}
+    for path in dict.fromkeys(paths):
+        file = _note_file(folder, path)
+        if file.exists():
+            found[str(path)] = file.read_text(encoding="utf-8").splitlines()
+    return found
+
+
+def _note_file(folder: Path, path: Path) -> Path:
+    # Meshes of different folders may have one name.
+    key = hashlib.sha256(str(path).encode("utf-8", "surrogateescape")).hexdigest()
+    return folder / f"{path.stem}-{key[:12]}.txt"
 
 
 def work(

@@ -40,7 +40,7 @@ def begin(out: Path, options: dict) -> None:
     path = out / SETTINGS
     if path.exists():
         try:
-            before = json.loads(path.read_text())
+            before = json.loads(path.read_text(encoding="utf-8"))
         except ValueError:
             before = None
         if before != options:

@@ -96,9 +96,15 @@ def doubtful_first(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def write_summary(
-    folder: Path, rows: list[dict[str, Any]], settings: dict[str, Any]
+    folder: Path,
+    rows: list[dict[str, Any]],
+    settings: dict[str, Any],
+    meshes: dict[str, list[str]],
 ) -> tuple[Path, Path]:
-    """Write summary.csv, a line a pair, and summary.json, with the settings too."""
+    """Write summary.csv, a line a pair, and summary.json.
+
+    The latter has the settings, and what is said of meshes, by their paths, too.
+    """
     from jfsf import __version__
     from jfsf.storage import write_text
 
@@ -109,7 +115,8 @@ def write_summary(
     for row in rows:
         lists = {name: "; ".join(map(str, row[name] or ())) for name in joined}
         table.writerow(row | lists)
-    record = {"jfsf": __version__, "settings": settings, "pairs": rows}
+    record = {"jfsf": __version__, "settings": settings}
+    record |= {"meshes": meshes, "pairs": rows}
     written = folder / "summary.csv", folder / "summary.json"
     write_text(written[0], text.getvalue())
     write_text(written[1], json.dumps(record, indent=1) + "\n")

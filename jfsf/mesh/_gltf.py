@@ -4,6 +4,7 @@ trimesh fills with zeros what it cannot decode, and as many as the file says. So
 scene is looked through first.
 """
 
+import io
 import json
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,20 +19,32 @@ MOST_ZEROS = 1_000_000  # items without data, of what is no vertex or face: morp
 _DRACO = "KHR_draco_mesh_compression"
 
 
-def parse_gltf(path: Path) -> Mesh:
+def parse_gltf(data: bytes, folder: Path, suffix: str) -> Mesh:
     """Read the triangles and points of a glTF or GLB scene, in world coordinates.
 
     Parts come in the order of the file's meshes. Lines are left out; skins and morphs
     stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
 
+    Args:
+        data: contents of the file.
+        folder: of the file, with the other files that a .gltf may name.
+        suffix: ".glb" or ".gltf".
+
     Raises:
         MeshError: a compression that trimesh cannot read. Errors of trimesh pass
             through.
     """
-    _check_accessors(_scene(path.read_bytes()))
+    _check_accessors(_scene(data))
     import trimesh  # Slow to import, and no other format needs it.
+    from trimesh.resolvers import FilePathResolver
 
-    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    scene = trimesh.load_scene(
+        io.BytesIO(data),
+        file_type=suffix[1:],
+        resolver=FilePathResolver(str(folder)),
+        process=False,
+        skip_materials=True,
+    )
     rank = {name: i for i, name in enumerate(scene.geometry)}
     parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
     points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
