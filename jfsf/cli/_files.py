@@ -159,6 +159,9 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
         shape = Shape(mesh, index, partner, file, said=(dropped,) * bool(dropped))
     elif (left := without_strays(file)).done:
         shape = Shape(*left[:3], file, left, left.done)
+    elif len(file.faces) == 0 and (would := repair(file, name=str(path)).done):
+        # What a scanner adds to a cloud misleads the match without a sign of it.
+        shape = shape._replace(said=(f"--repair would mend: {', '.join(would)}",))
     check_mesh(shape.mesh, path)
     return shape._replace(said=(*notes, *shape.said))
 

@@ -116,7 +116,7 @@ def _pieces(mesh: Mesh) -> list[str]:
         return []
     counts = np.unique(owner[outside], return_counts=True)[1]
     area = face_areas(np.asarray(mesh.vertices), faces)
-    low, high = counts.min(), counts.max()
+    low, high = int(counts.min()), int(counts.max())
     size = f"{low} to {high} faces" if low < high else f"{low} face{'s' * (low > 1)}"
     share = area[outside].sum() / area.sum() if area.any() else 0.0
     each = " each" * (low == high and len(counts) > 1)
@@ -124,26 +124,6 @@ def _pieces(mesh: Mesh) -> list[str]:
         f"separate pieces: {len(counts)} beside the largest, of {size}{each}, "
         f"{share:.2%} of the area"
     ]
-
-
-def _added(cloud: Mesh) -> list[str]:
-    """What does not belong to the shape of a point cloud."""
-    from jfsf.mesh import floor_points, outliers
-
-    flaws, n = [], len(cloud.vertices)
-    far = outliers(cloud)
-    if number := int(far.sum()):
-        flaws.append(
-            f"outliers: {number} points ({number / n:.1%}) are far from all others; "
-            "--repair removes them"
-        )
-    rest = Mesh(cloud.vertices[~far], cloud.faces)
-    if number := int(floor_points(rest).sum()):
-        flaws.append(
-            f"floor or wall: planes at the outside hold {number} points "
-            f"({number / n:.0%}); --repair removes them"
-        )
-    return flaws
 
 
 def _flaws(mesh: Mesh) -> list[str]:
@@ -164,7 +144,7 @@ def _flaws(mesh: Mesh) -> list[str]:
     flaws = []
     if (coarse := rounding(mesh)) is not None:
         flaws.append(f"rounded: {coarse}")
-    flaws += _pieces(mesh) if len(mesh.faces) else _added(mesh)
+    flaws += _pieces(mesh)
     if number := len(mesh.vertices) - len(without_strays(mesh).mesh.vertices):
         flaws.append(f"vertices without a face: match leaves out {number}")
     if number := int(spikes(mesh).sum()):

@@ -29,11 +29,12 @@ ONE_SIDE = 0.98
 # In the distance of neighbours: how far from the plane its points are, and how far from
 # its rim no other points are where it is free.
 THICKNESS = 1.5
-FREE = 5.0
-LEAST_FREE = 0.7  # share of the rim
+FREE = 4.0
+DEVIATIONS = 4.0  # of the noise of a plane, up to which a point belongs to it
+LEAST_FREE = 0.5  # share of the rim; a wall may stand on another part of it
 LEAST_FILLED = 0.5  # share of the convex hull of a floor that has points
 PLANES = 3  # floors and walls that are looked for
-SEEDS = 200  # places where a plane is tried
+SEEDS = 100  # places where a plane is tried
 ENOUGH = 20_000  # points among which planes are tried
 LOCAL = 30  # points of the first plane of a place
 REFITS = 6
@@ -120,7 +121,10 @@ def _floor(points):
         if below.mean() > 1 - ONE_SIDE or (height > thickness).mean() < LEAST_REST:
             continue
         if _ends_free(some, on, _spacing(some, tree)):
-            best, most = (points - centre) @ normal <= thickness, on.sum()
+            # A floor with less noise takes less of what stands on it.
+            noise = np.median(np.abs(height[on])) / 0.6745  # of a normal distribution
+            limit = min(thickness, DEVIATIONS * noise)
+            best, most = (points - centre) @ normal <= limit, on.sum()
     return best
 
 

@@ -5,6 +5,7 @@ libraries are not installed with this package: see `LIBRARIES`.
 """
 
 import io
+import re
 import subprocess
 import sys
 from importlib.util import find_spec
@@ -52,10 +53,10 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
     with np.load(io.BytesIO(done.stdout)) as file:
         arrays = dict(file)
     if said := " ".join(str(arrays["said"]).split()):
-        # After the place in VTK's own code.
-        raise MeshError(
-            f"VTK cannot read it ({said.split('): ', 1)[-1][:120]}); export it again"
-        )
+        # The first of its messages, without the place in VTK's own code.
+        said = re.split(r" ERROR:| Warning:", said.split("): ", 1)[-1])[0]
+        said = said.removesuffix("for file:").strip(" !.")
+        raise MeshError(f"VTK cannot read it ({said[:120]}); export it again")
     if (kind := str(arrays["kind"])) == "vtkPolyData":
         sizes, corners = _cells(arrays, "polys")
         strips = _cells(arrays, "strips")

@@ -151,10 +151,14 @@ def _nonmanifold(faces, n: int):
 def _without_noise(vertices, faces, index, done):
     """The vertices of a cloud that are left of these without outliers and a floor."""
     far = outliers(Mesh(vertices[index], faces))
-    note(done, int(far.sum()), "{vertices} far from all others removed (outliers)")
+    note(done, int(far.sum()), "{vertices} far from all others removed, as outliers")
     index = index[~far]
     flat = floor_points(Mesh(vertices[index], faces))
-    note(done, int(flat.sum()), "{vertices} of a plane removed (a floor or wall)")
+    note(
+        done,
+        int(flat.sum()),
+        "{vertices} of a plane beside the rest removed, as a floor or wall",
+    )
     return index[~flat]
 
 
