@@ -18,13 +18,13 @@ from jfsf.batch import read_pairs
 from jfsf.cli._landmarks import read_known_pairs
 from jfsf.landmarks import read_landmarks
 from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
-from jfsf.mesh import MeshError, read
+from jfsf.mesh import SUFFIXES, MeshError, format_of, read_noted
 
 MEGABYTES = int(sys.argv[1])
 
 
 def mesh(path):
-    vertices, faces = read(path)
+    (vertices, faces), _ = read_noted(path)
     assert vertices.dtype == np.float64 and np.isfinite(vertices).all()
     assert vertices.shape == (len(vertices), 3) and len(vertices) > 0
     assert faces.dtype == np.int32 and faces.shape == (len(faces), 3)
@@ -78,7 +78,7 @@ def grow(path):
 
 MAPS = [indices, partial(indices, base=0), stored]
 READERS = {
-    **dict.fromkeys([".off", ".obj", ".ply", ".stl", ".glb", ".gltf"], [mesh]),
+    **dict.fromkeys(SUFFIXES, [mesh]),
     **dict.fromkeys([".vts", ".map", ".mat"], MAPS),
     ".npz": [*MAPS, match],
     ".csv": [pairs, landmarks],
@@ -128,7 +128,7 @@ def main():
     print("ready", flush=True)
     for line in sys.stdin:
         path = Path(line[1:].rstrip("\n"))
-        first, *others = READERS[path.suffix]
+        first, *others = READERS[format_of(path) or path.suffix]
         found = [fault(first, path, line[0] == "!")]
         found += [fault(reader, path) for reader in others]
         if (size := peak()) > MEGABYTES:
