@@ -31,7 +31,12 @@ ONE_SIDE = 0.98
 THICKNESS = 1.5
 FREE = 4.0
 DEVIATIONS = 4.0  # of the noise of a plane, up to which a point belongs to it
-LEAST_FREE = 0.5  # share of the rim; a wall may stand on another part of it
+LEAST_FREE = 0.6  # share of the rim; a wall may stand on another part of it
+# Share of the other points that are above it, and not beside it as by a flat wing; and
+# the median height of its own points, which are no curved or doubled sheet. By these
+# none of the 169 shapes has a floor; the wings of two birds come next, at 0.5.
+LEAST_ABOVE = 0.6
+FLATNESS = 0.4
 LEAST_FILLED = 0.5  # share of the convex hull of a floor that has points
 PLANES = 3  # floors and walls that are looked for
 SEEDS = 100  # places where a plane is tried
@@ -120,10 +125,12 @@ def _floor(points):
         below = height < -thickness
         if below.mean() > 1 - ONE_SIDE or (height > thickness).mean() < LEAST_REST:
             continue
+        flat = np.median(np.abs(height[on]))
+        if flat > FLATNESS / THICKNESS * thickness:
+            continue
         if _ends_free(some, on, _spacing(some, tree)):
             # A floor with less noise takes less of what stands on it.
-            noise = np.median(np.abs(height[on])) / 0.6745  # of a normal distribution
-            limit = min(thickness, DEVIATIONS * noise)
+            limit = min(thickness, DEVIATIONS * flat / 0.6745)  # as of normal noise
             best, most = (points - centre) @ normal <= limit, on.sum()
     return best
 
@@ -147,17 +154,19 @@ def _refitted(points, near, thickness):
 
 
 def _ends_free(points, on, spacing) -> bool:
-    """Whether a plane's points fill a region whose rim is far from all others."""
-    flat = points[on] - points[on].mean(0)
-    across = np.linalg.svd(flat, full_matrices=False)[2][:2]
-    flat = flat @ across.T
+    """Whether a plane's points fill a region below the others, with a free rim."""
+    away = points - points[on].mean(0)
+    across = np.linalg.eigh(away[on].T @ away[on])[1][:, 1:]
+    flat, rest = away[on] @ across, away[~on] @ across
     try:
         hull = ConvexHull(flat)
     except QhullError:
         return False
-    rim = points[on][hull.vertices]
-    away = KDTree(points[~on]).query(rim)[0]
-    if (away > FREE * spacing).mean() < LEAST_FREE:
+    inside = (rest @ hull.equations[:, :2].T <= -hull.equations[:, 2]).all(1)
+    if inside.mean() < LEAST_ABOVE:
+        return False
+    distance = KDTree(points[~on]).query(points[on][hull.vertices])[0]
+    if (distance > FREE * spacing).mean() < LEAST_FREE:
         return False
     cell = 3 * spacing
     filled = len(np.unique(np.floor(flat / cell), axis=0)) * cell**2
