@@ -58,7 +58,8 @@ def outliers(cloud: Mesh) -> ArrayLike:
     points = _scaled(points)
     for _ in range(ROUNDS):
         left = np.flatnonzero(~found)
-        distance, near = KDTree(points[left]).query(points[left], k=NEIGHBOURS + 1)
+        found_near = KDTree(points[left]).query(points[left], k=NEIGHBOURS + 1)
+        distance, near = map(np.asarray, found_near)
         # The mean of the nearest neighbours; the first is the point itself.
         own = distance[:, 1:].mean(1)
         around = np.median(own[near[:, 1:]], axis=1)
@@ -141,16 +142,20 @@ def _spacing(points, tree):
 
 def _refitted(points, near, thickness):
     """Centre and normal of the plane that grows from these points."""
-    count = 0
+    count, plane = 0, _plane(points[near])
     for _ in range(REFITS):
-        centre = points[near].mean(0)
-        away = points[near] - centre
-        normal = np.linalg.eigh(away.T @ away)[1][:, 0]
-        near = np.flatnonzero(np.abs((points - centre) @ normal) <= thickness)
+        near = np.flatnonzero(np.abs((points - plane[0]) @ plane[1]) <= thickness)
         if len(near) <= max(count, 3):
-            return centre, normal
-        count = len(near)
-    return centre, normal
+            break
+        count, plane = len(near), _plane(points[near])
+    return plane
+
+
+def _plane(points):
+    """Centre and normal."""
+    centre = points.mean(0)
+    away = points - centre
+    return centre, np.linalg.eigh(away.T @ away)[1][:, 0]
 
 
 def _ends_free(points, on, spacing) -> bool:

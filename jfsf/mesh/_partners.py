@@ -59,7 +59,7 @@ def without_nonfinite(mesh: Mesh, *, name: str = "mesh") -> Repaired:
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     check_values(vertices, faces, name, finite=False)
-    good, done = np.isfinite(vertices).all(axis=1), []
+    good, done = np.asarray(np.isfinite(vertices).all(axis=1)), []
     if not good.any():
         check_values(vertices, faces, name)
     lost = ~good[faces].all(axis=1)

@@ -176,9 +176,9 @@ def _mesh(columns):
     names = [name for name in _CORNERS if name in face]
     if face and not names:
         raise MeshError("its faces lack vertex_indices; export the mesh again")
-    polygons = face[names[0]] if face else ([], [])
+    sizes, corners = face[names[0]] if face else ([], [])
     vertices = np.stack(points, axis=1).astype(np.float64)
-    return Mesh(vertices, triangulate(*polygons, vertices))
+    return Mesh(vertices, triangulate(sizes, corners, vertices))
 
 
 def _records(

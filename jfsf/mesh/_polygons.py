@@ -53,11 +53,14 @@ def triangulate(
     before = np.cumsum(pieces) - pieces  # triangles of the polygons before
     step = first + np.arange(len(first)) - np.repeat(before, pieces)
     triangles = np.stack([corners[first], corners[step + 1], corners[step + 2]], axis=1)
-    if np.shape(vertices)[1:] != (3,) or (sizes == 3).all():
+    if vertices is None or (sizes == 3).all():
         return triangles
-    for polygon, (normal, centre) in _concave(sizes, corners, np.asarray(vertices)):
+    points = np.asarray(vertices)
+    if points.shape[1:] != (3,):
+        return triangles
+    for polygon, (normal, centre) in _concave(sizes, corners, points):
         ring = corners[start[polygon] : start[polygon] + sizes[polygon]]
-        flat = _flat(np.asarray(vertices)[ring], normal, centre)
+        flat = _flat(points[ring], normal, centre)
         if not _is_fan(flat) and (ears := _ears(flat)) is not None:
             at = before[polygon]
             triangles[at : at + len(ears)] = ring[ears]

@@ -67,7 +67,7 @@ def rounding(mesh: Mesh) -> Rounding | None:
         edge = lengths.mean() if lengths.any() else edge
     worst = None
     for axis in np.flatnonzero(far / FAR > size):
-        gaps = np.diff(np.unique(placed[:, axis]))
+        gaps = np.asarray(np.diff(np.unique(placed[:, axis])), np.float64)
         step = float(np.quantile(gaps, QUANTILE)) if len(gaps) > 1 else 0.0
         if NOTED * edge < step < COARSEST * (far[axis] / size):
             if worst is None or 2 * step * size > worst.step:
