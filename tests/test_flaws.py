@@ -2,17 +2,23 @@
 
 import gzip
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from test_cli_repair import GOOD
 from typer.testing import CliRunner
 
 import jfsf
 from jfsf import testing
+from jfsf.batch import Job
 from jfsf.cli import app
 from jfsf.cli._batch import notes_of, prepare
+from jfsf.cli._collection import _meshes_in
+from jfsf.cli._collection_jobs import keep, kept
 from jfsf.cli._files import matchable
+from jfsf.joint import Sketch
 from jfsf.mesh import (
     MeshError,
     check,
@@ -27,7 +33,7 @@ from jfsf.mesh import (
     without_holes,
     without_nonfinite,
 )
-from jfsf.types import Mesh
+from jfsf.types import Match, Mesh
 
 BLOB = testing.blob(0)
 N = len(BLOB.vertices)
@@ -370,18 +376,39 @@ def test_many_jobs_remember_what_was_said(tmp_path, monkeypatch):
     prepare(path, largest=True)
 
 
-def test_register_and_match_say_it(tmp_path, monkeypatch):
+def test_match_says_what_it_leaves_out_and_passes_over(tmp_path, monkeypatch):
     path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
     packed = tmp_path / "b.off.gz"
     packed.write_bytes(gzip.compress(path.read_bytes()))
-    seen = []
+    same = np.arange(N)
+    found = Match(same, same, jnp.eye(3), GOOD)
+    monkeypatch.setattr("jfsf.matching.match", lambda x, y, **options: found)
+    words = said(
+        *("match", path, packed, "--largest-component"),
+        *("--out", tmp_path / "map.npz"),
+    )
+    for file in (path, packed):
+        left_out = "--largest-component leaves out 1 other piece with 3 vertices and"
+        assert f"{file}: {left_out}" in words
 
-    def match(x, y, **options):
-        seen.append((len(x.vertices), len(y.vertices)))
-        raise ValueError("no further")
 
-    monkeypatch.setattr("jfsf.matching.match", match)
-    out = tmp_path / "map.npz"
-    result = run("match", path, packed, "--out", out, "--largest-component")
-    assert result.exit_code == 1 and "no further" in result.stderr
-    assert seen == [(N, N)]
+def test_a_collection_remembers_what_was_said(tmp_path, monkeypatch):
+    path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
+    numbers = Sketch(*[np.zeros(2)] * len(Sketch._fields))
+    monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: mesh)
+    monkeypatch.setattr("jfsf.joint.sketch", lambda spectrum: numbers)
+    monkeypatch.setattr("jfsf.joint.check_surface", lambda mesh, name: None)
+    for largest, mend in ((True, False), (False, True)):
+        keep(Job((path,), tmp_path / "a.npz"), largest, mend)
+        own = kept(tmp_path / "a.npz")
+        assert len(own.said) == 1 and "3 vertices" in own.said[0]
+        assert len(own.mesh.vertices) == N
+
+
+def test_a_folder_of_a_collection_may_hold_other_files(tmp_path):
+    for name in ("a.ply", "b.off.gz", "c.xyz", "d.npy", "e.txt", "f.txt.gz"):
+        (tmp_path / name).write_bytes(b"")
+    assert list(_meshes_in(tmp_path)) == ["a", "b"]
+    (tmp_path / "b.OBJ").write_bytes(b"")
+    with pytest.raises(ValueError, match="has the name of .*; rename one"):
+        _meshes_in(tmp_path)
