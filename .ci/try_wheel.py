@@ -41,7 +41,7 @@ check(done.returncode == 0, f"jfsf demo {done.stderr}")
 print(done.stdout, f"{perf_counter() - started:.0f} s", sep="")
 written = sorted(path.name for path in Path("demo").iterdir())
 check(written == ["man_walk_man_up.json"], f"it wrote {written}")
-rows = json.loads(Path("demo", written[0]).read_text())["rows"]
+rows = json.loads(Path("demo", written[0]).read_text(encoding="utf-8"))["rows"]
 error = rows["jfsf.match"]["error"]
 check(error < 0.02, f"the error of jfsf.match is {error:.4f}")
 
@@ -50,7 +50,7 @@ for wanted, command in {
     "jfsf[batch]": ("jfsf", "batch", "pairs.csv", "--out", "maps"),
     "jfsf[docs]": (sys.executable, "-m", "jfsf.guide", "manual"),
 }.items():
-    Path("pairs.csv").write_text("a.off,b.off\n")
+    Path("pairs.csv").write_text("a.off,b.off\n", encoding="utf-8")
     done = run(*command)
     check(
         done.returncode == 1 and f"pip install '{wanted}'" in done.stderr,

@@ -83,7 +83,7 @@ def text_of(paths: Sequence[Path]) -> str:
 
 def read(path: Path) -> list[dict[str, Any]]:
     """The pairs of a results file whose vertices are known."""
-    pairs = json.loads(path.read_text())["pairs"]
+    pairs = json.loads(path.read_text(encoding="utf-8"))["pairs"]
     return [row for row in pairs if row.get("vertices")]
 
 

@@ -310,7 +310,9 @@ def scores(found: np.ndarray, right: np.ndarray) -> dict[str, Any]:
 
 
 def _pairs(path: Path) -> list[dict[str, Any]]:
-    return json.loads(path.read_text())["pairs"] if path.exists() else []
+    if not path.exists():
+        return []
+    return json.loads(path.read_text(encoding="utf-8"))["pairs"]
 
 
 def _tried(pair: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:

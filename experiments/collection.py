@@ -153,7 +153,7 @@ def write_off(path: Path, mesh: Mesh) -> None:
     lines = ["OFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
     lines += [" ".join(map(repr, row)) for row in mesh.vertices.tolist()]
     lines += [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
-    path.write_text("\n".join([*lines, ""]))
+    path.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
 
 def measure(shapes: dict, model: Path, num: int, set_name: str) -> dict:

@@ -238,9 +238,9 @@ def _float32(values):
 
 def _resume(lines: Path, settings: dict) -> dict[tuple[str, str, str], dict]:
     """Results of an earlier run, by pair and method; a torn last line is dropped."""
-    text = lines.read_text() if lines.exists() else ""
+    text = lines.read_text(encoding="utf-8") if lines.exists() else ""
     if "\n" not in text:
-        lines.write_text(json.dumps({"settings": settings}) + "\n")
+        lines.write_text(json.dumps({"settings": settings}) + "\n", encoding="utf-8")
         return {}
     head, *rest = text.splitlines(keepends=True)
     before = json.loads(head)["settings"]

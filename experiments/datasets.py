@@ -59,7 +59,7 @@ def pairs_of(data_set: DataSet) -> list[Pair]:
     """The pairs of a set, in order, each once."""
     if data_set.pairs:
         path = Path(*data_set.folders[:1], data_set.pairs)
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
         found = [_pair(words) for words in map(str.split, lines) if words]
     else:
         found = [Pair(x, y) for x, y in permutations(_names(data_set), 2)]

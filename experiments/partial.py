@@ -156,7 +156,7 @@ def summary(rows: list[dict]) -> list[dict]:
 
 
 def _lines(path: Path) -> list[str]:
-    text = path.read_text() if path.exists() else ""
+    text = path.read_text(encoding="utf-8") if path.exists() else ""
     return [line for line in text.splitlines(keepends=True) if line.endswith("\n")]
 
 

@@ -64,5 +64,6 @@ def anchors(text: str) -> set[str]:
 def docstrings(path: Path) -> list[str]:
     """Those of a module, its classes and its functions."""
     kinds = ast.Module | ast.ClassDef | ast.FunctionDef
-    nodes = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, kinds)]
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    nodes = [n for n in ast.walk(tree) if isinstance(n, kinds)]
     return [text for text in map(ast.get_docstring, nodes) if text]

@@ -1,6 +1,7 @@
 """A small sound file of every format that is read."""
 
 import base64
+import gzip
 import io
 import json
 import struct
@@ -67,6 +68,11 @@ def mat_parts(data: bytes):
     return parts, join
 
 
+def gz_parts(data: bytes):
+    """What is packed; its checksum will be right."""
+    return [gzip.decompress(data)], lambda parts: gzip.compress(parts[0], mtime=0)
+
+
 def glb_parts(data: bytes):
     """The JSON and the numbers of a .glb; their lengths will be right."""
     size = struct.unpack_from("<I", data, 12)[0]
@@ -95,6 +101,7 @@ def formats() -> dict[str, Format]:
         ".vts": [f"{i}\n" for i in range(1, 60)],
         ".map": [f"{i:e}\n" for i in range(1, 60)],
         ".csv": ["x,y\n# both\na.off, b/c.off\n\n", '"d,e.off",/f/g.obj\n', "b,a\n"],
+        ".xyz": ["# a scan\n42\n", *points],
         ".txt": ["# head, foot\n3 8\n\n4 9  # knee\n0 1\n"],
     }
     found = {
@@ -111,6 +118,10 @@ def formats() -> dict[str, Format]:
         data = source.export(file_type=kind, **options)
         data = data if isinstance(data, bytes) else data.encode()
         found[name] = Format(f".{kind[:3]}", data, glb_parts if kind == "glb" else None)
+    packed = gzip.compress(found["off"].data, mtime=0)
+    found["packed off"] = Format(".off.gz", packed, gz_parts)
+    np.save(held := io.BytesIO(), v)
+    found["npy"] = Format(".npy", held.getvalue())
     found["gltf"] = Format(".gltf", _embedded(scene))
     T, values = np.arange(1, 60), {"T_xy": np.arange(1, 60), "C": np.eye(4), "s": "a"}
     for name, options, parts in (

@@ -17,13 +17,13 @@ import numpy as np
 from jfsf.batch import read_pairs
 from jfsf.landmarks import read_landmarks, read_vertex_pairs
 from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
-from jfsf.mesh import MeshError, read
+from jfsf.mesh import SUFFIXES, MeshError, format_of, read_noted
 
 MEGABYTES = int(sys.argv[1])
 
 
 def mesh(path):
-    vertices, faces = read(path)
+    (vertices, faces), _ = read_noted(path)
     assert vertices.dtype == np.float64 and np.isfinite(vertices).all()
     assert vertices.shape == (len(vertices), 3) and len(vertices) > 0
     assert faces.dtype == np.int32 and faces.shape == (len(faces), 3)
@@ -77,7 +77,7 @@ def grow(path):
 
 MAPS = [indices, partial(indices, base=0), stored]
 READERS = {
-    **dict.fromkeys([".off", ".obj", ".ply", ".stl", ".glb", ".gltf"], [mesh]),
+    **dict.fromkeys(SUFFIXES, [mesh]),
     **dict.fromkeys([".vts", ".map", ".mat"], MAPS),
     ".npz": [*MAPS, match],
     ".csv": [pairs, landmarks],
@@ -114,7 +114,7 @@ def peak():
     """Most memory so far, in MB."""
     try:
         # On Linux the other number may be that of the process that started this one.
-        status = Path("/proc/self/status").read_text()
+        status = Path("/proc/self/status").read_text(encoding="utf-8")
         return int(status.split("VmHWM:")[1].split()[0]) >> 10
     except (OSError, IndexError):
         unit = 20 if sys.platform == "darwin" else 10
@@ -127,7 +127,7 @@ def main():
     print("ready", flush=True)
     for line in sys.stdin:
         path = Path(line[1:].rstrip("\n"))
-        first, *others = READERS[path.suffix]
+        first, *others = READERS[format_of(path) or path.suffix]
         found = [fault(first, path, line[0] == "!")]
         found += [fault(reader, path) for reader in others]
         if (size := peak()) > MEGABYTES:

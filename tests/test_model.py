@@ -466,7 +466,7 @@ def test_files(make, tmp_path):
 
     names = [f"shape, {i}" for i in range(len(model.scores))]
     room.write_scores(tmp_path / "scores.csv", names, model)
-    with open(tmp_path / "scores.csv", newline="") as file:
+    with open(tmp_path / "scores.csv", encoding="utf-8", newline="") as file:
         title, *rows = csv.reader(file)
     assert title[:3] == ["name", "score_1", "score_2"]
     assert [row[0] for row in rows] == names

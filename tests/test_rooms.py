@@ -33,7 +33,7 @@ def modules(package: Path) -> set[str]:
 def imported(path: Path) -> list[str]:
     """What a file imports from the package, as dotted names below it."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
             found += [n for n in names if n.startswith("jfsf.")]
@@ -149,12 +149,23 @@ def test_one_file_imports_a_solver(package, files):
 def roots_imported(path: Path) -> set[str]:
     """Top-level names of the packages that a file imports."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module.partition(".")[0])
         elif isinstance(node, ast.Import):
             found |= {alias.name.partition(".")[0] for alias in node.names}
     return found
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_text_is_read_and_written_as_utf8(path):
+    # Ruff's PLW1514 sees only objects that it knows to be paths or files. Functions
+    # of these names that are not methods are the package's own.
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            if node.func.attr in ("read_text", "write_text"):
+                names = [keyword.arg for keyword in node.keywords]
+                assert "encoding" in names, f"{path}:{node.lineno}: name the encoding"
 
 
 def test_products_are_precise_in_one_place():

@@ -48,6 +48,7 @@ from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
 from jfsf.cli._warm_up import warm_up
 from jfsf.cli._words import print_any_letter, sentence
+from jfsf.mesh import stem_of
 from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
 
@@ -271,8 +272,8 @@ def match(
         if report is not None:
             write_report(
                 report,
-                Side(shape_x.mesh, x.stem, shape_x.index),
-                Side(shape_y.mesh, y.stem, shape_y.index),
+                Side(shape_x.mesh, stem_of(x), shape_x.index),
+                Side(shape_y.mesh, stem_of(y), shape_y.index),
                 matched,
                 orientation=orientation.value,  # type: ignore
                 truth=truth,

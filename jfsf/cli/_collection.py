@@ -40,6 +40,7 @@ from jfsf.cli._runs import (
     raising_interrupts,
 )
 from jfsf.cli._words import in_options
+from jfsf.mesh import CLOUDS, format_of, stem_of
 
 PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
 
@@ -149,6 +150,9 @@ def collection(
         written.append(write_pages_index(out, rows, name))
     console = Console()
     console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
+    for name, own in shapes.items():
+        for line in own.said:
+            console.print(f"{paths[name]}: {line}", soft_wrap=True, markup=False)
     for name, why in reasons.items():
         text = f"left out: {paths[name]}: {why}"
         console.print(text, soft_wrap=True, markup=False)
@@ -161,19 +165,19 @@ def collection(
 
 
 def _meshes_in(folder: Path) -> dict[str, Path]:
-    """The mesh files of a folder by their names without endings, in order."""
-    from jfsf.mesh import SUFFIXES
+    """The mesh files of a folder by their names without endings, in order.
 
+    Files of point clouds are passed over: collections are of surfaces.
+    """
     if not folder.is_dir():
         raise ValueError(f"{folder}: is no folder; give one with two meshes or more")
     found: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
-        if path.suffix.lower() in SUFFIXES and path.is_file():
-            if path.stem in found:
-                raise ValueError(
-                    f"{path}: has the name of {found[path.stem]}; rename one"
-                )
-            found[path.stem] = path.absolute()
+        if format_of(path) not in ("", *CLOUDS) and path.is_file():
+            name = stem_of(path)
+            if name in found:
+                raise ValueError(f"{path}: has the name of {found[name]}; rename one")
+            found[name] = path.absolute()
     return found
 
 
@@ -213,9 +217,10 @@ def _number(shapes, reasons, template: Path | None) -> int | None:
     """Of the template among the shapes."""
     if template is None:
         return None
-    if template.stem in reasons:
-        raise ValueError(f"{template}: {reasons[template.stem]}")
-    return list(shapes).index(template.stem)
+    name = stem_of(template)
+    if name in reasons:
+        raise ValueError(f"{template}: {reasons[name]}")
+    return list(shapes).index(name)
 
 
 def _grown(out, shapes, template, run):
@@ -275,11 +280,10 @@ def _with_template(template: Path, paths: dict[str, Path]) -> dict[str, Path]:
     """The files, with a template that is not in the folder before them."""
     if not template.is_file():
         raise ValueError(f"{template}: is no file; check the path")
-    if template.stem in paths:
-        raise ValueError(
-            f"{template}: has the name of {paths[template.stem]}; rename one"
-        )
-    return {template.stem: template.absolute(), **paths}
+    name = stem_of(template)
+    if name in paths:
+        raise ValueError(f"{template}: has the name of {paths[name]}; rename one")
+    return {name: template.absolute(), **paths}
 
 
 def _points(landmarks: Path | None, template: Path | None):

@@ -18,11 +18,13 @@ class Kept(NamedTuple):
     mesh: what is left of the file.
     at: the vertex in the file of each vertex.
     sketch: of `jfsf.joint.sketch`.
+    said: of the `Shape`.
     """
 
     mesh: Mesh
     at: np.ndarray
     sketch: Any
+    said: tuple[str, ...] = ()
 
 
 def nothing(path: Path) -> None:
@@ -44,6 +46,7 @@ def keep(job, largest: bool, mend: bool) -> None:
         "vertices": np.asarray(shape.mesh.vertices),
         "faces": np.asarray(shape.mesh.faces),
         "index": index.astype(np.int32),
+        "said": np.array(shape.said, str),
         **sketch(basis(shape.mesh, name=str(path)))._asdict(),
     }
     write_atomically(job.out, lambda file: np.savez(file, **arrays))
@@ -56,7 +59,7 @@ def kept(path: Path) -> Kept:
     with np.load(path) as file:
         mesh = Mesh(file["vertices"], file["faces"])
         numbers = Sketch(*(file[name] for name in Sketch._fields))
-        return Kept(mesh, file["index"], numbers)
+        return Kept(mesh, file["index"], numbers, tuple(file["said"].tolist()))
 
 
 def match_pair(job, orientation: str) -> None:

@@ -37,7 +37,10 @@ BaseOption = Annotated[
     ),
 ]
 
-FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
+FORMATS = (
+    "OFF, OBJ, PLY, STL, GLB, glTF, VTK (.vtk, .vtp), GIFTI (.gii), .xyz or .npy file; "
+    "also .gz."
+)
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
 
@@ -113,6 +116,10 @@ def sides_in_doubt(mesh: Mesh) -> str:
     return f"the winding of {share:.0%} of its area is unclear"
 
 
+# Of a mesh that was to be repaired.
+UNTOUCHED = "nothing to repair"
+
+
 class Shape(NamedTuple):
     """A mesh of a file that can be matched, and its vertices' numbers there.
 
@@ -123,6 +130,8 @@ class Shape(NamedTuple):
     file: the mesh of the file.
     repaired: its repair, if one was asked for, or if vertices without a face were left
         out. Maps then are between all vertices of the files.
+    said: what was passed over in the file, and what was left out of it or mended, a
+        sentence each.
     """
 
     mesh: Mesh
@@ -130,6 +139,7 @@ class Shape(NamedTuple):
     partner: Any
     file: Mesh
     repaired: Any = None
+    said: tuple[str, ...] = ()
 
 
 def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
@@ -143,23 +153,55 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     Raises:
         MeshError: it cannot be matched.
     """
-    from jfsf.mesh import largest_component, read, repair, without_strays
+    from jfsf.mesh import largest_component, read_noted, repair, without_strays
 
-    file = read(path)
+    file, notes = read_noted(path, finite=not mend)
     shape = Shape(file, None, None, file)
     if mend:
         options = {"small": np.inf} if largest else {}
         mended = repair(file, name=str(path), **options)
-        shape = Shape(*mended[:3], file, mended)
+        words = ", ".join(mended.done) or UNTOUCHED
+        shape = Shape(*mended[:3], file, mended, (words,))
     elif largest:
         mesh, index = largest_component(file)
         partner = np.full(len(file.vertices), -1, np.int32)
         partner[index] = np.arange(len(index))
-        shape = Shape(mesh, index, partner, file)
+        dropped = left_out(file, index)
+        shape = Shape(mesh, index, partner, file, said=(dropped,) * bool(dropped))
     elif (left := without_strays(file)).done:
-        shape = Shape(*left[:3], file, left)
+        shape = Shape(*left[:3], file, left, left.done)
+    elif len(file.faces) == 0 and (would := repair(file, name=str(path)).done):
+        # What a scanner adds to a cloud misleads the match without a sign of it.
+        shape = shape._replace(said=(f"--repair would mend: {', '.join(would)}",))
     check_mesh(shape.mesh, path)
-    return shape
+    return shape._replace(said=(*notes, *shape.said))
+
+
+def left_out(mesh: Mesh, index) -> str:
+    """What is not in the largest component of a mesh, in words; "" if nothing.
+
+    Args:
+        mesh: all of the file.
+        index: the vertices of the component.
+    """
+    from jfsf.mesh import face_areas, vertex_components
+
+    n, faces = len(mesh.vertices), np.asarray(mesh.faces)
+    if len(index) == n:
+        return ""
+    kept = np.zeros(n, bool)
+    kept[index] = True
+    outside = ~kept[faces[:, 0]]
+    area = face_areas(np.asarray(mesh.vertices), faces)
+    pieces = len(np.unique(vertex_components(faces, n)[faces[outside]]))
+    share = area[outside].sum() / area.sum() if area.any() else 0.0
+    words = f"{n - len(index)} vertices"
+    if pieces:
+        counted = "1 other piece" if pieces == 1 else f"{pieces} other pieces"
+        words = f"{counted} with {words} and {share:.2%} of the area"
+    else:
+        words += " without a face"
+    return f"--largest-component leaves out {words}"
 
 
 def write_found(
@@ -256,11 +298,11 @@ def read_pair(
     Else vertices without a face are left out, to which no distance is finite.
     """
     from jfsf.mapfiles import read_ground_truth, read_stored
-    from jfsf.mesh import read
+    from jfsf.mesh import read_noted
 
     if (gt_x is None) != (gt_y is None):
         raise ValueError("ground truth takes both --gt-x and --gt-y")
-    meshes = [read(x), read(y)]
+    meshes = [read_noted(path, finite=not mend).mesh for path in (x, y)]
     sizes = {
         f"n_{side}": len(mesh.vertices) for side, mesh in zip("xy", meshes, strict=True)
     }

@@ -25,26 +25,35 @@ def info(
 ) -> None:
     """Examine a mesh file, say whether it can be matched, and what would mend it.
 
-    A repair merges vertices with equal coordinates; removes duplicate faces, small
-    pieces and vertices without a face; mends faces without area and spikes; and winds
-    the faces outward. Exit code 0 if the mesh can be matched, repaired if a file for it
-    is named, and 1 if not.
+    A repair removes vertices whose coordinates are not finite; merges those with equal
+    ones; removes duplicate faces, small pieces and vertices without a face; mends faces
+    without area and spikes; and winds the faces outward. From a point cloud it removes
+    outliers and floors. Exit code 0 if the mesh can be matched, repaired if a file for
+    it is named, and 1 if not.
 
     Example: jfsf info scan.obj --repair scan.ply
     """
     from jfsf.export import export_mesh
-    from jfsf.mesh import MeshError, check, read, reconstruct, without_strays
+    from jfsf.mesh import (
+        MeshError,
+        check,
+        read_noted,
+        reconstruct,
+        without_nonfinite,
+        without_strays,
+    )
     from jfsf.mesh import repair as repaired
 
     if repair is not None:
         can_export([repair], False, (path,))
-    mesh = read(path)
+    file, notes = read_noted(path, finite=False)
+    mesh = without_nonfinite(file, name=str(path)).mesh
     console = Console()
     console.print(_table(path.name, check(mesh)))
-    for line in _flaws(mesh):
+    for line in (*notes, *_not_finite(file), *_flaws(mesh)):
         console.print(line, soft_wrap=True, markup=False)
     try:
-        mended = repaired(mesh, name=str(path))
+        mended = repaired(file, name=str(path))
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
@@ -55,22 +64,22 @@ def info(
     if repair is not None:
         export_mesh(repair, mended.mesh)
         console.print(f"wrote {repair}", soft_wrap=True, markup=False)
-        mesh, path = mended.mesh, repair
+        mesh, file, path = mended.mesh, mended.mesh, repair
     try:
-        check_mesh(without_strays(mesh).mesh, path)
+        check_mesh(without_strays(file).mesh, path)
     except MeshError as error:
         console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
         if mended.done and repair is None:
             console.print(_after(mended.mesh, path), soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
-    notes = ""
+    sides = ""
     if len(mesh.faces) == 0:
-        notes = "; its points have no clear outside: no left can be told from right"
+        sides = "; its points have no clear outside: no left can be told from right"
         if len(reconstruct(mesh).surface.faces):
-            notes = "; the surface through its points tells left from right"
+            sides = "; the surface through its points tells left from right"
     elif doubt := sides_in_doubt(mesh):
-        notes = f"; {doubt}, so left and right may be swapped"
-    console.print(f"can be matched{notes}", soft_wrap=True)
+        sides = f"; {doubt}, so left and right may be swapped"
+    console.print(f"can be matched{sides}", soft_wrap=True)
 
 
 def _table(name: str, report) -> Table:
@@ -83,12 +92,47 @@ def _table(name: str, report) -> Table:
     return shown
 
 
+def _not_finite(file: Mesh) -> list[str]:
+    """Which vertices have coordinates that are not finite."""
+    bad = np.flatnonzero(~np.isfinite(file.vertices).all(axis=1))
+    if not len(bad):
+        return []
+    first = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    number = f"{len(bad)} of {len(file.vertices)} vertices"
+    return [f"not finite: {number} ({first}), left out here; --repair removes them"]
+
+
+def _pieces(mesh: Mesh) -> list[str]:
+    """What there is beside the largest component."""
+    from jfsf.mesh import face_areas, largest_component, vertex_components
+
+    n, faces = len(mesh.vertices), np.asarray(mesh.faces)
+    if len(faces) == 0:
+        return []
+    owner = vertex_components(faces, n)[faces[:, 0]]
+    index = largest_component(mesh).index
+    outside = ~np.isin(faces[:, 0], index)
+    if not outside.any():
+        return []
+    counts = np.unique(owner[outside], return_counts=True)[1]
+    area = face_areas(np.asarray(mesh.vertices), faces)
+    low, high = int(counts.min()), int(counts.max())
+    size = f"{low} to {high} faces" if low < high else f"{low} face{'s' * (low > 1)}"
+    share = area[outside].sum() / area.sum() if area.any() else 0.0
+    each = " each" * (low == high and len(counts) > 1)
+    return [
+        f"separate pieces: {len(counts)} beside the largest, of {size}{each}, "
+        f"{share:.2%} of the area"
+    ]
+
+
 def _flaws(mesh: Mesh) -> list[str]:
-    """What the matching takes away itself, or is not misled by."""
+    """What the matching takes away itself, what it is misled by, and what mends it."""
     from jfsf.mesh import (
         MAX_UNCLEAR,
         noise,
         orient,
+        rounding,
         spikes,
         surface_area,
         unclear_winding,
@@ -98,6 +142,9 @@ def _flaws(mesh: Mesh) -> list[str]:
     )
 
     flaws = []
+    if (coarse := rounding(mesh)) is not None:
+        flaws.append(f"rounded: {coarse}")
+    flaws += _pieces(mesh)
     if number := len(mesh.vertices) - len(without_strays(mesh).mesh.vertices):
         flaws.append(f"vertices without a face: match leaves out {number}")
     if number := int(spikes(mesh).sum()):

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from jfsf.cli._files import Shape, sides_in_doubt
+from jfsf.cli._files import UNTOUCHED, Shape, sides_in_doubt
 
 WARNING = "warning: "
 
@@ -52,10 +52,8 @@ def notes_of(
 
     lines = []
     for path, shape in zip(paths, shapes, strict=True):
-        if shape.repaired is not None:
-            words = ", ".join(shape.repaired.done)
-            if words or not brief:
-                lines.append(f"{path}: {words or 'nothing to repair'}")
+        said_of_it = [line for line in shape.said if not brief or line != UNTOUCHED]
+        lines += [f"{path}: {line}" for line in said_of_it]
     lines += said
     for path, shape in zip(paths, shapes, strict=True):
         if doubt := sides_in_doubt(shape.mesh):

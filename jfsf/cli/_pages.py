@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jfsf.cli._files import can_write, kept_points, need_matplotlib
+from jfsf.mesh import stem_of
 from jfsf.report import Row, Side, thumbnail, write_index, write_report
 
 FOLDER = "report"  # of a batch: pages and pictures of its pairs
@@ -54,7 +55,7 @@ def pair_page(out: Path, inputs, found, **options) -> None:
     """
     page, picture = pages_of(out)
     page.parent.mkdir(exist_ok=True)
-    x, y = (Side(mesh, path.stem, index) for path, mesh, index in inputs)
+    x, y = (Side(mesh, stem_of(path), index) for path, mesh, index in inputs)
     thumbnail(write_report(page, x, y, found, **options), picture)
 
 

@@ -85,6 +85,7 @@ def register(
             "--largest-component says itself which vertices it has; leave it out"
         )
     T = certificate = matched = None
+    said: list[str] = []
     if map_file is not None:
         mesh, onto, maps, _ = read_pair(
             template, scan, map_file, None, None, base, mend=repair
@@ -95,9 +96,11 @@ def register(
             # Of a repaired mesh they would have other numbers.
             matched = None if repair else stored.matched_x
     else:
-        mesh, onto = (
-            matchable(path, largest_component, repair).mesh for path in (template, scan)
-        )
+        paths = template, scan
+        shapes = [matchable(path, largest_component, repair) for path in paths]
+        mesh, onto = (shape.mesh for shape in shapes)
+        for path, shape in zip(paths, shapes, strict=True):
+            said += [f"{path}: {line}" for line in shape.said]
     with stage_bar(_STAGES if T is None else 2) as stage:
         if T is None:
             from jfsf.matching import match
@@ -117,6 +120,8 @@ def register(
     notes = _warnings(warped, onto)
     if certificate is not None:
         notes += warnings_of(certificate, orientation.value)
+    for line in said:
+        console.print(line, soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     console.print(f"wrote {out}", soft_wrap=True, markup=False)

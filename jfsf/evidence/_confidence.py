@@ -41,7 +41,9 @@ MOST_SHARE = 0.999
 
 def read_constants() -> dict[str, Any]:
     """All that experiments/calibration.py has written."""
-    return json.loads((files("jfsf.evidence") / "confidence.json").read_text())
+    return json.loads(
+        (files("jfsf.evidence") / "confidence.json").read_text(encoding="utf-8")
+    )
 
 
 _CONSTANTS = read_constants()

@@ -39,7 +39,9 @@ SURE = 0.99  # the confidence of a whole map counts up to here, and down to 1 - 
 
 def read_factors() -> dict[str, float]:
     """The factors b by name: constant, those of `VERTEX_EVIDENCE`, and likely."""
-    text = (files("jfsf.evidence") / "vertex_constants.json").read_text()
+    text = (files("jfsf.evidence") / "vertex_constants.json").read_text(
+        encoding="utf-8"
+    )
     return json.loads(text)["factors"]
 
 

@@ -32,8 +32,8 @@ def to_meshio(mesh: Mesh) -> "meshio.Mesh":
 def from_meshio(mesh: "meshio.Mesh") -> Mesh:
     """The points and the triangles of a meshio.Mesh, copied; its data are dropped.
 
-    Blocks keep their order, and quads and polygons become fans of triangles in their
-    place. Vertex and line cells are left out.
+    Blocks keep their order, and quads and polygons become triangles in their place.
+    Vertex and line cells are left out.
 
     Raises:
         MeshError: other cells, such as tetrahedra or curved triangles; points that are
@@ -45,7 +45,7 @@ def from_meshio(mesh: "meshio.Mesh") -> Mesh:
         if block.type.rstrip("0123456789") == "polygon" or block.type in _FLAT:
             sizes = [len(cell) for cell in block.data]
             corners = np.concatenate([np.zeros(0, np.int64), *block.data])
-            blocks.append(triangulate(sizes, corners))
+            blocks.append(triangulate(sizes, corners, mesh.points))
         elif block.type not in _LOWER:
             raise MeshError(
                 f"from_meshio: holds cells of type {block.type!r}; pass a surface of "

@@ -2,10 +2,12 @@
 
 Read in this order:
 
-- `_values`: check the arrays of a mesh, and split polygons into triangles
+- `_values`: check the arrays of a mesh
+- `_polygons`: split polygons into triangles
 - `_geometry`: areas, normals, edges, components
 - `_closest`: the point of a surface nearest to each of many points
 - `_paths`: shortest paths along edges
+- `_rounding`: coordinates rounded far from the origin
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
 - `_doubled`: faces with the same vertices as others, and which to keep
@@ -14,12 +16,17 @@ Read in this order:
 - `_edit`: keep the largest component of a mesh, weld its seams
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
-- `_repair`: mend a mesh, and keep track of its vertices
+- `_clouds`: outliers of point clouds, floors and walls
+- `_partners`: leave out vertices, and keep track of the others
+- `_repair`: mend a mesh
 - `_coarsen`: keep some of its vertices, for display
 - `_decimate`: fewer vertices, a surface like it
 - `_formats`: OFF, OBJ and STL
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
+- `_points`: text with a point a line, and arrays of numpy
+- `_vtk_process`: VTK files as arrays, in a process of its own
+- `_others`: VTK and GIFTI, through their libraries
 - `_read`: read a mesh file of any of these formats
 - `_colours`: the colours of its vertices
 """
@@ -33,6 +40,7 @@ from jfsf.mesh._closest import (
     on_rim,
     surface_tree,
 )
+from jfsf.mesh._clouds import floor_points, outliers
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
@@ -51,28 +59,42 @@ from jfsf.mesh._geometry import (
     vertex_normals,
 )
 from jfsf.mesh._holes import without_holes
-from jfsf.mesh._paths import edge_graph, farthest_vertices
-from jfsf.mesh._read import SUFFIXES, read
-from jfsf.mesh._reconstruct import Reconstruction, reconstruct
-from jfsf.mesh._repair import (
+from jfsf.mesh._partners import (
     Repaired,
     map_of_originals,
     nearest_kept,
-    repair,
+    without_nonfinite,
     without_strays,
 )
-from jfsf.mesh._values import MeshError, check_values, checked_mesh, triangulate
+from jfsf.mesh._paths import edge_graph, farthest_vertices
+from jfsf.mesh._polygons import triangulate
+from jfsf.mesh._read import (
+    CLOUDS,
+    SUFFIXES,
+    Reading,
+    format_of,
+    read,
+    read_noted,
+    stem_of,
+)
+from jfsf.mesh._reconstruct import Reconstruction, reconstruct
+from jfsf.mesh._repair import repair
+from jfsf.mesh._rounding import Rounding, rounding
+from jfsf.mesh._values import MeshError, check_values, checked_mesh
 from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
 __all__ = [
+    "CLOUDS",
     "MAX_UNCLEAR",
     "SUFFIXES",
     "Edges",
     "MeshError",
     "OnSurface",
+    "Reading",
     "Reconstruction",
     "Repaired",
     "Report",
+    "Rounding",
     "Submesh",
     "SurfaceTree",
     "boundary_edges",
@@ -89,6 +111,8 @@ __all__ = [
     "face_areas",
     "face_normals",
     "farthest_vertices",
+    "floor_points",
+    "format_of",
     "largest_component",
     "map_of_originals",
     "nearest_kept",
@@ -96,10 +120,14 @@ __all__ = [
     "noise",
     "on_rim",
     "orient",
+    "outliers",
     "read",
+    "read_noted",
     "reconstruct",
     "repair",
+    "rounding",
     "spikes",
+    "stem_of",
     "surface_area",
     "surface_tree",
     "triangulate",
@@ -111,6 +139,7 @@ __all__ = [
     "vertex_normals",
     "weld",
     "without_holes",
+    "without_nonfinite",
     "without_spikes",
     "without_strays",
 ]

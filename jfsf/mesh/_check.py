@@ -16,6 +16,7 @@ from jfsf.mesh._geometry import (
     repeats_vertex,
     vertex_components,
 )
+from jfsf.mesh._rounding import rounding
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import ArrayLike, Mesh
 
@@ -24,10 +25,13 @@ from jfsf.types import ArrayLike, Mesh
 _FLAT_FACE = 1e-12
 # Area over the squared size of the bounding box: below this, a surface is a line.
 _FLAT_SURFACE = 1e-12
+# With coordinates rounded to this many edge lengths, and this share of faces without
+# area, the shape is lost; the map of a body rounded so has an error of 0.6.
+_LOST_STEP, _LOST_FACES = 0.5, 0.1
 
 
 class Report(NamedTuple):
-    """What `check` finds, in plain values. For a point cloud all but the sizes is None.
+    """What `check` finds, in plain values. For a point cloud most of it is None.
 
     vertices, faces: numbers of both.
     components: pieces connected through shared vertices; a vertex without a face is not
@@ -43,6 +47,9 @@ class Report(NamedTuple):
     outward: every piece encloses a positive volume; None unless closed and consistent,
         and if a piece encloses no volume.
     area, volume: in the units of the mesh; volume is None unless closed and consistent.
+    coordinate_step: where coordinates were rounded far from the origin, and so coarsely
+        that it harms the shape, the step between them over the mean edge length, see
+        `rounding`; else None. For clouds too.
     """
 
     vertices: int
@@ -59,10 +66,17 @@ class Report(NamedTuple):
     outward: bool | None
     area: float | None
     volume: float | None
+    coordinate_step: float | None = None
 
     def __str__(self) -> str:
+        rounded = []
+        if self.coordinate_step is not None:
+            rounded.append(
+                f"coordinates rounded to {self.coordinate_step:.0%} of an edge, far "
+                "from the origin"
+            )
         if self.faces == 0:
-            return f"point cloud of {self.vertices} vertices"
+            return "\n".join([f"point cloud of {self.vertices} vertices", *rounded])
         facing = {True: ", outward", False: ", inward", None: ""}[self.outward]
         lines = [
             f"{self.vertices} vertices, {self.faces} faces, "
@@ -81,7 +95,7 @@ class Report(NamedTuple):
             "duplicate faces": self.duplicate_faces,
         }
         counts = [f"{number} {name}" for name, number in flaws.items() if number]
-        return "\n".join(lines + ([", ".join(counts)] if counts else []))
+        return "\n".join(lines + ([", ".join(counts)] if counts else []) + rounded)
 
 
 def check(mesh: Mesh) -> Report:
@@ -95,8 +109,10 @@ def check(mesh: Mesh) -> Report:
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     n, m = len(vertices), len(faces)
+    coarse = rounding(mesh) if n else None
+    step = None if coarse is None else coarse.step / coarse.edge
     if m == 0:
-        return Report(n, 0, *[None] * (len(Report._fields) - 2))
+        return Report(n, 0, *[None] * (len(Report._fields) - 3), coordinate_step=step)
     used = np.zeros(n, bool)
     used[faces] = True
     component = vertex_components(faces, n)
@@ -126,6 +142,7 @@ def check(mesh: Mesh) -> Report:
         outward=outward,
         area=float(face_areas(vertices, faces).sum()),
         volume=volume,
+        coordinate_step=step,
     )
 
 
@@ -144,8 +161,9 @@ def validate(
 
     Raises:
         MeshError: wrong shapes or types, non-finite coordinates, indices out of range,
-            fewer than k vertices, all vertices in one place, no area, vertices without
-            a face, several components.
+            fewer than k vertices, all vertices in one place, no area, coordinates
+            rounded so coarsely that the shape is lost, vertices without a face, several
+            components.
     """
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
     check_values(vertices, faces, name)
@@ -164,6 +182,11 @@ def validate(
         return
     if face_areas((vertices - (low + high)) / size, faces).sum() <= _FLAT_SURFACE:
         raise MeshError(f"{name}: the area of its {len(faces)} faces is 0; repair it")
+    coarse = rounding(mesh)
+    if coarse is not None and coarse.step > _LOST_STEP * coarse.edge:
+        lost = degenerate_faces(vertices, faces)
+        if lost.mean() > _LOST_FACES:
+            raise MeshError(f"{name}: {lost.sum()} faces have no area, and {coarse}")
     loose = np.ones(n, bool)
     loose[faces] = False
     if loose.any():

@@ -4,6 +4,7 @@ OFF and OBJ are read here: trimesh 5.2 drops colours of OFF, and those of an OBJ
 texture. Textures, materials and colours of faces are no colours of vertices.
 """
 
+import io
 import os
 import re
 from pathlib import Path
@@ -13,7 +14,7 @@ from jaxtyping import Float
 from scipy.spatial import KDTree
 
 from jfsf.mesh._gltf import scene_parts
-from jfsf.mesh._read import read
+from jfsf.mesh._read import contents, format_of, read_noted
 from jfsf.mesh._values import MeshError
 
 _GREY = 0.7  # of a part of a scene without colours, beside parts with some
@@ -37,12 +38,12 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
         MeshError: as `read`.
     """
     path = Path(path)
-    finder = _FINDERS.get(path.suffix.lower())
+    finder = _FINDERS.get(format_of(path))
     if finder is None:
         return None
-    mesh = read(path)
+    mesh = read_noted(path).mesh
     try:
-        found = finder(path, mesh)
+        found = finder(contents(path), mesh, path)
     except MeshError:
         raise
     except ValueError:  # what stands there are no numbers
@@ -54,9 +55,9 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
     return np.clip(found, 0, 1)
 
 
-def _of_off(path, mesh):
+def _of_off(data, mesh, path):
     """Behind coordinates and normals: whole numbers to 255, or else to 1."""
-    text = path.read_bytes().decode("ascii", "replace")
+    text = data.decode("ascii", "replace")
     lines = (line.split("#", 1)[0].split() for line in text.splitlines())
     words = [line for line in lines if line]
     keyword = re.match(r"(?:ST)?(C?)(N?)OFF", words[0][0])
@@ -73,9 +74,9 @@ def _of_off(path, mesh):
     return values / 255 if is_byte else values
 
 
-def _of_obj(path, mesh):
+def _of_obj(data, mesh, path):
     """Behind the coordinates of a v, in [0, 1]; some programs write up to 255."""
-    data = path.read_bytes().replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
+    data = data.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
     rows = re.findall(rb"(?m)^[ \t]*v[ \t]+([^\r\n#]*)", data)
     words = [row.split()[3:6] for row in rows]
     if any(len(row) < 3 for row in words):
@@ -84,11 +85,11 @@ def _of_obj(path, mesh):
     return values / 255 if len(values) and values.max() > 1 else values
 
 
-def _of_ply(path, mesh):
+def _of_ply(data, mesh, path):
     import trimesh
 
     try:
-        found = trimesh.load(str(path), process=False)
+        found = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
     except Exception:  # it reads fewer files than `read`
         return None
     if getattr(found.visual, "kind", None) != "vertex":  # type: ignore
@@ -103,9 +104,9 @@ def _of_ply(path, mesh):
     return colours[near] if away.max() <= _SAME * size else None
 
 
-def _of_scene(path, mesh):
+def _of_scene(data, mesh, path):
     found, known = [], False
-    for _, _, part in scene_parts(path):
+    for _, part in scene_parts(data, path.parent, format_of(path)):
         colours = np.full((len(part.vertices), 3), _GREY)
         if getattr(part.visual, "kind", None) == "vertex":
             known = True

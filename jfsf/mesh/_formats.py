@@ -18,7 +18,8 @@ import re
 import numpy as np
 
 from jfsf.mesh._edit import weld
-from jfsf.mesh._values import MeshError, check_plain_numbers, triangulate
+from jfsf.mesh._polygons import triangulate
+from jfsf.mesh._values import MeshError, check_plain_numbers
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -59,7 +60,8 @@ def parse_off(data: bytes) -> Mesh:
             )
         sizes.append(size)
         corners += map(int, row[1 : 1 + size])
-    return Mesh(_coordinates(body[:n]), triangulate(sizes, corners))
+    vertices = _coordinates(body[:n])
+    return Mesh(vertices, triangulate(sizes, corners, vertices))
 
 
 def parse_obj(data: bytes) -> Mesh:
@@ -87,7 +89,8 @@ def parse_obj(data: bytes) -> Mesh:
                     f"face {len(sizes) - 1} is {line.strip()!r} after {len(rows)} "
                     "vertices, and OBJ counts from 1 or back from -1; export it again"
                 )
-    return Mesh(_coordinates(rows), triangulate(sizes, corners))
+    vertices = _coordinates(rows)
+    return Mesh(vertices, triangulate(sizes, corners, vertices))
 
 
 def parse_stl(data: bytes) -> Mesh:

@@ -4,6 +4,7 @@ trimesh fills with zeros what it cannot decode, and as many as the file says. So
 scene is looked through first.
 """
 
+import io
 import json
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,24 +19,24 @@ MOST_ZEROS = 1_000_000  # items without data, of what is no vertex or face: morp
 _DRACO = "KHR_draco_mesh_compression"
 
 
-def parse_gltf(path: Path) -> Mesh:
+def parse_gltf(data: bytes, folder: Path, suffix: str) -> Mesh:
     """Read the triangles and points of a glTF or GLB scene, in world coordinates.
 
     Parts come in the order of the file's meshes. Lines are left out; skins and morphs
     stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
+
+    Args:
+        data: contents of the file.
+        folder: of the file, with the other files that a .gltf may name.
+        suffix: ".glb" or ".gltf".
 
     Raises:
         MeshError: a compression that trimesh cannot read. Errors of trimesh pass
             through.
     """
     points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    for matrix, name, part in scene_parts(path):
+    for matrix, part in scene_parts(data, folder, suffix):
         xyz = np.asarray(part.vertices, np.float64)
-        if not xyz.any():
-            # trimesh gives zeros for draco data if DracoPy is not installed.
-            raise MeshError(
-                f"the vertices of its part {name!r} are all 0; export it uncompressed"
-            )
         faces = np.asarray(getattr(part, "faces", triangles[0]), np.int64)
         # A mirrored part must still face outward.
         step = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
@@ -45,26 +46,47 @@ def parse_gltf(path: Path) -> Mesh:
     return Mesh(np.concatenate(points), np.concatenate(triangles))
 
 
-def scene_parts(path: Path) -> list[tuple[np.ndarray, str, Any]]:
+def scene_parts(
+    data: bytes, folder: Path, suffix: str, *, skip_materials: bool = True
+) -> list[tuple[np.ndarray, Any]]:
     """The placed parts of a scene that are read, in the order of their vertices.
 
+    Args:
+        data, folder, suffix: as `parse_gltf`.
+        skip_materials: textures are not read.
+
     Returns:
-        Of each the matrix that places it, its name and trimesh's Trimesh or PointCloud.
+        Of each the matrix (4, 4) that places it, and trimesh's Trimesh or PointCloud,
+        which may be in several places.
 
     Raises:
         MeshError: as `parse_gltf`.
     """
-    _check_accessors(_scene(path.read_bytes()))
+    _check_accessors(_scene(data))
     import trimesh  # Slow to import, and no other format needs it.
+    from trimesh.resolvers import FilePathResolver
 
-    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
+    scene = trimesh.load_scene(
+        io.BytesIO(data),
+        file_type=suffix[1:],
+        resolver=FilePathResolver(str(folder)),
+        process=False,
+        skip_materials=skip_materials,
+    )
     rank = {name: i for i, name in enumerate(scene.geometry)}
     parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
-    return [
-        (np.asarray(matrix), str(name), scene.geometry[name])
-        for matrix, name in sorted(parts, key=lambda part: rank[part[1]])
-        if isinstance(scene.geometry[name], trimesh.Trimesh | trimesh.PointCloud)
-    ]
+    found = []
+    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
+        part: Any = scene.geometry[name]
+        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
+            continue
+        if not np.any(part.vertices):
+            # trimesh gives zeros for draco data if DracoPy is not installed.
+            raise MeshError(
+                f"the vertices of its part {name!r} are all 0; export it uncompressed"
+            )
+        found.append((np.asarray(matrix), part))
+    return found
 
 
 def _scene(data: bytes) -> dict[str, Any]:

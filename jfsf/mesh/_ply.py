@@ -1,6 +1,7 @@
 """The contents of a PLY file -> Mesh.
 
-An ASCII body is converted to doubles in binary, so one reader does both.
+An ASCII body is converted to doubles in binary, so one reader does both. MeshLab writes
+some values of a line without a word in the header: these are passed over.
 """
 
 import re
@@ -8,7 +9,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from jfsf.mesh._values import MeshError, check_plain_numbers, triangulate
+from jfsf.mesh._polygons import triangulate
+from jfsf.mesh._values import MeshError, check_plain_numbers
 from jfsf.types import ArrayLike, Mesh
 
 _TYPES = {
@@ -24,8 +26,11 @@ _CORNERS = "vertex_indices", "vertex_index"  # names of the property in use
 Property = tuple[str, str | None, str]
 
 
-def parse_ply(data: bytes) -> Mesh:
+def parse_ply(data: bytes) -> tuple[Mesh, tuple[str, ...]]:
     """Read ASCII and binary PLY of either byte order, polygons of any size.
+
+    Returns:
+        The mesh, and what was passed over, a sentence each.
 
     Raises:
         MeshError: not PLY, cut short or too long, with a header that is damaged, or
@@ -45,7 +50,7 @@ def parse_ply(data: bytes) -> Mesh:
         item = _ORDER[encoding[1]] + _TYPES[word]
         return "<f8" if is_text else item
 
-    elements = _elements(header, kind)
+    elements, notes = _elements(header, kind), ()
     if is_text:
         # A lost line would shift all numbers after it, perhaps without another error.
         total = sum(count for _, count, properties in elements if properties)
@@ -56,6 +61,7 @@ def parse_ply(data: bytes) -> Mesh:
                 "export the mesh again"
             )
         check_plain_numbers(body.decode("ascii", "replace"))
+        body, notes = _announced(body, elements)
         body = np.array(body.split(), "<f8").tobytes()
     at, columns = 0, {}
     for name, count, properties in elements:
@@ -65,7 +71,59 @@ def parse_ply(data: bytes) -> Mesh:
             f"its header accounts for all but the last {left} bytes; export the mesh "
             "again"
         )
-    return _mesh(columns)
+    return _mesh(columns), notes
+
+
+def _announced(
+    body: bytes, elements: list[tuple[str, int, list[Property]]]
+) -> tuple[bytes, tuple[str, ...]]:
+    """The text without values at the ends of lines that the header does not name.
+
+    All lines of an element must have equally many of these: else a value is lost or
+    added somewhere, and none can be told from its neighbours.
+    """
+    lines = [line for line in body.splitlines() if line.strip()]
+    at, notes = 0, []
+    for name, count, properties in elements:
+        if not properties:
+            continue
+        rows = lines[at : at + count]
+        # Only files with such values pay for the splitting of each line. A single line
+        # may as well be two that have lost the line end between them.
+        words = rows[0].split() if count > 1 else []
+        used = _length(words, properties)
+        if 0 <= used < len(words):
+            more = len(words) - used
+            rows = [row.split() for row in rows]
+            left = [row[: len(row) - more] for row in rows]
+            for row, own in enumerate(left):
+                if len(own) != _length(own, properties):
+                    raise MeshError(
+                        f"its lines of element {name!r} hold more values than its "
+                        f"header names: {more} in the first, but not in line {row}; "
+                        "export the mesh again"
+                    )
+            lines[at : at + count] = map(b" ".join, left)
+            values = "value" if more == 1 else "values"
+            notes.append(
+                f"its lines of element {name!r} end in {more} {values} that its header "
+                "does not name; passed over"
+            )
+        at += count
+    return (b"\n".join(lines), tuple(notes)) if notes else (body, ())
+
+
+def _length(words: list[bytes], properties: list[Property]) -> int:
+    """How many of these words the properties take; -1 if there are too few."""
+    at = 0
+    for _, size, _ in properties:
+        if at >= len(words):
+            return -1
+        number = float(words[at]) if size else 1
+        if not 0 <= number <= len(words):
+            return -1
+        at += int(number) + bool(size)
+    return at if at <= len(words) else -1
 
 
 def _elements(
@@ -118,8 +176,9 @@ def _mesh(columns):
     names = [name for name in _CORNERS if name in face]
     if face and not names:
         raise MeshError("its faces lack vertex_indices; export the mesh again")
-    polygons = face[names[0]] if face else ([], [])
-    return Mesh(np.stack(points, axis=1).astype(np.float64), triangulate(*polygons))
+    sizes, corners = face[names[0]] if face else ([], [])
+    vertices = np.stack(points, axis=1).astype(np.float64)
+    return Mesh(vertices, triangulate(sizes, corners, vertices))
 
 
 def _records(

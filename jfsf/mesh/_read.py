@@ -1,60 +1,167 @@
-"""path -> Mesh: read a mesh file of any known format."""
+"""path -> Mesh: read a mesh file of any known format, compressed or not."""
 
 import os
+import warnings
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from jfsf.mesh._formats import parse_obj, parse_off, parse_stl
 from jfsf.mesh._gltf import parse_gltf
+from jfsf.mesh._others import LIBRARIES, parse_gifti, parse_vtk
 from jfsf.mesh._ply import parse_ply
+from jfsf.mesh._points import parse_npy, parse_xyz
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import Mesh
 
-_PARSERS = {".off": parse_off, ".obj": parse_obj, ".ply": parse_ply, ".stl": parse_stl}
+_PARSERS = {
+    ".off": parse_off,
+    ".obj": parse_obj,
+    ".stl": parse_stl,
+    ".xyz": parse_xyz,
+    ".npy": parse_npy,
+    ".gii": parse_gifti,
+}
 _SCENES = (".glb", ".gltf")
-SUFFIXES = (*_PARSERS, *_SCENES)  # of files that can be read
+CLOUDS = (".xyz", ".npy")  # formats without faces
+# Of files that can be read, without and with compression.
+SUFFIXES = (".off", ".obj", ".ply", ".stl", *_SCENES, *LIBRARIES, *CLOUDS)
+COMPRESSED = (".gz", ".bz2", ".xz")
 
 
-def read(path: str | os.PathLike[str]) -> Mesh:
-    """Read an OFF, OBJ, PLY, STL, GLB or glTF file; vertex i stays vertex i.
+class Reading(NamedTuple):
+    """What `read_noted` finds.
 
-    Polygons become fans of triangles in their place; colours, normals and the like are
-    dropped. STL has no vertex numbers, so exactly equal points become one vertex there.
+    mesh: of the file.
+    notes: what was passed over that the format does not allow, a sentence each.
+    """
+
+    mesh: Mesh
+    notes: tuple[str, ...]
+
+
+def read(path: str | os.PathLike[str], *, finite: bool = True) -> Mesh:
+    """Read a mesh file or a point cloud; vertex i stays vertex i.
+
+    OFF, OBJ, PLY, STL, GLB and glTF; VTK (.vtk, .vtp) and GIFTI (.gii) with the
+    libraries of `jfsf[vtk]` and `jfsf[gifti]`; text with a point a line (.xyz) and
+    arrays of numpy (.npy); and all of them compressed (.gz, .bz2, .xz), as scan.ply.gz.
+    Polygons become triangles in their place, see `triangulate`; colours, normals and
+    the like are dropped. STL has no vertex numbers, so exactly equal points become one
+    vertex there. Each of the notes of `read_noted` is a UserWarning.
 
     Args:
         path: the suffix says the format. A file without faces is a point cloud.
+        finite: False lets vertices pass whose coordinates are not finite: see `repair`.
 
     Returns:
         The mesh, as the file winds it: see `orient`, and `validate` before matching.
 
     Raises:
-        MeshError: no such file, unknown or broken format, cut short, a face with fewer
-            than three vertices or with one out of range, no or non-finite vertices.
+        MeshError: no such file, unknown or broken format, cut short, a library that is
+            not installed, a face with fewer than three vertices or with one out of
+            range, no vertices, or some that are not finite.
     """
+    found = read_noted(path, finite=finite)
+    for note in found.notes:
+        warnings.warn(f"{path}: {note}", UserWarning, stacklevel=2)
+    return found.mesh
+
+
+def read_noted(path: str | os.PathLike[str], *, finite: bool = True) -> Reading:
+    """As `read`, with what was passed over as notes instead of warnings."""
     path = Path(path)
-    suffix = path.suffix.lower()
+    suffix, _ = _format(path)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
         raise MeshError(f"{path}: {what}; pass the path of a mesh file")
     if suffix not in SUFFIXES:
         known = ", ".join(SUFFIXES)
-        raise MeshError(f"{path}: has format {suffix!r}; convert it to one of {known}")
+        packings = ", ".join(COMPRESSED)
+        raise MeshError(
+            f"{path}: has format {suffix!r}; convert it to one of {known} (also with "
+            f"{packings})"
+        )
     try:
-        data = path.read_bytes()
+        data = contents(path)
         if not data.strip():
             raise MeshError(f"its {len(data)} bytes are empty; export the mesh again")
-        parser = _PARSERS.get(suffix)
         # numpy warns of nan and overflow where `check_values` says which vertex it is.
-        with np.errstate(all="ignore"):
-            mesh = parser(data) if parser else parse_gltf(path)
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            # Libraries warn of what is damaged, and then it is refused or sound.
+            warnings.simplefilter("ignore")
+            mesh, notes = _parsed(data, suffix, path)
     except MeshError as error:
         raise MeshError(f"{path}: {error}") from error
     except Exception as error:
-        # Broken numbers, and whatever trimesh meets in a broken glTF.
+        # Broken numbers, and whatever other libraries meet in a broken file.
         raise MeshError(
             f"{path}: not a readable {suffix[1:].upper()} file ({error}); "
             "export the mesh again"
         ) from error
-    check_values(*mesh, str(path))
-    return Mesh(mesh.vertices, mesh.faces.astype(np.int32))
+    check_values(*mesh, str(path), finite=finite)
+    return Reading(Mesh(mesh.vertices, mesh.faces.astype(np.int32)), notes)
+
+
+def contents(path: Path) -> bytes:
+    """The bytes of a mesh file, without its compression.
+
+    Raises:
+        OSError: it cannot be read.
+        MeshError: it cannot be decompressed.
+    """
+    data, packed = path.read_bytes(), _format(path)[1]
+    return _unpacked(data, packed) if packed and data.strip() else data
+
+
+def format_of(path: str | os.PathLike[str]) -> str:
+    """The suffix of a mesh file that `read` knows, without that of a compression.
+
+    Returns:
+        One of `SUFFIXES`, or "" for any other file.
+    """
+    suffix = _format(Path(path))[0]
+    return suffix if suffix in SUFFIXES else ""
+
+
+def stem_of(path: str | os.PathLike[str]) -> str:
+    """The name of a mesh file without its suffix and that of a compression."""
+    path = Path(path)
+    return Path(path.stem).stem if format_of(path) and _format(path)[1] else path.stem
+
+
+def _format(path: Path) -> tuple[str, str]:
+    """The suffixes of the format and of the compression, "" without any."""
+    last = path.suffix.lower()
+    if last in COMPRESSED:
+        return Path(path.stem).suffix.lower(), last
+    return last, ""
+
+
+def _unpacked(data: bytes, packed: str) -> bytes:
+    try:
+        # A Python may be built without some of them.
+        if packed == ".gz":
+            from gzip import decompress
+        elif packed == ".bz2":
+            from bz2 import decompress
+        else:
+            from lzma import decompress
+        found = decompress(data)
+    except Exception as error:
+        why = str(error) or type(error).__name__
+        raise MeshError(f"it cannot be decompressed ({why}); pack it again") from None
+    if not found.strip():
+        raise MeshError("what is packed in it is empty; pack the mesh again")
+    return found
+
+
+def _parsed(data: bytes, suffix: str, path: Path) -> tuple[Mesh, tuple[str, ...]]:
+    if suffix == ".ply":
+        return parse_ply(data)
+    if suffix in _SCENES:
+        return parse_gltf(data, path.parent, suffix), ()
+    if suffix in (".vtk", ".vtp"):
+        return parse_vtk(data, suffix), ()
+    return _PARSERS[suffix](data), ()

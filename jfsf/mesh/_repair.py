@@ -4,12 +4,10 @@ Holes are left, and edges with three faces or more that are no fault of doubled 
 there is more than one way to mend them.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from scipy.spatial import KDTree
 
 from jfsf.mesh._check import degenerate_faces, pinched_vertices
+from jfsf.mesh._clouds import floor_points, outliers
 from jfsf.mesh._denoise import without_spikes
 from jfsf.mesh._doubled import doubled_faces
 from jfsf.mesh._edit import first_equal
@@ -21,9 +19,10 @@ from jfsf.mesh._geometry import (
     repeats_vertex,
     vertex_components,
 )
-from jfsf.mesh._values import MeshError, check_values
+from jfsf.mesh._partners import Repaired, after, kept, note, without_nonfinite
+from jfsf.mesh._values import MeshError
 from jfsf.mesh._winding import orient
-from jfsf.types import ArrayLike, Mesh
+from jfsf.types import Mesh
 
 # Of the area of the largest component: eyes and teeth of a body have 0.02 at most.
 SMALL = 0.1
@@ -31,26 +30,11 @@ SMALL = 0.1
 FLAT_ROUNDS = 5
 
 
-class Repaired(NamedTuple):
-    """A mended mesh, and where its vertices come from.
-
-    mesh: the vertices that are left, in their old order, and the faces likewise.
-    index: (n_left,) int32, the original vertex of each vertex.
-    partner: (n,) int32, the vertex that each original one became, -1 if it was removed.
-        `partner[index]` counts from 0 on.
-    done: what was done, one phrase each, with numbers; empty if nothing was wrong.
-    """
-
-    mesh: Mesh
-    index: ArrayLike
-    partner: ArrayLike
-    done: tuple[str, ...]
-
-
 def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     """Mend what can be mended in one way only; the mesh itself is left as it is.
 
-    In this order: vertices with equal coordinates are merged, but not those of surfaces
+    In this order: vertices whose coordinates are not finite are removed with their
+    faces; vertices with equal coordinates are merged, but not those of surfaces
     that only touch: inside a surface (all around with faces) a vertex stays apart if
     an edge would get three faces or more, or the vertex a second fan of faces. Faces
     that repeat a vertex are removed, and of faces with the same vertices all but one.
@@ -62,7 +46,8 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     rest is wound outward, as `orient` does.
 
     Args:
-        mesh: n vertices, m faces. Of a point cloud, equal points are merged.
+        mesh: n vertices, m faces. Of a point cloud equal points are merged, and
+            `outliers` and `floor_points` removed.
         small: components with less area than this share of the largest go; inf leaves
             the largest alone.
         name: opens the message of an error.
@@ -72,16 +57,26 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
         rare spikes behind others.
 
     Raises:
-        MeshError: wrong shapes or types, non-finite coordinates, indices out of range,
+        MeshError: wrong shapes or types, no finite coordinates, indices out of range,
             or no face that has an area.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    check_values(vertices, faces, name)
+    known = without_nonfinite(mesh, name=name)
+    vertices, faces = known.mesh
+    if len(faces) == 0 and len(np.asarray(mesh.faces)):
+        raise MeshError(
+            f"{name}: all its faces have a vertex that is not finite; export the mesh "
+            "again"
+        )
+    return after(known, _mended(vertices, faces, small, name))
+
+
+def _mended(vertices, faces, small: float, name: str) -> Repaired:
     first, done = _merged(vertices, faces), []
     index = np.unique(first)
-    _note(done, len(vertices) - len(index), "duplicate {vertices} merged")
+    note(done, len(vertices) - len(index), "duplicate {vertices} merged")
     if len(faces) == 0:
-        return _kept(vertices, faces, first, index, done)
+        index = _without_noise(vertices, faces, index, done)
+        return kept(vertices, faces, first, index, done)
     # Vertices keep their old numbers until the end.
     faces = first[faces].astype(np.int32)
     faces = _without(faces, repeats_vertex(faces), "{faces} with a vertex twice", done)
@@ -95,79 +90,15 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     if len(faces) == 0:
         raise MeshError(f"{name}: none of its faces has an area; export the mesh again")
     lone = len(index) - len(np.unique(faces))
-    _note(done, lone, "{vertices} without a face removed")
+    note(done, lone, "{vertices} without a face removed")
     faces = _without_small(vertices, faces, small, done)
     wound = orient(Mesh(vertices, faces)).faces
-    _note(done, int((wound != faces).any(axis=1).sum()), "{faces} turned over")
-    return _kept(vertices, wound, first, np.unique(wound), done)
-
-
-def without_strays(mesh: Mesh) -> Repaired:
-    """Leave out vertices that belong to no face, and mend nothing else.
-
-    Args:
-        mesh: n vertices, m faces whose indices are in range. A point cloud stays whole.
-
-    Returns:
-        The mesh with both index maps; `done` is empty if every vertex has a face.
-    """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    n, done = len(vertices), []
-    if len(faces) == 0:
-        return _kept(vertices, faces, np.arange(n), np.arange(n), done)
-    index = np.unique(faces)
-    text = "{vertices} without a face left out, to go where the nearest goes"
-    _note(done, n - len(index), text)
-    return _kept(vertices, faces, np.arange(n), index, done)
-
-
-def map_of_originals(
-    T_xy: ArrayLike, mesh_x: Mesh, repaired_x: Repaired, repaired_y: Repaired
-) -> ArrayLike:
-    """The map between two meshes from the map between the repaired ones.
-
-    Args:
-        T_xy: the vertex of the repaired Y for each vertex of the repaired X.
-        mesh_x: X before the repair, n_x vertices.
-        repaired_x, repaired_y: of X and Y.
-
-    Returns:
-        (n_x,) int32, the vertex of Y before the repair for each vertex of X. One that
-        was removed goes where the nearest goes that was not.
-    """
-    at = np.asarray(T_xy)[nearest_kept(mesh_x, repaired_x)]
-    return np.asarray(repaired_y.index)[at]
-
-
-def nearest_kept(mesh: Mesh, repaired: Repaired) -> ArrayLike:
-    """The vertex of the repaired mesh for each vertex (n,) of the mesh before.
-
-    For one that was removed it is the nearest.
-    """
-    vertices, partner = np.asarray(mesh.vertices), np.array(repaired.partner)
-    lost = np.flatnonzero(partner < 0)
-    if len(lost):
-        left = KDTree(vertices[repaired.index])
-        partner[lost] = left.query(vertices[lost])[1]
-    return partner
-
-
-def _kept(vertices, faces, partner, index, done) -> Repaired:
-    renumber = np.full(len(vertices), -1, np.int32)
-    renumber[index] = np.arange(len(index))
-    mesh = Mesh(vertices[index], renumber[faces].astype(np.int32))
-    return Repaired(mesh, index.astype(np.int32), renumber[partner], tuple(done))
-
-
-def _note(done, number: int, text: str) -> None:
-    if number:
-        many = {"vertices": "vertex", "faces": "face", "components": "component"}
-        words = {name: name if number > 1 else one for name, one in many.items()}
-        done.append(f"{number} {text.format(**words)}")
+    note(done, int((wound != faces).any(axis=1).sum()), "{faces} turned over")
+    return kept(vertices, wound, first, np.unique(wound), done)
 
 
 def _without(faces, wrong, text: str, done):
-    _note(done, int(wrong.sum()), f"{text} removed")
+    note(done, int(wrong.sum()), f"{text} removed")
     return faces[~wrong]
 
 
@@ -217,10 +148,24 @@ def _nonmanifold(faces, n: int):
     return found.ends[found.counts > 2], np.flatnonzero(pinched)
 
 
+def _without_noise(vertices, faces, index, done):
+    """The vertices of a cloud that are left of these without outliers and a floor."""
+    far = outliers(Mesh(vertices[index], faces))
+    note(done, int(far.sum()), "{vertices} far from all others removed, as outliers")
+    index = index[~far]
+    flat = floor_points(Mesh(vertices[index], faces))
+    note(
+        done,
+        int(flat.sum()),
+        "{vertices} of a plane beside the rest removed, as a floor or wall",
+    )
+    return index[~flat]
+
+
 def _flattened(vertices, faces, done):
     flat = without_spikes(Mesh(vertices, faces)).vertices
     moved = (flat != vertices).any(axis=1)
-    _note(done, int(moved.sum()), "{vertices} moved from spikes")
+    note(done, int(moved.sum()), "{vertices} moved from spikes")
     return flat
 
 
@@ -237,7 +182,7 @@ def _without_flat(vertices, faces, done):
             break
         faces = _turned(vertices, faces, flat)
     faces = faces[~degenerate_faces(vertices, faces)]
-    _note(done, number, "{faces} without area mended")
+    note(done, number, "{faces} without area mended")
     return faces
 
 
@@ -275,5 +220,10 @@ def _without_small(vertices, faces, small: float, done):
     keep[area.argmax()] = True
     lost = np.unique(owner[~keep[owner]])
     share = area[lost].sum() / area.sum()
-    _note(done, len(lost), f"small {{components}} removed, {share:.2%} of the area")
+    number = len(np.unique(faces[~keep[owner]]))
+    note(
+        done,
+        len(lost),
+        f"small {{components}} removed, {share:.2%} of the area and {number} vertices",
+    )
     return faces[keep[owner]]

@@ -1,4 +1,4 @@
-"""Check the arrays of a mesh, and split polygons into triangles (numpy)."""
+"""Check the arrays of a mesh (numpy)."""
 
 import numpy as np
 
@@ -20,13 +20,16 @@ def checked_mesh(mesh: Mesh, name: str) -> Mesh:
     return Mesh(vertices, faces)
 
 
-def check_values(vertices: ArrayLike, faces: ArrayLike, name: str) -> None:
+def check_values(
+    vertices: ArrayLike, faces: ArrayLike, name: str, *, finite: bool = True
+) -> None:
     """Raise MeshError unless vertices are finite, n > 0, and faces are among them.
 
     Args:
         vertices: (n, 3) real.
         faces: (m, 3) integer, 0-based; m may be 0.
         name: opens the message.
+        finite: False lets coordinates pass that are not finite.
     """
     if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "fiu":
         raise MeshError(
@@ -41,11 +44,11 @@ def check_values(vertices: ArrayLike, faces: ArrayLike, name: str) -> None:
     if n == 0:
         raise MeshError(f"{name}: has 0 vertices; choose a file that holds a shape")
     bad = ~np.isfinite(vertices).all(axis=1)
-    if bad.any():
+    if finite and bad.any():
         first = np.argmax(bad)
         raise MeshError(
             f"{name}: vertex {first} is {vertices[first].tolist()}, {bad.sum()} of {n} "
-            "are not finite; remove them or export the mesh again"
+            "are not finite; leave them out with --repair (jfsf.mesh.repair)"
         )
     out = (faces < 0) | (faces >= n)
     if out.any():
@@ -60,36 +63,3 @@ def check_plain_numbers(text: str) -> None:
     if "_" in text:
         word = next(word for word in text.split() if "_" in word)
         raise MeshError(f"it has {word[:40]!r} for a number; export it again")
-
-
-def triangulate(sizes: ArrayLike, corners: ArrayLike) -> ArrayLike:
-    """Split polygons, in order, into fans around their first corners.
-
-    A fan is right for convex polygons; a concave one may fold over.
-
-    Args:
-        sizes: (p,) corners of each polygon.
-        corners: (sum of sizes,) their vertices, one polygon after the other.
-
-    Returns:
-        (m, 3) int64 with m = sum of (sizes - 2).
-
-    Raises:
-        MeshError: a polygon with fewer than three corners, or a fractional vertex.
-    """
-    sizes, whole = np.asarray(sizes, np.int64), np.asarray(corners)
-    if (sizes < 3).any():
-        face = np.argmax(sizes < 3)
-        raise MeshError(
-            f"face {face} has {sizes[face]} vertices and splits into no triangle; "
-            "delete such faces"
-        )
-    corners = whole.astype(np.int64)
-    if (corners != whole).any():
-        raise MeshError(
-            f"a face names vertex {whole[corners != whole][0]}; export the mesh again"
-        )
-    pieces = sizes - 2
-    first = np.repeat(np.cumsum(sizes) - sizes, pieces)
-    step = first + np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    return np.stack([corners[first], corners[step + 1], corners[step + 2]], axis=1)

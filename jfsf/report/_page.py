@@ -212,15 +212,15 @@ def page(name: str, record: dict[str, Any]) -> str:
     data = json.dumps(record, separators=(",", ":"), allow_nan=False)
     parts = {
         "title": record["title"].translate({ord(c): f"&#{ord(c)};" for c in "<>&\"'"}),
-        "style": (folder / "style.css").read_text(),
+        "style": (folder / "style.css").read_text(encoding="utf-8"),
         "record": data.replace("<", "\\u003c"),
-        "script": (folder / f"{name}.js").read_text(),
+        "script": (folder / f"{name}.js").read_text(encoding="utf-8"),
     }
     if name == "report":
-        licence = (folder / "three.LICENSE.txt").read_text()
-        three = (folder / "three.min.js").read_text()
+        licence = (folder / "three.LICENSE.txt").read_text(encoding="utf-8")
+        three = (folder / "three.min.js").read_text(encoding="utf-8")
         parts["three"] = f"/*\n{licence}*/\n{three}"
-    template = (folder / f"{name}.html").read_text()
+    template = (folder / f"{name}.html").read_text(encoding="utf-8")
     return re.sub(r"\{\{(\w+)\}\}", lambda slot: parts[slot[1]], template)
 
 

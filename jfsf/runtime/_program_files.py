@@ -153,7 +153,7 @@ def _digest(data: bytes) -> bytes:
 def _processor() -> str:
     """What machine code depends on beside XLA."""
     try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
         features = {line for line in lines if line.startswith(("flags", "Features"))}
     except OSError:
         features = {machine.processor()}
