@@ -17,6 +17,7 @@ Read in this order:
 - `_collection_results`: what it writes when they are done
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
+- `_transfer`: `jfsf transfer`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
 - `_cache`: `jfsf cache`

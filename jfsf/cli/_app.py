@@ -45,6 +45,7 @@ from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
+from jfsf.cli._transfer import transfer
 from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
 
@@ -345,6 +346,7 @@ def match(
 
 
 app.command()(register)
+app.command()(transfer)
 app.command()(batch)
 app.command()(collection)
 app.command()(evaluate)

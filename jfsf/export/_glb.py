@@ -17,8 +17,15 @@ _VERTICES, _INDICES = 34962, 34963  # what a part of the buffer is for
 _POINTS, _TRIANGLES = 0, 4
 
 
-def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
+def glb_bytes(
+    name: str,
+    shape: Painted,
+    texture: bytes | None,
+    normals: np.ndarray | None = None,
+) -> bytes:
     """The file, with one mesh of this name.
+
+    normals: (n, 3) of its vertices; None: from its faces.
 
     Positions are float32, as the format has no doubles. A viewer multiplies the texture
     with the colours. Other values are attributes such as _CONFIDENCE: names of one's
@@ -30,7 +37,8 @@ def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
     attributes = {"POSITION": buffer.add(points, "VEC3", **limits)}
     part: dict = {"attributes": attributes, "mode": _POINTS, "material": 0}
     if len(shape.faces):
-        normals = vertex_normals(shape.vertices, shape.faces)
+        if normals is None:
+            normals = vertex_normals(shape.vertices, shape.faces)
         # A vertex without a normal, as of no face, looks to +z.
         normals[~normals.any(axis=1)] = [0, 0, 1]
         attributes["NORMAL"] = buffer.add(normals.astype("<f4"), "VEC3")

@@ -16,6 +16,7 @@ READERS = {
     ".tsv": read_table,
     ".txt": read_table,
 }
+SUFFIXES = tuple(READERS)
 FORMATS = ".mrk.json, .fcsv, .pp, .csv, .tsv or .txt"
 
 

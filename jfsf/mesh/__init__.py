@@ -21,6 +21,7 @@ Read in this order:
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
 - `_read`: read a mesh file of any of these formats
+- `_uv`: the texture coordinates of a file
 """
 
 from jfsf.mesh._check import Report, check, validate
@@ -59,6 +60,7 @@ from jfsf.mesh._repair import (
     repair,
     without_strays,
 )
+from jfsf.mesh._uv import read_uv
 from jfsf.mesh._values import MeshError, check_values, checked_mesh, triangulate
 from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
@@ -95,6 +97,7 @@ __all__ = [
     "on_rim",
     "orient",
     "read",
+    "read_uv",
     "reconstruct",
     "repair",
     "spikes",

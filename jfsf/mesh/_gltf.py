@@ -28,23 +28,9 @@ def parse_gltf(path: Path) -> Mesh:
         MeshError: a compression that trimesh cannot read. Errors of trimesh pass
             through.
     """
-    _check_accessors(_scene(path.read_bytes()))
-    import trimesh  # Slow to import, and no other format needs it.
-
-    scene = trimesh.load_scene(str(path), process=False, skip_materials=True)
-    rank = {name: i for i, name in enumerate(scene.geometry)}
-    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
     points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
-    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
-        part = scene.geometry[name]
-        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
-            continue
+    for part, matrix in gltf_parts(path):
         xyz = np.asarray(part.vertices, np.float64)
-        if not xyz.any():
-            # trimesh gives zeros for draco data if DracoPy is not installed.
-            raise MeshError(
-                f"the vertices of its part {name!r} are all 0; export it uncompressed"
-            )
         faces = np.asarray(getattr(part, "faces", triangles[0]), np.int64)
         # A mirrored part must still face outward.
         step = -1 if np.linalg.det(matrix[:3, :3]) < 0 else 1
@@ -52,6 +38,34 @@ def parse_gltf(path: Path) -> Mesh:
         triangles.append(faces[:, ::step] + total)
         total += len(xyz)
     return Mesh(np.concatenate(points), np.concatenate(triangles))
+
+
+def gltf_parts(path: Path, *, skip_materials: bool = True) -> list[tuple[Any, Any]]:
+    """Trimesh's meshes and point clouds of a scene, and the matrix (4, 4) of each.
+
+    They come in the order of `parse_gltf`, where one may be in several places.
+
+    Raises:
+        MeshError: as `parse_gltf`.
+    """
+    _check_accessors(_scene(path.read_bytes()))
+    import trimesh  # Slow to import, and no other format needs it.
+
+    scene = trimesh.load_scene(str(path), process=False, skip_materials=skip_materials)
+    rank = {name: i for i, name in enumerate(scene.geometry)}
+    parts = [scene.graph[node] for node in scene.graph.nodes_geometry]
+    found = []
+    for matrix, name in sorted(parts, key=lambda part: rank[part[1]]):
+        part: Any = scene.geometry[name]
+        if not isinstance(part, trimesh.Trimesh | trimesh.PointCloud):
+            continue
+        if not np.any(part.vertices):
+            # trimesh gives zeros for draco data if DracoPy is not installed.
+            raise MeshError(
+                f"the vertices of its part {name!r} are all 0; export it uncompressed"
+            )
+        found.append((part, matrix))
+    return found
 
 
 def _scene(data: bytes) -> dict[str, Any]:
