@@ -127,7 +127,7 @@ def transfer(
     Example: jfsf transfer a.off b.off map.npz --labels b_parts.txt --out a_parts.txt
     """
     from jfsf.mesh import read
-    from jfsf.transfer import lay
+    from jfsf.transfer import extended, lay
 
     given = {"values": values, "labels": labels}
     given |= {"landmarks": landmarks, "texture": texture}
@@ -166,8 +166,7 @@ def transfer(
         stage("registration")
         if matched is not None:
             matched = _of_kept(np.asarray(matched), goal, kept[0])
-        laid = lay(*kept, T, matched_x=matched)
-        laid = _of_files(laid, goal, own)
+        laid = extended(lay(*kept, T, matched_x=matched), goal, own)
         stage(work.what)
         result = work.carry(laid)
         stage("writing")
@@ -273,24 +272,6 @@ def _of_kept(matched: np.ndarray, file: Mesh, kept: Mesh) -> np.ndarray:
     if len(matched) == len(kept.vertices):
         return matched
     return matched[_nearest(file, kept)]
-
-
-def _of_files(laid, goal: Mesh, own: Mesh):
-    """What is laid, with the meshes of the files in place of what was kept of them.
-
-    A vertex that was not kept lies where the nearest one lies.
-    """
-    own_at = np.asarray(own.vertices, np.float64)
-    if len(goal.vertices) == len(laid.at_x):
-        return laid._replace(mesh_x=goal, mesh_y=own, at_y=own_at)
-    near = _nearest(laid.mesh_x, goal)
-    return laid._replace(
-        mesh_x=goal,
-        mesh_y=own,
-        at_x=laid.at_x[near],
-        at_y=own_at,
-        known_x=laid.known_x[near],
-    )
 
 
 def _nearest(mesh: Mesh, points: Mesh) -> np.ndarray:

@@ -1,7 +1,8 @@
 """What one shape has, carried to another along a map: values, labels, textures, points.
 
 `lay` lays X on Y by a map; the others carry from Y to X. `lay_template` does so with a
-template that was registered to a scan.
+template that was registered to a scan, and `extended` takes whole files for what was
+kept of them.
 
 Read in this order:
 
@@ -26,7 +27,7 @@ from jfsf.transfer._files import (
 )
 from jfsf.transfer._image import png_of, read_image
 from jfsf.transfer._labels import labels
-from jfsf.transfer._laid import Laid, lay, lay_template
+from jfsf.transfer._laid import Laid, extended, lay, lay_template
 from jfsf.transfer._landmarks import landmarks
 from jfsf.transfer._texture import Baked, look_up, texture
 from jfsf.transfer._values import values
@@ -39,6 +40,7 @@ __all__ = [
     "atlas",
     "check_format",
     "check_size",
+    "extended",
     "labels",
     "landmarks",
     "lay",

@@ -9,18 +9,21 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
 from jfsf.mesh import MAX_UNCLEAR, checked_mesh, unclear_winding
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.types import ArrayLike, Mesh
+
+SAME = 1e-9  # of the size of a mesh: points that are one
 
 
 class Laid(NamedTuple):
     """X and Y, and where their vertices are when one lies on the other.
 
     mesh_x, mesh_y: each in its own coordinates; n_x and n_y vertices.
-    at_x, at_y: positions in common coordinates.
-    known_x: whether Y has a surface for a vertex of X.
+    at_x, at_y: positions in common coordinates; nan for a vertex that has no place.
+    known_x: whether Y has a surface for a vertex of X, which has a place.
     orientation_sign: -1 where the outer sides of both look away from each other, since
         the map mirrors; 0 if it is not known which side is outside.
     """
@@ -112,6 +115,35 @@ def lay_template(template: Mesh, scan: Mesh, registration: Registration) -> Laid
         )
     sign = _clear(scan, template) * int(registration.orientation_sign)
     return Laid(scan, template, at_x, at_y, np.ones(len(at_x), bool), sign)
+
+
+def extended(laid: Laid, mesh_x: Mesh, mesh_y: Mesh) -> Laid:
+    """Whole meshes in place of what was kept of them, as by a repair.
+
+    Args:
+        laid: of what was kept.
+        mesh_x, mesh_y: the whole meshes. A vertex lies where one at the same point was
+            put, and has no place if none is there.
+
+    Returns:
+        Both meshes; the one whose coordinates are the common ones keeps its own.
+    """
+    mesh_x, mesh_y = checked_mesh(mesh_x, "X"), checked_mesh(mesh_y, "Y")
+    at_x, known_x = _places(laid.mesh_x, laid.at_x, mesh_x, laid.known_x)
+    at_y, _ = _places(laid.mesh_y, laid.at_y, mesh_y, np.ones(len(laid.at_y), bool))
+    return Laid(mesh_x, mesh_y, at_x, at_y, known_x, laid.orientation_sign)
+
+
+def _places(part: Mesh, at, whole: Mesh, known):
+    """Positions of the vertices of the whole, and whether each is known."""
+    own = np.asarray(part.vertices, np.float64)
+    points = np.asarray(whole.vertices, np.float64)
+    size = float(np.ptp(points, axis=0).max())
+    away, near = KDTree(own).query(points)
+    there = away <= SAME * size
+    if np.array_equal(own, at):
+        return points, there & known[near]
+    return np.where(there[:, None], at[near], np.nan), there & known[near]
 
 
 def _clear(*meshes: Mesh) -> int:

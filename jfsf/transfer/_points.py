@@ -3,6 +3,13 @@
 A point goes to the nearest one of the other surface that faces alike. On thin parts,
 such as fingers and ears, the nearest of all may be on the other side: the faces of a
 coarse mesh cut through them.
+
+Most points lie so near to the other surface that a face below them is the one: it is
+found by walking over edges from the face with the nearest centre. All pieces of faces
+around are compared for the others only (`jfsf.mesh.closest`).
+
+This file is long because points go either way, from vertices and from faces, and to
+point clouds.
 """
 
 from typing import NamedTuple
@@ -26,6 +33,9 @@ CANDIDATES = 24  # pieces of faces that are tried where the nearest faces away
 NORMAL_WEIGHT = 0.2  # of a unit normal beside the position, in sqrt(area), for these
 MIN_ALIKE = 0.0  # cosine between normals
 ROWS = 100_000  # points at a time
+STEPS = 4  # over edges
+# A face is the one below a point if it is within this part of the size of faces.
+NEAR = 0.2
 
 
 class Points(NamedTuple):
@@ -44,7 +54,7 @@ class Points(NamedTuple):
 class Side(NamedTuple):
     """A mesh as it lies on the other.
 
-    vertices: (n, 3) in common coordinates.
+    vertices: (n, 3) in common coordinates; nan for one without a place.
     normals: (n, 3) unit normals, so that both meshes look the same way; None where no
         side is known to be the outer one.
     faces: (m, 3) of the mesh.
@@ -59,20 +69,37 @@ class Target(NamedTuple):
     """A side whose nearest points can be asked for.
 
     side: the mesh.
-    kept: (p,) its faces with an area.
+    kept: (p,) its faces with an area; the vertices with a place, of a point cloud.
     surface: of these; None of a point cloud.
     tree: of its vertices, of a point cloud; of the centres and weighted normals of the
         surface's pieces, if there are normals; else None.
     normal: (p, 3) unit normals of the faces; None without normals.
     weight: of the normals in the tree.
+    planes: of the surface; None of a point cloud.
     """
 
     side: Side
     kept: ArrayLike
     surface: SurfaceTree | None
     tree: KDTree | None
-    normal: ArrayLike | None
-    weight: float
+    normal: ArrayLike | None = None
+    weight: float = 0.0
+    planes: "Planes | None" = None
+
+
+class Planes(NamedTuple):
+    """Faces as coordinates.
+
+    origin: (p, 3) corner 0 of each.
+    axes: (p, 3, 3) whose products with what is seen from there are the barycentric
+        coordinates of corners 1 and 2, and the height.
+    beyond: (p, 3) the face across the edge opposite to each corner; -1 if there is no
+        one face.
+    """
+
+    origin: ArrayLike
+    axes: ArrayLike
+    beyond: ArrayLike
 
 
 def sides(laid: Laid) -> tuple[Side, Side]:
@@ -84,7 +111,9 @@ def sides(laid: Laid) -> tuple[Side, Side]:
     ):
         faces, normals = np.asarray(mesh.faces), None
         if sign and len(faces):
-            normals = sign * vertex_normals(at, orient(mesh).faces)
+            wound = orient(mesh).faces
+            there = np.isfinite(at[faces]).all((1, 2))
+            normals = sign * vertex_normals(at, wound[there])
         found.append(Side(at, normals, faces))
     return found[0], found[1]
 
@@ -93,16 +122,19 @@ def target(side: Side) -> Target:
     """Prepare a side for `nearest`."""
     vertices, normals, faces = side
     areas = face_areas(vertices, faces)
-    kept = np.flatnonzero(areas > 0)
+    kept = np.flatnonzero(areas > 0)  # nan is not
+    there = np.isfinite(vertices).all(1)
     if len(kept) == 0:
-        return Target(side, kept, None, KDTree(vertices), None, 0.0)
-    surface = surface_tree(Mesh(vertices, faces[kept]))
+        kept = np.flatnonzero(there)
+        return Target(side, kept, None, KDTree(vertices[kept]))
+    surface = surface_tree(Mesh(np.where(there[:, None], vertices, 0), faces[kept]))
+    planes = _planes(surface)
     if normals is None:
-        return Target(side, kept, surface, None, None, 0.0)
+        return Target(side, kept, surface, None, planes=planes)
     normal = _unit(normals[faces[kept]].sum(1))
-    weight = NORMAL_WEIGHT * float(np.sqrt(areas.sum()))
+    weight = NORMAL_WEIGHT * float(np.sqrt(areas[kept].sum()))
     tree = KDTree(np.hstack([surface.centre, weight * normal[surface.owner]]))
-    return Target(side, kept, surface, tree, normal, weight)
+    return Target(side, kept, surface, tree, normal, weight, planes)
 
 
 def place(side: Side, points: Points) -> tuple[ArrayLike, ArrayLike | None]:
@@ -121,11 +153,12 @@ def nearest(target: Target, positions: ArrayLike, normals: ArrayLike | None) -> 
         normals: (q, 3) unit normals, or None.
 
     Returns:
-        Where none near faces alike, the nearest of all.
+        Where none near faces alike, the nearest of all. Any for a position of nan.
     """
+    positions = np.nan_to_num(positions)
     if target.surface is None:
         assert target.tree is not None
-        at = np.asarray(target.tree.query(positions)[1])
+        at = target.kept[np.asarray(target.tree.query(positions)[1])]
         weights = np.zeros((len(at), 3))
         weights[:, 0] = 1
         corners = np.repeat(at[:, None], 3, axis=1)
@@ -141,6 +174,40 @@ def nearest(target: Target, positions: ArrayLike, normals: ArrayLike | None) -> 
 
 
 def _on_surface(target: Target, positions, normals):
+    face, weights = _below(target, positions, normals)
+    rest = np.flatnonzero(face < 0)
+    if len(rest):
+        own = None if normals is None else normals[rest]
+        face[rest], weights[rest] = _nearest_of_all(target, positions[rest], own)
+    return face, weights
+
+
+def _below(target: Target, positions, normals):
+    """The face each point lies above or below, near; -1 where the walk finds none."""
+    surface, planes = target.surface, target.planes
+    assert surface is not None and planes is not None
+    face = surface.owner[surface.tree.query(positions)[1]]
+    weights, found = np.zeros((len(face), 3)), np.zeros(len(face), bool)
+    left = np.arange(len(face))
+    for _ in range(STEPS):
+        at = face[left]
+        to = positions[left] - planes.origin[at]
+        s, t, height = np.einsum("qij,qj->iq", planes.axes[at], to)
+        bary = np.stack([1 - s - t, s, t], 1)
+        least = bary.argmin(1)
+        inside = np.take_along_axis(bary, least[:, None], 1)[:, 0] >= 0
+        near = inside & (np.abs(height) <= NEAR * surface.radius)
+        if normals is not None and target.normal is not None:
+            near &= (target.normal[at] * normals[left]).sum(1) > MIN_ALIKE
+        weights[left[near]], found[left[near]] = bary[near], True
+        beyond = planes.beyond[at, least]
+        on = ~inside & (beyond >= 0)
+        face[left[on]] = beyond[on]
+        left = left[on]
+    return np.where(found, face, -1), weights
+
+
+def _nearest_of_all(target: Target, positions, normals):
     surface = target.surface
     assert surface is not None
     found = closest(surface, positions)
@@ -160,6 +227,29 @@ def _on_surface(target: Target, positions, normals):
     face[away[there]] = better.face[there]
     weights[away[there]] = better.barycentric[there]
     return face, weights
+
+
+def _planes(surface: SurfaceTree) -> Planes:
+    vertices, faces = surface.mesh
+    origin = vertices[faces[:, 0]]
+    one, two = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
+    cross = np.cross(one, two)
+    square = (cross**2).sum(1, keepdims=True)
+    axes = [np.cross(two, cross) / square, np.cross(cross, one) / square]
+    axes = np.stack([*axes, surface.normal], 1)
+    # Half-edge 3 f + i runs from corner i to the next, opposite to the one after it.
+    tail, head = faces.ravel(), np.roll(faces, -1, 1).ravel()
+    key = np.minimum(tail, head) * np.int64(len(vertices)) + np.maximum(tail, head)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
+    pair = same[count[edge.ravel()[order[same]]] == 2]
+    beyond = np.full(len(key), -1)
+    beyond[order[pair]], beyond[order[pair + 1]] = (
+        order[pair + 1] // 3,
+        order[pair] // 3,
+    )
+    return Planes(origin, axes, np.roll(beyond.reshape(-1, 3), -1, 1))
 
 
 def at_vertices(side: Side) -> Points:
