@@ -9,6 +9,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `landmarks`: points that are known to correspond
 - `parts`: a shape that is a piece of the other
 - `registration`: a template mesh deformed onto a scan
+- `transfer`: values, labels, landmarks and textures of one shape on another
 - `far`: bodies of different proportions, and how sure a map is
 - `large`: a hundred thousand vertices, and a million
 - `batches`: many pairs, many processes, many machines
@@ -37,6 +38,7 @@ from jfsf.guide import (
     registration,
     stages,
     start,
+    transfer,
     troubleshooting,
 )
 
@@ -47,6 +49,7 @@ __all__ = [
     "landmarks",
     "parts",
     "registration",
+    "transfer",
     "far",
     "large",
     "batches",
