@@ -157,7 +157,7 @@ def parts_of(sample: data.Sample) -> tuple[np.ndarray, np.ndarray]:
     part = np.where(arm, 2 + (x < 0), np.where(leg, 4 + (x < 0), part))
     votes = np.zeros((len(sample.mesh.vertices), len(PARTS)), int)
     np.add.at(votes, (sample.template_to_vertex, part), 1)
-    known = votes.any(1)
+    known = np.asarray(votes.any(1))
     near = KDTree(sample.mesh.vertices[known]).query(sample.mesh.vertices)[1]
     return votes.argmax(1)[np.flatnonzero(known)[near]], known
 

@@ -154,19 +154,20 @@ def transfer(
         work = _texture(texture, goal, own, paths[1], out, size)
     mesh_x, mesh_y, maps, _ = read_pair(x, y, map_file, None, None, None, mend=repair)
     match = stored_match(map_file)
-    kept, T, matched = (mesh_x, mesh_y), maps.T_xy, match and match.matched_x
+    T, matched = maps.T_xy, match and match.matched_x
     if source is Source.x:
         if maps.T_yx is None:
             raise ValueError(
                 f"{map_file}: holds no T_yx, the map from Y to X, for --from x; give a "
                 "file of match, or the meshes and the map the other way round"
             )
-        kept, T, matched = kept[::-1], maps.T_yx, match and match.matched_y
+        mesh_x, mesh_y = mesh_y, mesh_x
+        T, matched = maps.T_yx, match and match.matched_y
     with stage_bar(_STAGES) as stage:
         stage("registration")
         if matched is not None:
-            matched = _of_kept(np.asarray(matched), goal, kept[0])
-        laid = extended(lay(*kept, T, matched_x=matched), goal, own)
+            matched = _of_kept(np.asarray(matched), goal, mesh_x)
+        laid = extended(lay(mesh_x, mesh_y, T, matched_x=matched), goal, own)
         stage(work.what)
         result = work.carry(laid)
         stage("writing")
@@ -174,7 +175,7 @@ def transfer(
     console = Console()
     shown = f"{work.what} carried from {paths[1]} to {paths[0]}"
     console.print(shown, soft_wrap=True, markup=False)
-    notes = list(getattr(result, "said", ()))
+    notes: list[str] = list(getattr(result, "said", ()))
     if share := 1 - laid.known_x.mean():
         notes.append(
             f"the map counts for nothing at {share:.1%} of the vertices of {paths[0]}: "

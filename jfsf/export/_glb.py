@@ -37,11 +37,12 @@ def glb_bytes(
     attributes = {"POSITION": buffer.add(points, "VEC3", **limits)}
     part: dict = {"attributes": attributes, "mode": _POINTS, "material": 0}
     if len(shape.faces):
-        if normals is None:
-            normals = vertex_normals(shape.vertices, shape.faces)
+        found = vertex_normals(shape.vertices, shape.faces)
+        looking = found if normals is None else normals
         # A vertex without a normal, as of no face, looks to +z.
-        normals[~normals.any(axis=1)] = [0, 0, 1]
-        attributes["NORMAL"] = buffer.add(normals.astype("<f4"), "VEC3")
+        some = np.any(looking, axis=1, keepdims=True)
+        looking = np.where(some, looking, [0, 0, 1]).astype("<f4")
+        attributes["NORMAL"] = buffer.add(looking, "VEC3")
         corners = shape.faces.astype("<u4").ravel()
         part |= {"mode": _TRIANGLES, "indices": buffer.add(corners, "SCALAR")}
     if shape.colours is not None:
