@@ -52,7 +52,7 @@ BASE = "man_t"
 LANDMARKS, IMAGE, BAKED = 16, 2048, 2048
 SAMPLES = 16  # of a face, for the smear
 OFF = 8  # of 255
-SHOWN = ("man_up", "woman_walk")  # X and Y of the picture
+SHOWN = ("child_up", "man_walk")  # X and Y of the picture
 
 
 class Chart(NamedTuple):
@@ -108,22 +108,25 @@ def measure(maps: Path | None, name_x: str, name_y: str) -> dict:
 
 
 def summary(rows: list[dict]) -> dict:
-    """Means over the pairs; of the smear the largest too."""
+    """Means over all pairs, those of one body and the others; the largest smear."""
     leaves = lambda tree: {
         f"{key}.{name}" if name else key: value
         for key, sub in tree.items()
         for name, value in (leaves(sub) if isinstance(sub, dict) else {"": sub}).items()
     }
     flat = [leaves({k: row[k] for k in ("map", "truth")}) for row in rows]
-    mean = {name: float(np.mean([row[name] for row in flat])) for name in flat[0]}
-    worst = float(np.max([row["map.texture.smeared"] for row in flat]))
-    least = float(np.min([row["map.labels.vertices"] for row in flat]))
-    return {
-        "pairs": len(rows),
-        **mean,
-        "map.texture.smeared_max": worst,
-        "map.labels.vertices_min": least,
-    }
+    mean = lambda own: {n: float(np.mean([row[n] for row in own])) for n in flat[0]}
+    body = lambda name: name.split("_")[0]
+    one = [
+        f for f, row in zip(flat, rows, strict=True) if body(row["x"]) == body(row["y"])
+    ]
+    other = [f for f in flat if f not in one]
+    found = {"pairs": len(rows), "all": mean(flat)}
+    if one and other:
+        found |= {"pairs_of_one_body": len(one), "one_body": mean(one)}
+        found |= {"other_bodies": mean(other)}
+    worst = [row["map.texture.smeared"] for row in flat]
+    return found | {"smeared_max": float(np.max(worst))}
 
 
 def match(maps: Path | None, name_x: str, name_y: str):
@@ -222,7 +225,8 @@ def _smear(laid: transfer.Laid, T_xy) -> dict:
     x, y = laid.mesh_x, laid.mesh_y
     low, high = y.vertices.min(0), y.vertices.max(0)
     colour = lambda points: 255 * (points - low) / (high - low)
-    chart = unwrapped(y, lambda points, _: colour(points))
+    corners = y.vertices[y.faces]
+    chart = unwrapped(y, lambda face, weights: colour(weights @ corners[face]))
     baked = transfer.texture(laid, chart.uv, chart.image, size=BAKED)
     weights = np.random.default_rng(0).dirichlet([1, 1, 1], SAMPLES)
     at = lambda corners: np.einsum("wc,fcd->fwd", weights, corners)
@@ -261,7 +265,7 @@ def chart_of(mesh: Mesh) -> np.ndarray:
 def unwrapped(mesh: Mesh, paint) -> Chart:
     """Charts side by side, and an image with the colours of their points.
 
-    paint: points (q, 3) and faces (q,) -> colours (q, 3) up to 255.
+    paint: a face and barycentric coordinates (q, 3) -> colours (q, 3) up to 255.
     """
     chart, normal = chart_of(mesh), face_normals(*mesh)
     axis = np.abs(normal).argmax(1)
@@ -289,8 +293,7 @@ def unwrapped(mesh: Mesh, paint) -> Chart:
         weights = np.linalg.solve(system, np.hstack([texels, ones]).T).T
         own = weights.min(1) > -1e-9
         place = texels[own].astype(int)
-        points = weights[own] @ corners[face]
-        colours[place[:, 1], place[:, 0]] = paint(points, np.full(len(points), face))
+        colours[place[:, 1], place[:, 0]] = paint(face, weights[own])
         filled[place[:, 1], place[:, 0]] = True
     # Around each chart its own colours go on, as tools for textures do it.
     near = distance_transform_edt(~filled, return_distances=False, return_indices=True)
@@ -347,17 +350,18 @@ def draw(maps: Path | None, path: Path, name_x: str, name_y: str) -> None:
 
 def _clothes(sample: data.Sample):
     """Stripes, trousers and shoes; skin and hair."""
-    base = data.load(BASE)
-    known = sample.mesh.vertices[sample.template_to_vertex]
-    tree = KDTree(known)
-    rest = base.mesh.vertices[base.template_to_vertex]
+    base, n = data.load(BASE), len(sample.mesh.vertices)
+    rest, count = np.zeros((n, 3)), np.bincount(sample.template_to_vertex, minlength=n)
+    places = base.mesh.vertices[base.template_to_vertex]
+    np.add.at(rest, sample.template_to_vertex, places)
+    known = np.flatnonzero(count)
+    rest[known] /= count[known, None]
+    near = KDTree(sample.mesh.vertices[known]).query(sample.mesh.vertices)[1]
+    rest = rest[known[near]]
 
-    def paint(points, faces):
-        away, near = tree.query(points, 4)
-        weight = 1 / (away + 1e-6)
-        at = np.einsum("qk,qkd->qd", weight / weight.sum(1, keepdims=True), rest[near])
-        x, y, z = at.T
-        skin = np.tile([224.0, 172, 140], (len(at), 1))
+    def paint(face, weights):
+        x, y, z = at = (weights @ rest[sample.mesh.faces[face]]).T
+        skin = np.tile([224.0, 172, 140], (at.shape[1], 1))
         stripe = np.where((y * 20 % 1 < 0.5)[:, None], [250, 250, 250], [30, 60, 150])
         check = ((y * 16 % 1 < 0.5) ^ (x * 16 % 1 < 0.5))[:, None]
         out = np.where((y < 0.64)[:, None] & (np.abs(x) < 0.42)[:, None], stripe, skin)

@@ -1,6 +1,7 @@
 """What Y has, carried to X: on the right places, across seams, from file to file."""
 
 import io
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from typer.testing import CliRunner
 import jfsf
 from jfsf import transfer
 from jfsf.cli import app
+from jfsf.cli._collection_carried import carried_of, write_carried
 from jfsf.export import export_textured
 from jfsf.landmarks import Landmarks, read_landmarks, write_landmarks
 from jfsf.mapfiles import write_map
@@ -200,8 +202,12 @@ def test_point_clouds_go_by_their_nearest_vertices():
         transfer.labels(found, np.arange(N_Y), to="faces")
 
 
-def test_a_template_that_was_registered(laid):
-    registered = jfsf.register(X, Y, T_XY)
+@pytest.fixture(scope="module")
+def registered():
+    return jfsf.register(X, Y, T_XY)
+
+
+def test_a_template_that_was_registered(registered):
     found = transfer.lay_template(X, Y, registered)
     carried = transfer.values(found, X.vertices)  # from X, the template, to Y
     assert np.linalg.norm(carried - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
@@ -458,6 +464,30 @@ def test_wrong_arguments_say_what_was_found(laid):
         transfer.texture(laid, uv, image, size=100)
     with pytest.raises(ValueError, match="do not fit"):
         transfer.texture(laid, uv, image, size=64)
+
+
+def test_a_collection_carries_what_its_template_has(tmp_path, registered):
+    meshes = {"template": X, "scan": Y}
+    paths = {name: tmp_path / f"{name}.off" for name in meshes}
+    for name, mesh in meshes.items():
+        trimesh.Trimesh(*mesh, process=False).export(paths[name])
+    read_back = {name: read(path) for name, path in paths.items()}
+    shapes = {name: SimpleNamespace(mesh=mesh) for name, mesh in read_back.items()}
+    (tmp_path / "registered").mkdir()
+    np.savez(tmp_path / "registered" / "scan.npz", **registered._asdict())
+    np.save(tmp_path / "v.npy", X.vertices)
+    (tmp_path / "l.txt").write_text("\n".join(map(str, quadrant(at_faces(COARSE)))))
+    files = {"labels": tmp_path / "l.txt", "values": tmp_path / "v.npy"}
+    carried = carried_of(paths["template"], **files)
+    rows = [{"name": "scan", "reason": ""}, {"name": "lost", "reason": "broken"}]
+    write_carried(tmp_path, rows, paths, shapes, "template", carried)
+    values = np.load(tmp_path / "values" / "scan.npy")
+    assert np.linalg.norm(values - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
+    right = np.loadtxt(tmp_path / "labels" / "scan.txt") == quadrant(at_faces(Y))
+    assert right.mean() > 0.9
+    assert len(list((tmp_path / "labels").iterdir())) == 1
+    with pytest.raises(ValueError, match=f"{N_X} vertices or of {len(X.faces)} faces"):
+        carried_of(paths["template"], labels=tmp_path / "v.npy")
 
 
 # The command.
