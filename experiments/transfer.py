@@ -52,6 +52,7 @@ BASE = "man_t"
 LANDMARKS, IMAGE, BAKED = 16, 2048, 2048
 SAMPLES = 16  # of a face, for the smear
 OFF = 8  # of 255
+SMOOTHED = 4  # times, for the stripes of the picture
 SHOWN = ("child_up", "man_walk")  # X and Y of the picture
 
 
@@ -358,9 +359,14 @@ def _clothes(sample: data.Sample):
     rest[known] /= count[known, None]
     near = KDTree(sample.mesh.vertices[known]).query(sample.mesh.vertices)[1]
     rest = rest[known[near]]
+    faces = sample.mesh.faces
+    for _ in range(SMOOTHED):  # the truth names vertices only
+        total, number = np.zeros((n, 3)), np.bincount(faces.ravel(), minlength=n)
+        np.add.at(total, faces, rest[faces].mean(1)[:, None].repeat(3, 1))
+        rest = total / number[:, None]
 
     def paint(face, weights):
-        x, y, z = at = (weights @ rest[sample.mesh.faces[face]]).T
+        x, y, z = at = (weights @ rest[faces[face]]).T
         skin = np.tile([224.0, 172, 140], (at.shape[1], 1))
         stripe = np.where((y * 20 % 1 < 0.5)[:, None], [250, 250, 250], [30, 60, 150])
         check = ((y * 16 % 1 < 0.5) ^ (x * 16 % 1 < 0.5))[:, None]

@@ -130,12 +130,15 @@ def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
     check_format(path)
     if path.suffix.lower() == ".npy":
         try:
-            return Column(np.load(path, allow_pickle=False))
+            rows = np.load(path, allow_pickle=False)
         except (ValueError, EOFError) as error:
             raise ValueError(
                 f"{path}: is no array of numbers or names ({error}); write it with "
                 "numpy.save"
             ) from None
+        if not isinstance(rows, np.ndarray):
+            raise ValueError(f"{path}: holds several arrays; write one with numpy.save")
+        return Column(rows)
     text = path.read_bytes().decode("utf-8-sig", "replace").rstrip()
     # Not splitlines, which also splits at rarer characters that names may hold.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")

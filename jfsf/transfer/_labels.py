@@ -33,7 +33,8 @@ def labels(
     Args:
         laid: X and Y laid on each other (`lay`).
         labels_y: whole numbers, or names, of each vertex or face of Y.
-        of: whether they are of Y's "vertices" or "faces"; None: by their number.
+        of: whether they are of Y's "vertices" or "faces"; None: by their number, of
+            vertices where it fits both.
         to: whether X's "vertices" or "faces" get them; None: as of Y.
 
     Returns:

@@ -75,7 +75,8 @@ def texture(
     on_y = target(y)
     corners = np.asarray(laid.mesh_x.vertices, np.float64)[x.faces]
     where = atlas(corners, size)
-    image = np.full((size, size, image_y.shape[2]), NO_COLOUR, np.uint8)
+    grey = _grey(image_y)
+    image = np.tile(grey.astype(np.uint8), (size, size, 1))
     for cells in where.cells:
         number = max(1, TEXELS // len(cells.weights))
         for start in range(0, len(cells.face), number):
@@ -88,7 +89,7 @@ def texture(
             found = nearest(on_y, *place(x, points))
             uv = np.einsum("qc,qcd->qd", found.weights, uv_y[found.face])
             colour = look_up(image_y, uv)
-            colour[~laid.known_x[vertices].all(1)] = NO_COLOUR
+            colour[~laid.known_x[vertices].all(1)] = grey
             texel = (first[:, None] + cells.texels[None]).reshape(-1, 2)
             image[texel[:, 0], texel[:, 1]] = np.rint(colour)
     return Baked(image, where.uv)
@@ -116,4 +117,12 @@ def look_up(
     upper = at(0, 0) * (1 - right) + at(0, 1) * right
     lower = at(1, 0) * (1 - right) + at(1, 1) * right
     colour = upper * (1 - down) + lower * down
-    return np.where(known[:, None], colour, NO_COLOUR)
+    return np.where(known[:, None], colour, _grey(image))
+
+
+def _grey(image):
+    """The colour of what has none, with the channels of an image: opaque."""
+    grey = np.full(image.shape[2], NO_COLOUR)
+    if len(grey) in (2, 4):
+        grey[-1] = 255
+    return grey
