@@ -37,6 +37,7 @@ only from those above its own:
 - `data`: embedded shapes with ground truth
 - `plot`: pictures by colour transfer, and charts
 - `export`: meshes in the colours of a map, for other programs
+- `transfer`: values, labels, landmarks and textures carried along a map
 - `model`: statistical shape models of meshes in correspondence
 - `joint`: many shapes at once: maps that agree, and one topology for all
 - `report`: pages to look at a map in a browser, and the confidence in words
@@ -114,8 +115,17 @@ _HOMES = {
 _ROOMS = (
     *("array", "solvers", "storage", "runtime", "geometry", "convert", "evaluate"),
     *("evidence", "stages", "arguments", "coarse", "policy", "mapfiles"),
-    *("landmarks", "interop", "batch", "baselines", "data", "plot", "export", "model"),
-    *("report", "testing"),
+    *(
+        "landmarks",
+        "interop",
+        "batch",
+        "baselines",
+        "data",
+        "plot",
+        "export",
+        "transfer",
+    ),
+    *("model", "report", "testing"),
     *("cli", "guide"),
     *_HOMES,
 )

@@ -47,7 +47,9 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
     rows = [f"p{i},{x},{y},{z}" for i, (x, y, z) in enumerate(template.vertices[:3])]
     marks.write_text("\n".join(["name,x,y,z", *rows, ""]))
     args = scans, "--out", out, "--template", scans / "man_walk.ply"
-    args = *args, "--landmarks", marks, "--workers", "1"
+    np.save(tmp_path / "heights.npy", template.vertices[:, 1])
+    args = *args, "--landmarks", marks, "--values", tmp_path / "heights.npy"
+    args = *args, "--workers", "1"
     found = run(*args)
     assert found.exit_code == 1, found.output  # for the broken file
     assert f"left out: {scans / 'broken.off'}" in found.output.replace("\n", "")
@@ -67,6 +69,8 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
         assert np.linalg.norm(at, axis=1).mean() < 0.1 * unit
         carried = (out / "landmarks" / f"{name}.csv").read_text().splitlines()
         assert len(carried) == LANDMARKS + 1
+        heights = np.load(out / "values" / f"{name}.npy")
+        assert heights.shape == (len(scan.vertices),) and np.isfinite(heights).all()
     T_xy = np.asarray(read_match(out / "maps" / "man_t.npz").T_xy)
     assert len(T_xy) == len(template.vertices)
     # What was made is kept, and what is missing is made again, to the byte.
@@ -95,6 +99,8 @@ def test_a_folder_that_is_no_collection_is_an_error(tmp_path):
     (scans / "a.off").unlink()
     found = run(scans, *out, "--landmarks", scans / "a.ply")
     assert found.exit_code == 1 and "name it: --template" in found.output
+    found = run(scans, *out, "--values", scans / "a.ply")
+    assert found.exit_code == 1 and "--values are those of the template" in found.output
     found = run(scans, *out, "--template", tmp_path / "t.ply")
     assert found.exit_code == 1 and "is no file" in found.output
     assert not (tmp_path / "out").exists()

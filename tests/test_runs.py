@@ -611,8 +611,8 @@ def test_forty_pairs_killed_in_the_middle(tmp_path):
         with np.load(tmp_path / "whole" / name) as one:
             with np.load(tmp_path / "cut" / name) as two:
                 assert one.files == two.files
-                for key in one.files:
-                    assert np.array_equal(one[key], two[key], equal_nan=True), key
+                for key in set(one.files) - {"info_seconds"}:
+                    np.testing.assert_array_equal(one[key], two[key], key)
 
 
 def kill_one_worker(process, ready):

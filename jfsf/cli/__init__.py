@@ -19,8 +19,10 @@ Read in this order:
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
 - `_collection_results`: what it writes when they are done
+- `_collection_carried`: what the template has, on each shape of a collection
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
+- `_transfer`: `jfsf transfer`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
 - `_warm_up`: `jfsf warm-up`

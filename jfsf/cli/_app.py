@@ -46,6 +46,7 @@ from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
 from jfsf.cli._stages import stage_bar
+from jfsf.cli._transfer import transfer
 from jfsf.cli._warm_up import warm_up
 from jfsf.cli._words import print_any_letter, sentence
 from jfsf.mesh import stem_of
@@ -293,6 +294,7 @@ def match(
 
 
 app.command()(register)
+app.command()(transfer)
 app.command()(batch)
 app.command()(collection)
 app.command()(evaluate)

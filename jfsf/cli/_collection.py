@@ -1,4 +1,7 @@
-"""jfsf collection: a folder of meshes to one topology and a shape model."""
+"""jfsf collection: a folder of meshes to one topology and a shape model.
+
+This file is long because it declares the options, and the steps share what is kept.
+"""
 
 from functools import partial
 from pathlib import Path
@@ -8,6 +11,7 @@ import numpy as np
 import typer
 from rich.console import Console
 
+from jfsf.cli._collection_carried import carried_of, write_carried
 from jfsf.cli._collection_jobs import (
     has_page,
     keep,
@@ -65,6 +69,21 @@ def collection(
             ".pp, .csv or .txt.",
         ),
     ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Labels of --template, one a vertex or one a face, to be carried to "
+            "all: .npy, .csv or .txt.",
+        ),
+    ] = None,
+    values: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Numbers of the vertices of --template, likewise: .npy, .csv or .txt.",
+        ),
+    ] = None,
     scheduler: SchedulerOption = None,
     workers: WorkersOption = None,
     orientation: OrientationOption = Orientation.preserve,
@@ -104,14 +123,17 @@ def collection(
 
     if report:
         need_matplotlib()
-    if landmarks is not None and template is None:
-        raise ValueError(
-            f"{landmarks}: --landmarks are those of the template; name it: --template"
-        )
+    given = {"landmarks": landmarks, "labels": labels, "values": values}
+    for option, path in given.items():
+        if path is not None and template is None:
+            raise ValueError(
+                f"{path}: --{option} are those of the template; name it: --template"
+            )
     paths = _meshes_in(folder)
     if template is not None and template.absolute() not in paths.values():
         paths = _with_template(template, paths)
     points = _points(landmarks, template)
+    carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
     options = {
@@ -146,6 +168,7 @@ def collection(
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks.suffix)
+    written += write_carried(out, rows, paths, shapes, name, carried)
     if report:
         written.append(write_pages_index(out, rows, name))
     console = Console()

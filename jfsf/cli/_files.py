@@ -253,6 +253,16 @@ def _values_at(match: Match, at_x, at_y) -> Match:
     )
 
 
+def stored_match(path: Path) -> Match | None:
+    """The match in a file of match; None of another map."""
+    from jfsf.mapfiles import MapFileError, read_match
+
+    try:
+        return read_match(path)
+    except MapFileError:
+        return None
+
+
 def known_confidence(match: Match) -> np.ndarray | None:
     """confidence_x, where it is known at every vertex."""
     values = match.confidence_x

@@ -16,6 +16,7 @@ from jfsf.cli._files import (
     can_export,
     matchable,
     read_pair,
+    stored_match,
 )
 from jfsf.cli._stages import stage_bar
 from jfsf.report import verdict, warnings_of
@@ -91,7 +92,7 @@ def register(
             template, scan, map_file, None, None, base, mend=repair
         )
         T = maps.T_xy
-        if (stored := _stored(map_file)) is not None:
+        if (stored := stored_match(map_file)) is not None:
             certificate = stored.certificate
             # Of a repaired mesh they would have other numbers.
             matched = None if repair else stored.matched_x
@@ -125,16 +126,6 @@ def register(
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     console.print(f"wrote {out}", soft_wrap=True, markup=False)
-
-
-def _stored(path: Path):
-    """The match in a file of match; None of another map."""
-    from jfsf.mapfiles import MapFileError, read_match
-
-    try:
-        return read_match(path)
-    except MapFileError:
-        return None
 
 
 def _table(warped, scan: Mesh, certificate) -> Table:

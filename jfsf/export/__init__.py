@@ -13,8 +13,18 @@ Read in this order:
 - `_obj`: OBJ
 - `_glb`: GLB, binary glTF
 - `_export`: write a mesh, or a map, in the format of the suffix
+- `_textured`: write a mesh with an image on it
 """
 
 from jfsf.export._export import FORMATS, check_path, export_map, export_mesh
+from jfsf.export._textured import TEXTURED, export_textured, textured_files
 
-__all__ = ["FORMATS", "check_path", "export_map", "export_mesh"]
+__all__ = [
+    "FORMATS",
+    "TEXTURED",
+    "check_path",
+    "export_map",
+    "export_mesh",
+    "export_textured",
+    "textured_files",
+]

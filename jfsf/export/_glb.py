@@ -17,8 +17,15 @@ _VERTICES, _INDICES = 34962, 34963  # what a part of the buffer is for
 _POINTS, _TRIANGLES = 0, 4
 
 
-def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
+def glb_bytes(
+    name: str,
+    shape: Painted,
+    texture: bytes | None,
+    normals: np.ndarray | None = None,
+) -> bytes:
     """The file, with one mesh of this name.
+
+    normals: (n, 3) of its vertices; None: from its faces.
 
     Positions are float32, as the format has no doubles. A viewer multiplies the texture
     with the colours. Other values are attributes such as _CONFIDENCE: names of one's
@@ -30,10 +37,12 @@ def glb_bytes(name: str, shape: Painted, texture: bytes | None) -> bytes:
     attributes = {"POSITION": buffer.add(points, "VEC3", **limits)}
     part: dict = {"attributes": attributes, "mode": _POINTS, "material": 0}
     if len(shape.faces):
-        normals = vertex_normals(shape.vertices, shape.faces)
+        found = vertex_normals(shape.vertices, shape.faces)
+        looking = found if normals is None else normals
         # A vertex without a normal, as of no face, looks to +z.
-        normals[~normals.any(axis=1)] = [0, 0, 1]
-        attributes["NORMAL"] = buffer.add(normals.astype("<f4"), "VEC3")
+        some = np.any(looking, axis=1, keepdims=True)
+        looking = np.where(some, looking, [0, 0, 1]).astype("<f4")
+        attributes["NORMAL"] = buffer.add(looking, "VEC3")
         corners = shape.faces.astype("<u4").ravel()
         part |= {"mode": _TRIANGLES, "indices": buffer.add(corners, "SCALAR")}
     if shape.colours is not None:

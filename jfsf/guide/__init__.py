@@ -10,6 +10,7 @@ the pages of the whole package, as HTML. Begin with `jfsf.guide.start`:
 - `programs`: 3D Slicer, MeshLab, Blender, ParaView and ShapeWorks
 - `parts`: a shape that is a piece of the other
 - `registration`: a template mesh deformed onto a scan
+- `transfer`: values, labels, landmarks and textures of one shape on another
 - `far`: bodies of different proportions, and how sure a map is
 - `large`: a hundred thousand vertices, and a million
 - `batches`: many pairs, many processes, many machines
@@ -39,6 +40,7 @@ from jfsf.guide import (
     registration,
     stages,
     start,
+    transfer,
     troubleshooting,
 )
 
@@ -50,6 +52,7 @@ __all__ = [
     "programs",
     "parts",
     "registration",
+    "transfer",
     "far",
     "large",
     "batches",

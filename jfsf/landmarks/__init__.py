@@ -24,13 +24,14 @@ Read in this order:
 from jfsf.landmarks._carry import carry_landmarks
 from jfsf.landmarks._pair import Pairing, pair_landmarks
 from jfsf.landmarks._place import AtVertices, OnSurface, on_surface, to_vertices
-from jfsf.landmarks._read import FORMATS, read_landmarks
+from jfsf.landmarks._read import FORMATS, SUFFIXES, read_landmarks
 from jfsf.landmarks._record import Landmarks
 from jfsf.landmarks._vertex_pairs import read_vertex_pairs
 from jfsf.landmarks._write import write_landmarks
 
 __all__ = [
     "FORMATS",
+    "SUFFIXES",
     "AtVertices",
     "Landmarks",
     "OnSurface",

@@ -17,6 +17,7 @@ READERS = {
     ".txt": read_table,
     ".particles": read_table,
 }
+SUFFIXES = tuple(READERS)
 FORMATS = ".mrk.json, .fcsv, .pp, .csv, .tsv, .txt or .particles"
 
 

@@ -29,6 +29,7 @@ Read in this order:
 - `_others`: VTK and GIFTI, through their libraries
 - `_read`: read a mesh file of any of these formats
 - `_colours`: the colours of its vertices
+- `_uv`: the texture coordinates of a file
 """
 
 from jfsf.mesh._check import Report, check, validate
@@ -80,6 +81,7 @@ from jfsf.mesh._read import (
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import repair
 from jfsf.mesh._rounding import Rounding, rounding
+from jfsf.mesh._uv import read_uv
 from jfsf.mesh._values import MeshError, check_values, checked_mesh
 from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
 
@@ -123,6 +125,7 @@ __all__ = [
     "outliers",
     "read",
     "read_noted",
+    "read_uv",
     "reconstruct",
     "repair",
     "rounding",

@@ -20,7 +20,7 @@ _TYPES = {
     **{"uint64": "u8", "float32": "f4", "float64": "f8"},
 }
 _ORDER = {"ascii": "<", "binary_little_endian": "<", "binary_big_endian": ">"}
-_CORNERS = "vertex_indices", "vertex_index"  # names of the property in use
+CORNERS = "vertex_indices", "vertex_index"  # names of the property in use
 
 # A property: its name, the type of its length (None for a scalar) and of its items.
 Property = tuple[str, str | None, str]
@@ -35,6 +35,21 @@ def parse_ply(data: bytes) -> tuple[Mesh, tuple[str, ...]]:
     Raises:
         MeshError: not PLY, cut short or too long, with a header that is damaged, or
             without usable vertices or faces.
+    """
+    columns, notes = ply_columns(data)
+    return _mesh(columns), notes
+
+
+def ply_columns(
+    data: bytes,
+) -> tuple[dict[str, dict[str, tuple[ArrayLike, ArrayLike]]], tuple[str, ...]]:
+    """All that a file holds: {element: {property: (sizes, values)}}, and notes.
+
+    The sizes (count,) say how many of the values belong to each record, in order. The
+    notes are those of `parse_ply`.
+
+    Raises:
+        MeshError: not PLY, cut short or too long, or with a header that is damaged.
     """
     end = re.search(rb"^end_header[^\n]*\n", data, re.M)
     if not data.startswith(b"ply") or end is None:
@@ -71,7 +86,7 @@ def parse_ply(data: bytes) -> tuple[Mesh, tuple[str, ...]]:
             f"its header accounts for all but the last {left} bytes; export the mesh "
             "again"
         )
-    return _mesh(columns), notes
+    return columns, notes
 
 
 def _announced(
@@ -154,7 +169,7 @@ def _elements(
         _distinct("property", names)
         if element == "tristrips":
             raise MeshError("it holds triangle strips; export it with single faces")
-        if element != "face" and not set(names).isdisjoint(_CORNERS):
+        if element != "face" and not set(names).isdisjoint(CORNERS):
             raise MeshError(
                 f"its element {element!r} has corners, as only 'face' may; export the "
                 "mesh again"
@@ -173,7 +188,7 @@ def _mesh(columns):
     if vertex and not vertex.keys() >= {"x", "y", "z"}:
         raise MeshError("its vertices lack x, y or z; export the mesh again")
     points = [vertex[axis][1] if vertex else np.zeros(0) for axis in "xyz"]
-    names = [name for name in _CORNERS if name in face]
+    names = [name for name in CORNERS if name in face]
     if face and not names:
         raise MeshError("its faces lack vertex_indices; export the mesh again")
     sizes, corners = face[names[0]] if face else ([], [])

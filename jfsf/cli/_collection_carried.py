@@ -1,0 +1,82 @@
+"""What the template of a collection has, carried to each shape: labels and values."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.cli._collection_results import registered
+from jfsf.types import ArrayLike
+
+
+class Carried(NamedTuple):
+    """A file of the template.
+
+    what: "labels" or "values"; the folder of the results has that name.
+    suffix: of the file, and of the results.
+    column: what it has for each vertex or face (`jfsf.transfer.Column`).
+    """
+
+    what: str
+    suffix: str
+    column: ArrayLike
+
+
+def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
+    """The files to carry, read and checked against the template.
+
+    Args:
+        template: its file.
+        files: labels and values, by these names; None where there is none.
+
+    Raises:
+        ValueError: as `jfsf.transfer.read_labels` and `read_values`.
+    """
+    from jfsf.mesh import read
+    from jfsf.transfer import read_labels, read_values
+
+    found = []
+    for what, path in files.items():
+        if path is None or template is None:
+            continue
+        mesh = read(template)
+        n, m = len(mesh.vertices), len(mesh.faces)
+        is_labels = what == "labels"
+        column = read_labels(path, n, m) if is_labels else read_values(path, n)
+        found.append(Carried(what, path.suffix.lower(), column))
+    return found
+
+
+def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> list[Path]:
+    """Write them for the vertices or faces of the file of each joined shape.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        paths, shapes: the file, and what was kept of it, by name.
+        template: its name.
+        carried: of `carried_of`.
+
+    Returns:
+        The folders that were written to.
+    """
+    from jfsf.mesh import read
+    from jfsf.registration import Registration
+    from jfsf.transfer import extended, labels, lay_template, values, write_column
+
+    carry = {"labels": labels, "values": values}
+    for one in carried:
+        (out / one.what).mkdir(exist_ok=True)
+    source = read(paths[template])
+    for row in rows:
+        if not carried or row["reason"]:
+            continue
+        name = row["name"]
+        with np.load(registered(out, name)) as file:
+            found = Registration(*(file[field] for field in Registration._fields))
+        laid = lay_template(shapes[template].mesh, shapes[name].mesh, found)
+        laid = extended(laid, read(paths[name]), source)
+        for one in carried:
+            result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
+            write_column(out / one.what / f"{name}{one.suffix}", result)
+    return [out / one.what for one in carried]
