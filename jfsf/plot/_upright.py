@@ -44,8 +44,9 @@ _SURE = 1.0
 _STAYS = 0.2
 _ROUNDS = 30
 # Length of the mean normal, by area, from which a shape is a sheet: 1 for a plane, 0.5
-# for half a sphere, 0.37 for the face of an embedded body, 0.06 at most for all of it.
-_SHEET = 0.3
+# for half a sphere, 0.28 to 0.36 for crowns of teeth, 0.37 for the face of an embedded
+# body, 0.06 at most for all of it.
+_SHEET = 0.2
 # Cosine of the angle between its mean normal and an up that is known: beyond, it lies.
 _LIES = 0.9
 TRIED = 16  # directions whose fronts are looked at, 8 degrees apart
