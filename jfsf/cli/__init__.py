@@ -13,12 +13,15 @@ Read in this order:
 - `_demo`: the comparison that `jfsf demo` runs
 - `_runs`: what the commands of many jobs share
 - `_batch`: `jfsf batch`
-- `_collection_jobs`: the jobs of `jfsf collection`
+- `_collection_pages`: the pages of `jfsf collection`
+- `_collection_jobs`: its jobs
 - `_collection_results`: what it writes when they are done
+- `_collection_steps`: its steps, which make jobs and read what they wrote
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
+- `_shapes`: `jfsf shapes`
 - `_cache`: `jfsf cache`
 - `_app`: the other commands, options, and exit codes
 """

@@ -44,6 +44,7 @@ from jfsf.cli._landmarks import (
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import register
 from jfsf.cli._report import certificate_table
+from jfsf.cli._shapes import shapes
 from jfsf.cli._stages import stage_bar
 from jfsf.parts import PartSettings
 from jfsf.report import Side, attempts, warnings_of, write_report
@@ -349,6 +350,7 @@ app.command()(batch)
 app.command()(collection)
 app.command()(evaluate)
 app.command()(info)
+app.command()(shapes)
 app.command()(cache)
 
 

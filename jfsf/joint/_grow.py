@@ -1,11 +1,13 @@
 """Match pairs of a collection until trusted maps reach every shape."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from jfsf.evidence import rank
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._pairs import (
     Edge,
@@ -27,11 +29,16 @@ class PairSettings:
         two random vertices.
     trusted: probability of the maps on the way from the template, for a shape to belong
         to the collection.
+    mirror_below: confidence of a map on a way, below which the mirror image is tried
+        too (`grow_with_mirrors`).
+    mirror_share: of the odds of both maps, for a shape to be a mirror image.
     """
 
     pairs_a_shape: float = 3.0
     agree: float = 0.2
     trusted: float = 0.7
+    mirror_below: float = 0.95
+    mirror_share: float = 0.95
 
 
 class Matched(NamedTuple):
@@ -39,17 +46,37 @@ class Matched(NamedTuple):
 
     maps: of X, which has the smaller number, and Y.
     confidence: of the pair alone; nan where there is none.
+    rank: among other maps of the pair (`jfsf.evidence.rank`); likewise.
     """
 
     maps: Maps
     confidence: float
+    rank: float = math.nan
 
 
 def matched(match: Match) -> Matched:
     """Of a match, without what a collection does not need."""
     T_xy: Any = np.asarray(match.T_xy)
     T_yx: Any = np.asarray(match.T_yx)
-    return Matched(Maps(T_xy, T_yx), float(match.certificate.confidence))
+    figures = match.certificate.figures()
+    own = float(rank(np, **{name: float(value) for name, value in figures.items()}))
+    return Matched(Maps(T_xy, T_yx), float(match.certificate.confidence), own)
+
+
+class MirrorTest(NamedTuple):
+    """A shape matched with another one, and its mirror image too.
+
+    shape, partner: their numbers.
+    straight: confidence of the map between the shape and its partner.
+    turned: of that between its mirror image and the partner.
+    share: of the second in the odds of both maps; nan if it is not known.
+    """
+
+    shape: int
+    partner: int
+    straight: float
+    turned: float
+    share: float
 
 
 class Graph(NamedTuple):
@@ -60,6 +87,8 @@ class Graph(NamedTuple):
     right: the probability of each pair's maps, given the triangles.
     paths: the template, and the way to each shape.
     joined: (s,) whether the way is trusted.
+    tests: of shapes that may be mirror images (`grow_with_mirrors`).
+    mirrored: numbers of those that are.
     """
 
     matched: dict[Edge, Matched]
@@ -67,6 +96,8 @@ class Graph(NamedTuple):
     right: dict[Edge, float]
     paths: Paths
     joined: np.ndarray
+    tests: tuple[MirrorTest, ...] = ()
+    mirrored: frozenset[int] = frozenset()
 
     @property
     def maps(self) -> dict[Edge, Maps]:

@@ -11,7 +11,7 @@ Read in this order:
 - `_doubled`: faces with the same vertices as others, and which to keep
 - `_links`: pairs of neighbouring faces
 - `_winding`: wind a mesh outward, and say where that is unclear
-- `_edit`: keep the largest component of a mesh, weld its seams
+- `_edit`: the largest component of a mesh, its mirror image, its seams welded
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
 - `_repair`: mend a mesh, and keep track of its vertices
@@ -35,7 +35,7 @@ from jfsf.mesh._closest import (
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
-from jfsf.mesh._edit import Submesh, largest_component, weld
+from jfsf.mesh._edit import Submesh, largest_component, mirror_image, weld
 from jfsf.mesh._geometry import (
     Edges,
     boundary_edges,
@@ -89,6 +89,7 @@ __all__ = [
     "farthest_vertices",
     "largest_component",
     "map_of_originals",
+    "mirror_image",
     "nearest_kept",
     "nearest_of",
     "noise",
