@@ -42,7 +42,12 @@ from jfsf.cli._landmarks import (
     known_pairs,
 )
 from jfsf.cli._pages import can_report, kept_truth
-from jfsf.cli._register import register
+from jfsf.cli._register import (
+    register,
+    registration_table,
+    registration_warnings,
+    write_registered,
+)
 from jfsf.cli._report import certificate_table
 from jfsf.cli._shapes import shapes
 from jfsf.cli._stages import stage_bar
@@ -187,6 +192,15 @@ def match(
             "--checker", help="Export a checker carried from Y too (.obj and .glb)."
         ),
     ] = False,
+    warped: Annotated[
+        Path | None,
+        typer.Option(
+            "--register",
+            metavar="FILE",
+            help="X deformed onto Y by the map, as jfsf register does: .ply, .obj or "
+            ".glb.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
@@ -266,6 +280,8 @@ def match(
         need_matplotlib()
     exports = export or []
     can_export(exports, checker, (x, y))
+    if warped is not None:
+        can_export([warped], False, (x, y))
     can_report(report, gt_x, gt_y)
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
@@ -309,6 +325,10 @@ def match(
                 confidence=known_confidence(matched),
                 matched_x=matched.matched_x,
             )
+        on_y = None
+        if warped is not None:
+            T, inside = np.asarray(matched.T_xy), matched.matched_x
+            on_y = write_registered(warped, mesh_x, mesh_y, T, inside, stage)
         if report is not None:
             write_report(
                 report,
@@ -326,11 +346,15 @@ def match(
     console.print(certificate_table(matched.certificate))
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
+    if on_y is not None:
+        console.print(registration_table(on_y, mesh_y, None))
     known = known or KnownPairs(np.zeros((0, 2), np.int64))
     notes = warnings_of(matched.certificate, orientation.value, landmarks=known.names)
     for path, mesh in ((x, mesh_x), (y, mesh_y)):
         if doubt := sides_in_doubt(mesh):
             notes.append(f"{path}: {doubt}; check left and right")
+    if on_y is not None:
+        notes += registration_warnings(on_y, mesh_y)
     if not partial and likely_part(mesh_x, mesh_y):
         notes.append("one shape has a long boundary: if it is a part, pass --partial")
     for path, shape in ((x, shape_x), (y, shape_y)):
@@ -341,7 +365,7 @@ def match(
         console.print(line, soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in filter(None, (out, png, *exports, report)):
+    for path in filter(None, (out, png, *exports, warped, report)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 
 

@@ -44,7 +44,7 @@ def places(
         points = np.einsum("ij,ijd->id", weight, pulled) / total
     # The longer side across.
     points = points - points.mean(0)
-    across = np.linalg.svd(points, full_matrices=False)[2]
-    points = points @ (across * np.sign(across.sum(1, keepdims=True) + 1e-12)).T
+    across = np.linalg.eigh(points.T @ points)[1][:, ::-1]
+    points = points @ (across * np.sign(across.sum(0) + 1e-12))
     points = points - points.min(0)
     return points / max(points.max(), 1e-9)
