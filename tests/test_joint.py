@@ -241,7 +241,7 @@ def handed(rng, sides, doubt=()):
             good = good and not {a, b} & set(doubt)
             T = own if good else rng.permutation(40)
             yield Matched(
-                Maps(T, np.argsort(T)), *((0.99, 3.0) if good else (0.2, 0.0))
+                Maps(T, np.argsort(T)), *((0.99, 0.1) if good else (0.2, 0.5))
             )
 
     return sketches, match, asked
@@ -272,18 +272,18 @@ def test_mirror_images_are_named_or_mirrored_back():
 
 def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
     # A chain from a to d; from b on all are mirrored, but c is known by b alone.
-    right = {(0, 1): 0.8, (1, 2): 0.99, (2, 3): 0.99}
-    maps = {
-        e: Matched(Maps(np.zeros(1), np.zeros(1)), p, 0.0) for e, p in right.items()
-    }
+    right = {(0, 1): 0.95, (1, 2): 0.99, (2, 3): 0.99}
+    shear = {(0, 1): 0.6, (1, 2): 0.15, (2, 3): 0.2}
+    none = Maps(np.zeros(1), np.zeros(1))
+    maps = {edge: Matched(none, p, shear[edge]) for edge, p in right.items()}
     paths = best_paths(right, 4, template=0)
     graph = Graph(maps, [], right, paths, np.ones(4, bool))
     unlike = symmetric(np.random.default_rng(0), 4)
     assert suspects(graph, unlike) == [(1, 0)]
-    surer = MirrorTest(1, 0, 0.8, 0.99, 0.99)
+    surer = MirrorTest(1, 0, 0.95, 0.99, 4.0)
     assert mirror_images(graph, [surer]) == {1, 2, 3}
     # Its own mirror image: both maps fit as well.
-    assert mirror_images(graph, [surer._replace(share=0.5)]) == frozenset()
+    assert mirror_images(graph, [surer._replace(ratio=1.1)]) == frozenset()
     assert mirror_images(graph, [surer._replace(turned=0.5)]) == frozenset()
     found = graph._replace(tests=(surer,), mirrored=frozenset({1, 2, 3}))
     assert "by way of another mirror image" in mirrored(found, tuple("abcd"), 3)

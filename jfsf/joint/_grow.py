@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jfsf.evidence import rank
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._pairs import (
     Edge,
@@ -29,16 +28,15 @@ class PairSettings:
         two random vertices.
     trusted: probability of the maps on the way from the template, for a shape to belong
         to the collection.
-    mirror_below: confidence of a map on a way, below which the mirror image is tried
-        too (`grow_with_mirrors`).
-    mirror_share: of the odds of both maps, for a shape to be a mirror image.
+    mirror_shear: how many times as much triangles are sheared by a map as by that of
+        the mirror image, for a shape to be a mirror image; and as in the median of the
+        maps on all ways, for its mirror image to be tried (`grow_with_mirrors`).
     """
 
     pairs_a_shape: float = 3.0
     agree: float = 0.2
     trusted: float = 0.7
-    mirror_below: float = 0.95
-    mirror_share: float = 0.95
+    mirror_shear: float = 2.0
 
 
 class Matched(NamedTuple):
@@ -46,21 +44,20 @@ class Matched(NamedTuple):
 
     maps: of X, which has the smaller number, and Y.
     confidence: of the pair alone; nan where there is none.
-    rank: among other maps of the pair (`jfsf.evidence.rank`); likewise.
+    shear: of the triangles of the pair, bent onto each other (`Certificate`); likewise.
     """
 
     maps: Maps
     confidence: float
-    rank: float = math.nan
+    shear: float = math.nan
 
 
 def matched(match: Match) -> Matched:
     """Of a match, without what a collection does not need."""
     T_xy: Any = np.asarray(match.T_xy)
     T_yx: Any = np.asarray(match.T_yx)
-    figures = match.certificate.figures()
-    own = float(rank(np, **{name: float(value) for name, value in figures.items()}))
-    return Matched(Maps(T_xy, T_yx), float(match.certificate.confidence), own)
+    figures = match.certificate
+    return Matched(Maps(T_xy, T_yx), float(figures.confidence), float(figures.shear))
 
 
 class MirrorTest(NamedTuple):
@@ -69,14 +66,15 @@ class MirrorTest(NamedTuple):
     shape, partner: their numbers.
     straight: confidence of the map between the shape and its partner.
     turned: of that between its mirror image and the partner.
-    share: of the second in the odds of both maps; nan if it is not known.
+    ratio: how many times as much triangles are sheared by the first as by the second;
+        nan if it is not known.
     """
 
     shape: int
     partner: int
     straight: float
     turned: float
-    share: float
+    ratio: float
 
 
 class Graph(NamedTuple):

@@ -1,10 +1,13 @@
 """Mirror images in a collection: left and right bones in one folder.
 
-Matching keeps left and right, so the map to a mirror image is a bent one, or none that
-is trusted. The mirror image of such a shape is matched with the same partner, and the
-two maps are compared as two maps of one pair are (`jfsf.evidence.rank`): what makes the
-pair hard to match is the same for both. A shape that is its own mirror image fits its
-partner as well either way, and stays as it is.
+Matching keeps left and right, so the map to a mirror image shears the shape more than
+other maps do, or is not trusted. The mirror image of such a shape is matched with the
+same partner. If that map is trusted and shears triangles half as much or less, the
+shape is a mirror image of its partner.
+
+Where shapes bend, all maps shear triangles, and a shape is as likely to be in a
+mirrored pose as to be mirrored. So there only shapes that no trusted map reaches are
+looked at. A shape that is its own mirror image fits its partner as well either way.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -81,8 +84,9 @@ def suspects(
 ) -> list[tuple[int, int]]:
     """Shapes whose mirror images are to be tried, each with a partner.
 
-    A shape that is not joined, with the most alike of those that are; and a shape whose
-    map from the one before it on its way is less sure than `mirror_below`, with that.
+    A shape that is not joined, with the most alike of those that are; and a shape that
+    the map from the one before it on its way shears `mirror_shear` times as much as the
+    median of all such maps, with that one.
 
     Args:
         graph: of `grow`.
@@ -90,15 +94,20 @@ def suspects(
         settings: with which it was grown.
     """
     found, inside = [], np.flatnonzero(graph.joined).tolist()
+    pairs = enumerate(graph.paths.before.tolist())
+    sheared = {
+        i: graph.matched[_edge((i, before))].shear
+        for i, before in pairs
+        if before >= 0 and graph.joined[i]
+    }
+    known = [shear for shear in sheared.values() if np.isfinite(shear)]
+    most = settings.mirror_shear * float(np.median(known)) if known else np.inf
     for i, before in enumerate(graph.paths.before.tolist()):
         if not graph.joined[i]:
             near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
             found += [(i, j) for j in near[:PARTNERS]]
-        elif before >= 0:
-            # nan, too: without a confidence nothing is sure.
-            sure = graph.matched[_edge((i, before))].confidence
-            if not sure >= settings.mirror_below:
-                found.append((i, before))
+        elif before >= 0 and sheared[i] > most:
+            found.append((i, before))
     return found
 
 
@@ -110,8 +119,9 @@ def mirror_images(
 ) -> frozenset[int]:
     """Numbers of the shapes that are mirror images of the template.
 
-    A shape is the mirror image of its partner if its mirror image fits that better, and
-    is trusted. Shapes that are reached by way of a mirror image are mirror images too.
+    A shape is the mirror image of its partner if the map of its mirror image is trusted
+    and shears triangles less, by `mirror_shear`. Shapes that are reached by way of a
+    mirror image are mirror images too.
 
     Args:
         graph: of `grow`.
@@ -120,7 +130,7 @@ def mirror_images(
     """
     turned: dict[int, MirrorTest] = {}
     for test in sorted(tests, key=lambda test: test.turned):
-        if test.turned >= settings.trusted and test.share >= settings.mirror_share:
+        if test.turned >= settings.trusted and test.ratio >= settings.mirror_shear:
             turned[test.shape] = test
     mirrored = np.zeros(len(graph.joined), bool)
     ways = [graph.paths.way(i) for i in np.flatnonzero(graph.joined).tolist()]
@@ -143,9 +153,9 @@ def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
     for shape, partner in pairs:
         one, other = (maps.get(_edge((shape, partner))) for maps in (straight, turned))
         if one is not None and other is not None:
-            share = 1 / (1 + np.exp(np.clip(one.rank - other.rank, -30, 30)))
+            ratio = one.shear / max(other.shear, 1e-12)
             sure = one.confidence, other.confidence
-            found.append(MirrorTest(shape, partner, *sure, float(share)))
+            found.append(MirrorTest(shape, partner, *sure, ratio))
     return tuple(found)
 
 
