@@ -122,9 +122,10 @@ def test_a_run_that_was_killed_ends_with_the_same_bytes(tmp_path):
     assert [name for name in true if found[name] != true[name]] == []
 
 
-def with_short_arm(mesh, share=0.6):
-    """A body in T pose whose arm at positive x is shorter."""
-    vertices = np.array(mesh.vertices)
+def with_short_arm(faces, sides, share=0.4):
+    """The same body in T pose, somewhat wider, with a short arm at positive x."""
+    mesh = small("man_t", faces)[0]
+    vertices = mesh.vertices * sides
     x, root = vertices[:, 0], 0.15 * np.ptp(vertices[:, 1])
     vertices[:, 0] = np.where(x > root, root + share * (x - root), x)
     return mesh._replace(vertices=vertices)
@@ -134,12 +135,11 @@ def with_short_arm(mesh, share=0.6):
 def test_foreign_and_mirrored_shapes_are_named_and_mirrored_back(tmp_path):
     scans = tmp_path / "scans"
     scans.mkdir()
-    for i, name in enumerate(("man_t", "child_t", "man_2", "odd")):
-        body = with_short_arm(
-            small(name if name[-1] == "t" else "man_t", 1100 + 100 * i)[0]
-        )
-        odd = name == "odd"
-        write(scans / f"{name}.ply", mirror_image(body) if odd else body)
+    builds = {"a": [1, 1, 1], "b": [1, 1.05, 1.1], "c": [1.05, 1, 0.95]}
+    for i, (name, sides) in enumerate(builds.items()):
+        write(scans / f"{name}.ply", with_short_arm(1900 + 100 * i, sides))
+    odd = mirror_image(with_short_arm(2200, [1, 1, 1.05]))
+    write(scans / "odd.ply", odd)
     write(scans / "blob.ply", testing.blob(0, subdivisions=3))
     found = run(scans, "--out", tmp_path / "named", "--workers", "1")
     said = " ".join(found.output.split())
