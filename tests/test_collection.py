@@ -91,7 +91,9 @@ def begun(scans, out, cache):
     command += ["--workers", "2", "--report"]
     return subprocess.Popen(
         list(map(str, command)),
-        env=os.environ | {"JFSF_CACHE": str(cache)},
+        # Compiled sooner: each program runs a few times.
+        env=os.environ
+        | {"JFSF_CACHE": str(cache), "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"},
         stdout=subprocess.DEVNULL,
         stderr=subprocess.DEVNULL,
         start_new_session=True,

@@ -30,7 +30,7 @@ function drawGraph({ nodes, edges }) {
   const [wide, side, edge] = [1000, 90, 30];
   const most = (c) => Math.max(...nodes.map(({ at }) => at[c]), 0.05);
   const scale = (wide - 2 * side) / most(0);
-  const high = Math.min(most(1) * scale, 620);
+  const high = Math.min(most(1) * scale, 480);
   const place = ([x, y]) => [side + scale * x, edge + (high * y) / most(1)];
   byId("graph").setAttribute("viewBox", `0 0 ${wide} ${high + 2 * edge + 20}`);
   // What is not trusted lies below, and does not hide the rest.
