@@ -15,6 +15,7 @@ import trimesh
 from hypothesis import strategies as st
 from jaxtyping import Array, Float, Int
 
+from jfsf.mesh import mirror_image
 from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh, Spectrum
 
@@ -106,8 +107,8 @@ def move(mesh: Mesh, motion: tuple[Any, Any], *, unit: float = 1.0) -> Mesh:
 
 
 def mirror(mesh: Mesh) -> Mesh:
-    """The mirror image in x, wound outward again; vertex i stays vertex i."""
-    return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
+    """`jfsf.mesh.mirror_image`."""
+    return mirror_image(mesh)
 
 
 def relabel(mesh: Mesh, order: Int[np.ndarray, " n"]) -> Mesh:

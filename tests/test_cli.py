@@ -31,7 +31,7 @@ from jfsf.evaluate import geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import match
-from jfsf.mesh import read
+from jfsf.mesh import closest, read, surface_tree
 from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
 from jfsf.testing import blob
 from jfsf.types import FIGURES, Certificate, Mesh
@@ -316,6 +316,20 @@ def no_search(monkeypatch):
 def record_of(page):
     _, _, rest = page.read_text().partition('id="record">')
     return json.loads(rest.partition("</script>")[0])
+
+
+def test_match_registers_on_request(folder, x, y, monkeypatch):
+    found = read_match(folder / "map.npz")
+    monkeypatch.setattr("jfsf.matching.match", lambda *_, **__: found)
+    warped = folder / "warped.ply"
+    args = ("match", x, y, "--out", folder / "m.npz", "--register")
+    result = run(*args, warped)
+    assert result.exit_code == 0, result.output
+    assert f"wrote {warped}" in result.stdout and "flipped faces" in result.stdout
+    on_y, own, scan = map(read, (warped, x, y))
+    assert (on_y.faces == own.faces).all()
+    assert closest(surface_tree(scan), on_y.vertices).distance.mean() < 0.01
+    assert "is an input" in refused(*args, x)
 
 
 def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):

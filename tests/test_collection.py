@@ -1,16 +1,24 @@
 """jfsf collection, from files to files."""
 
+import contextlib
 import csv
+import os
+import signal
+import subprocess
+import sys
+import time
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial import KDTree
 from shapes import small
 from typer.testing import CliRunner
 
+from jfsf import testing
 from jfsf.cli import app
 from jfsf.mapfiles import read_match
-from jfsf.mesh import read
+from jfsf.mesh import mirror_image, read
 from jfsf.model import read_model
 from jfsf.types import Mesh
 
@@ -79,6 +87,82 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
         (out / lost).unlink()
     assert run(*args).exit_code == 1
     assert content(out) == before
+
+
+def begun(scans, out, cache):
+    """The command as a process of its own, in a group that can be killed."""
+    command = [sys.executable, "-m", "jfsf", "collection", scans, "--out", out]
+    command += ["--workers", "2", "--report"]
+    return subprocess.Popen(
+        list(map(str, command)),
+        # Compiled sooner: each program runs a few times.
+        env=os.environ
+        | {"JFSF_CACHE": str(cache), "JAX_DISABLE_MOST_OPTIMIZATIONS": "1"},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,
+    )
+
+
+@pytest.mark.slow  # matches in earnest, in processes that are killed
+def test_a_run_that_was_killed_ends_with_the_same_bytes(tmp_path):
+    scans, cache = tmp_path / "scans", tmp_path / "cache"
+    scans.mkdir()
+    for i, name in enumerate(BODIES):
+        write(scans / f"{name}.ply", small(name, 700 + 50 * i)[0])
+    assert begun(scans, tmp_path / "first", cache).wait() == 0  # compiles
+    started = time.perf_counter()
+    whole = tmp_path / "whole"
+    assert begun(scans, whole, cache).wait() == 0
+    took = time.perf_counter() - started
+    rng, killed = np.random.default_rng(0), tmp_path / "killed"
+    for share in rng.uniform(0.3, 0.9, 3):
+        run = begun(scans, killed, cache)
+        time.sleep(share * took)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(run.pid, signal.SIGKILL)
+        run.wait()
+    assert begun(scans, killed, cache).wait() == 0
+    true, found = content(whole), content(killed)
+    assert {"index.html", "model.html", "model.npz"} <= set(true) == set(found)
+    assert [name for name in true if found[name] != true[name]] == []
+
+
+def with_short_arm(faces, sides, share=0.4):
+    """The same body in T pose, somewhat wider, with a short arm at positive x."""
+    mesh = small("man_t", faces)[0]
+    vertices = mesh.vertices * sides
+    x, root = vertices[:, 0], 0.15 * np.ptp(vertices[:, 1])
+    vertices[:, 0] = np.where(x > root, root + share * (x - root), x)
+    return mesh._replace(vertices=vertices)
+
+
+@pytest.mark.slow  # matches in earnest
+def test_foreign_and_mirrored_shapes_are_named_and_mirrored_back(tmp_path):
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    builds = {"a": [1, 1, 1], "b": [1, 1.05, 1.1], "c": [1.05, 1, 0.95]}
+    for i, (name, sides) in enumerate(builds.items()):
+        write(scans / f"{name}.ply", with_short_arm(1900 + 100 * i, sides))
+    odd = mirror_image(with_short_arm(2200, [1, 1, 1.05]))
+    write(scans / "odd.ply", odd)
+    write(scans / "blob.ply", testing.blob(0, subdivisions=3))
+    found = run(scans, "--out", tmp_path / "named", "--workers", "1")
+    said = " ".join(found.output.split())
+    assert found.exit_code == 1
+    assert "odd.ply: it is a mirror image of the others" in said
+    assert "blob.ply: no trusted map leads to it, nor to its mirror image" in said
+    auto = "--workers", "1", "--mirror", "auto"
+    found = run(scans, "--out", tmp_path / "auto", *auto)
+    said = " ".join(found.output.split())
+    assert found.exit_code == 1  # for the foreign one
+    assert "mirrored back:" in said and "odd.ply: it is" not in said
+    on_odd = read(tmp_path / "auto" / "registered" / "odd.ply")
+    odd = read(tmp_path / "auto" / "mirrored" / "odd.ply")
+    away = KDTree(odd.vertices).query(on_odd.vertices)[0]
+    assert away.mean() < 0.02
+    # The short arm is where that of the others is.
+    assert on_odd.vertices[:, 0].max() < -0.75 * on_odd.vertices[:, 0].min()
 
 
 def box_in(folder, name):

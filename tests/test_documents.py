@@ -26,9 +26,8 @@ from documents import (
 import jfsf
 from jfsf.cli import app
 
-COMMAND = re.compile(
-    r"jfsf (?:match|register|transfer|batch|evaluate|info|demo|cache)\b.*"
-)
+VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cache"
+COMMAND = re.compile(rf"jfsf (?:{VERBS})\b.*")
 EXAMPLE = re.compile(r"^Example: (jfsf .+)$", re.MULTILINE)
 NAME = re.compile(r"jfsf(?:\.\w+)+")
 FIELD = re.compile(r"\w*Settings\.\w+|Certificate\.\w+|certificate\.\w+")

@@ -15,6 +15,7 @@ from jfsf.joint import (
     Graph,
     Matched,
     Member,
+    MirrorTest,
     PairSettings,
     Sketch,
     Triangle,
@@ -22,10 +23,14 @@ from jfsf.joint import (
     collection,
     first_pairs,
     grow,
+    grow_with_mirrors,
     map_along,
+    mirror_images,
+    mirrored,
     more_pairs,
     reason,
     sketch,
+    suspects,
     synchronise,
     triangles,
     trust,
@@ -217,6 +222,71 @@ def test_more_pairs_are_matched_where_maps_are_wrong():
     assert len(few.matched) <= 10
     with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
         grow(sketches[:1], match)
+
+
+def handed(rng, sides, doubt=()):
+    """Shapes of one cloud, those of side -1 mirrored, and what matches them.
+
+    Maps of shapes in doubt are not trusted, however they are turned.
+    """
+    points, mass = rng.normal(size=(40, 60)) / 11, np.full(40, 1 / 40)
+    sketches = [Sketch(rng.uniform(size=30), points, mass) for _ in sides]
+    own = np.arange(40)
+    asked = []
+
+    def match(edges, turned):
+        for (a, b), turn in zip(edges, turned, strict=True):
+            asked.append(((a, b), turn))
+            good = sides[a] * sides[b] == (-1 if turn else 1)
+            good = good and not {a, b} & set(doubt)
+            T = own if good else rng.permutation(40)
+            yield Matched(
+                Maps(T, np.argsort(T)), *((0.99, 0.1) if good else (0.2, 0.5))
+            )
+
+    return sketches, match, asked
+
+
+def test_mirror_images_are_named_or_mirrored_back():
+    rng = np.random.default_rng(0)
+    sides = np.array([1, 1, -1, 1, -1, 1, 1])
+    sketches, match, asked = handed(rng, sides, doubt=[6])
+    names = tuple("abcdefg")
+    named = grow_with_mirrors(sketches, match, template=0)
+    assert named.mirrored == {2, 4}
+    assert np.flatnonzero(named.joined).tolist() == [0, 1, 3, 5]
+    said = reason(named, names, 2)
+    assert "a mirror image of the others: mirrored, it fits" in said and "0.99" in said
+    assert "nor to its mirror image" in reason(named, names, 6)
+    # No more than two partners of each shape that was not joined.
+    assert sum(turn for _, turn in asked) <= 6
+    sketches, match, asked = handed(rng, sides, doubt=[6])
+    back = grow_with_mirrors(sketches, match, template=0, mirror="auto")
+    assert back.mirrored == {2, 4}
+    assert np.flatnonzero(back.joined).tolist() == [0, 1, 2, 3, 4, 5]
+    plain = grow_with_mirrors(sketches, match, template=0, mirror=None)
+    assert not plain.mirrored and not plain.tests
+    with pytest.raises(ValueError, match="mirror is 'back'; it is 'name' or 'auto'"):
+        grow_with_mirrors(sketches, match, mirror="back")
+
+
+def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
+    # A chain from a to d; from b on all are mirrored, but c is known by b alone.
+    right = {(0, 1): 0.95, (1, 2): 0.99, (2, 3): 0.99}
+    shear = {(0, 1): 0.6, (1, 2): 0.15, (2, 3): 0.2}
+    none = Maps(np.zeros(1), np.zeros(1))
+    maps = {edge: Matched(none, p, shear[edge]) for edge, p in right.items()}
+    paths = best_paths(right, 4, template=0)
+    graph = Graph(maps, [], right, paths, np.ones(4, bool))
+    unlike = symmetric(np.random.default_rng(0), 4)
+    assert suspects(graph, unlike) == [(1, 0)]
+    surer = MirrorTest(1, 0, 0.95, 0.99, 4.0)
+    assert mirror_images(graph, [surer]) == {1, 2, 3}
+    # Its own mirror image: both maps fit as well.
+    assert mirror_images(graph, [surer._replace(ratio=1.1)]) == frozenset()
+    assert mirror_images(graph, [surer._replace(turned=0.5)]) == frozenset()
+    found = graph._replace(tests=(surer,), mirrored=frozenset({1, 2, 3}))
+    assert "by way of another mirror image" in mirrored(found, tuple("abcd"), 3)
 
 
 def energy(Z, edges, Cs_yx, Cs_xy, weight):

@@ -272,6 +272,16 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     assert "log odds of the region are -1.50" in said and "candidate" not in said
 
 
+def test_pages_without_times_are_equal(tmp_path):
+    texts = []
+    for name in "ab":
+        write(tmp_path / name, seconds={"matching": 1.5}, timed=False)
+        texts.append((tmp_path / name).read_bytes())
+        record = record_of(tmp_path / name)
+        assert record["seconds"] == {} and "date" not in record["versions"]
+    assert texts[0] == texts[1]
+
+
 def test_old_pages_stay_when_the_disk_is_full(tmp_path, monkeypatch):
     def fail(path, text):
         raise OSError("disk full")

@@ -17,15 +17,18 @@ Read in this order:
 - `_runs`: what the commands of many jobs share
 - `_batch_options`: the options of each pair of `jfsf batch`
 - `_batch`: `jfsf batch`
-- `_collection_jobs`: the jobs of `jfsf collection`
+- `_collection_pages`: the pages of `jfsf collection`
+- `_collection_jobs`: its jobs
 - `_collection_results`: what it writes when they are done
 - `_collection_carried`: what the template has, on each shape of a collection
+- `_collection_steps`: its steps, which make jobs and read what they wrote
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
 - `_transfer`: `jfsf transfer`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`
 - `_warm_up`: `jfsf warm-up`
+- `_shapes`: `jfsf shapes`
 - `_cache`: `jfsf cache`
 - `_app`: the other commands, options, and exit codes
 """

@@ -43,8 +43,14 @@ from jfsf.cli._landmarks import (
 )
 from jfsf.cli._notes import check_units, notes_of
 from jfsf.cli._pages import can_report, kept_truth
-from jfsf.cli._register import register
+from jfsf.cli._register import (
+    register,
+    registration_table,
+    registration_warnings,
+    write_registered,
+)
 from jfsf.cli._report import certificate_table
+from jfsf.cli._shapes import shapes
 from jfsf.cli._stages import stage_bar
 from jfsf.cli._transfer import transfer
 from jfsf.cli._warm_up import warm_up
@@ -162,6 +168,15 @@ def match(
     ] = None,
     checker: CheckerOption = False,
     by_place: ByPlaceOption = False,
+    warped: Annotated[
+        Path | None,
+        typer.Option(
+            "--register",
+            metavar="FILE",
+            help="X deformed onto Y by the map, as jfsf register does: .ply, .obj or "
+            ".glb.",
+        ),
+    ] = None,
     report: Annotated[
         Path | None,
         typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
@@ -240,6 +255,8 @@ def match(
         need_matplotlib()
     exports = export or []
     can_export(exports, checker, (x, y))
+    if warped is not None:
+        can_export([warped], False, (x, y))
     can_report(report, gt_x, gt_y)
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
@@ -270,6 +287,11 @@ def match(
         if png is not None:
             draw(png, *shapes, matched, looks)
         notes = exported(exports, *shapes, y, matched, looks) + notes
+        on_y = None
+        if warped is not None:
+            T, inside = np.asarray(matched.T_xy), matched.matched_x
+            meshes = shape_x.mesh, shape_y.mesh
+            on_y = write_registered(warped, *meshes, T, inside, stage)
         if report is not None:
             write_report(
                 report,
@@ -286,10 +308,14 @@ def match(
     console.print(certificate_table(matched.certificate))
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
+    if on_y is not None:
+        console.print(registration_table(on_y, shape_y.mesh, None))
     doubts = warnings_of(matched.certificate, orientation.value, landmarks=known.names)
+    if on_y is not None:
+        doubts += registration_warnings(on_y, shape_y.mesh)
     for line in (*notes, *(f"warning: {doubt}" for doubt in doubts)):
         console.print(line, soft_wrap=True, markup=False)
-    for path in filter(None, (out, png, *exports, report)):
+    for path in filter(None, (out, png, *exports, warped, report)):
         console.print(f"wrote {path}", soft_wrap=True, markup=False)
 
 
@@ -300,6 +326,7 @@ app.command()(collection)
 app.command()(evaluate)
 app.command()(info)
 app.command("warm-up")(warm_up)
+app.command()(shapes)
 app.command()(cache)
 
 

@@ -3,6 +3,7 @@
 This file is long because it declares the options, and the steps share what is kept.
 """
 
+from enum import StrEnum
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -12,23 +13,23 @@ import typer
 from rich.console import Console
 
 from jfsf.cli._collection_carried import carried_of, write_carried
-from jfsf.cli._collection_jobs import (
-    has_page,
-    keep,
-    kept,
-    match_pair,
-    nothing,
-    put_template,
-    read_maps,
-)
+from jfsf.cli._collection_jobs import has_page, keep, put_template
+from jfsf.cli._collection_pages import write_index_page
 from jfsf.cli._collection_results import (
-    registered,
     rows_of,
     table,
     write_landmarks_of,
     write_model_of,
-    write_pages_index,
     write_summary,
+)
+from jfsf.cli._collection_steps import (
+    PARTS,
+    grown,
+    kept_shapes,
+    mirror_back,
+    number_of,
+    outcomes,
+    put,
 )
 from jfsf.cli._files import (
     Orientation,
@@ -43,10 +44,14 @@ from jfsf.cli._runs import (
     begin,
     raising_interrupts,
 )
-from jfsf.cli._words import in_options
 from jfsf.mesh import CLOUDS, format_of, stem_of
 
-PARTS = "shapes", "pairs", "ways", "maps", "registered"  # folders of the results
+
+class Mirrored(StrEnum):
+    """`jfsf.collection`'s mirror, as choices of an option."""
+
+    named = "name"
+    auto = "auto"
 
 
 def collection(
@@ -87,6 +92,14 @@ def collection(
     scheduler: SchedulerOption = None,
     workers: WorkersOption = None,
     orientation: OrientationOption = Orientation.preserve,
+    mirror: Annotated[
+        Mirrored,
+        typer.Option(
+            help="Shapes that are mirror images of the template, such as left bones "
+            "among right ones: name them and leave them out, or mirror them back, in "
+            "x (auto). Looked for with --orientation preserve.",
+        ),
+    ] = Mirrored.named,
     scale: Annotated[
         bool,
         typer.Option("--scale", help="Take differences of size out of the model."),
@@ -103,7 +116,9 @@ def collection(
     report: Annotated[
         bool,
         typer.Option(
-            "--report", help="A page a shape, and index.html with links to all."
+            "--report",
+            help="index.html with all shapes and pairs, a page a shape, and model.html "
+            "with sliders for the modes.",
         ),
     ] = False,
 ) -> None:
@@ -119,7 +134,7 @@ def collection(
     Example: jfsf collection scans --out model --report
     """
     from jfsf.batch import connect
-    from jfsf.joint import reason
+    from jfsf.joint import mirrored, reason
 
     if report:
         need_matplotlib()
@@ -138,6 +153,7 @@ def collection(
     out = out.absolute()
     options = {
         "orientation": orientation.value,
+        "mirror": mirror.value,
         "largest_component": largest_component,
         "repair": repair,
     }
@@ -146,16 +162,18 @@ def collection(
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
         with bars() as shown:
-            run = partial(_outcomes, client, shown)
+            run = partial(outcomes, client, shown)
             work = partial(keep, largest=largest_component, mend=repair)
-            shapes, reasons = _kept_shapes(out, paths, partial(run, work=work))
-            base = _number(shapes, reasons, template)
-            work = partial(match_pair, orientation=orientation.value)
-            graph = _grown(out, shapes, base, partial(run, work=work))
+            shapes, reasons = kept_shapes(out, paths, partial(run, work=work))
+            base = number_of(shapes, reasons, template)
+            kind = mirror.value if orientation is Orientation.preserve else None
+            sides = {"orientation": orientation.value}
+            graph = grown(out, shapes, base, kind, run, **sides)
+            shapes = mirror_back(out, shapes, graph)
             work = partial(put_template, report=report)
             names = list(shapes)
             done = has_page if report else None
-            failed = _put(out, names, graph, partial(run, work=work, done=done))
+            failed = put(out, names, graph, partial(run, work=work, done=done))
     reasons |= {
         names[i]: reason(graph, names, i)
         for i in np.flatnonzero(~graph.joined).tolist()
@@ -164,13 +182,14 @@ def collection(
     rows = rows_of(out, paths, shapes, graph, reasons)
     name = names[graph.paths.template]
     mesh = shapes[name].mesh
-    written, notes = write_model_of(out, rows, mesh.faces, scale=scale)
+    kinds = {"scale": scale, "report": report}
+    written, notes = write_model_of(out, rows, mesh.faces, **kinds)
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks.suffix)
     written += write_carried(out, rows, paths, shapes, name, carried)
     if report:
-        written.append(write_pages_index(out, rows, name))
+        written.append(write_index_page(out, rows, shapes, graph))
     console = Console()
     console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
     for name, own in shapes.items():
@@ -179,6 +198,10 @@ def collection(
     for name, why in reasons.items():
         text = f"left out: {paths[name]}: {why}"
         console.print(text, soft_wrap=True, markup=False)
+    for i in sorted(graph.mirrored):
+        if graph.joined[i]:
+            text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
+            console.print(text, soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in written:
@@ -202,101 +225,6 @@ def _meshes_in(folder: Path) -> dict[str, Path]:
                 raise ValueError(f"{path}: has the name of {found[name]}; rename one")
             found[name] = path.absolute()
     return found
-
-
-def _outcomes(
-    client, shown, jobs, *, label: str, work, done=None
-) -> dict[Path, str | None]:
-    """Do the jobs; why each failed, by its file, None for those that did not."""
-    from jfsf.batch import run_jobs
-
-    bar = shown.add_task(label, total=len(jobs))
-    reasons = {}
-    for outcome in run_jobs(jobs, client, prepare=nothing, work=work, done=done):
-        why = outcome.reason
-        reasons[outcome.job.out] = None if why is None else in_options(why)
-        shown.advance(bar)
-    return reasons
-
-
-def _kept_shapes(out, paths, run):
-    """What is kept of each shape, and why some are not, by name."""
-    from jfsf.batch import Job
-
-    jobs = {name: Job((path,), _shape(out, name)) for name, path in paths.items()}
-    found = run(list(jobs.values()), label="shapes")
-    reasons = {name: found[job.out] for name, job in jobs.items()}
-    bad = {name: why for name, why in reasons.items() if why is not None}
-    good = {name: kept(jobs[name].out) for name in paths if name not in bad}
-    if len(good) < 2:
-        raise ValueError(
-            f"collection: {len(good)} of {len(paths)} shapes can be matched, two are "
-            f"needed: {'; '.join(bad.values()) or 'name a folder with more meshes'}"
-        )
-    return good, bad
-
-
-def _number(shapes, reasons, template: Path | None) -> int | None:
-    """Of the template among the shapes."""
-    if template is None:
-        return None
-    name = stem_of(template)
-    if name in reasons:
-        raise ValueError(f"{template}: {reasons[name]}")
-    return list(shapes).index(name)
-
-
-def _grown(out, shapes, template, run):
-    """The graph of matched pairs."""
-    from jfsf.batch import Job
-    from jfsf.joint import grow
-
-    names = list(shapes)
-
-    def match(edges):
-        jobs = [
-            Job(
-                (_shape(out, names[a]), _shape(out, names[b])),
-                out / "pairs" / f"{names[a]}__{names[b]}.npz",
-            )
-            for a, b in edges
-        ]
-        failed = run(jobs, label="pairs")
-        return [None if failed[job.out] else read_maps(job.out) for job in jobs]
-
-    return grow([own.sketch for own in shapes.values()], match, template=template)
-
-
-def _put(out, names, graph, run) -> dict[str, str]:
-    """The template on each joined shape; why it could not be put on some, by name."""
-    from jfsf.batch import Job
-    from jfsf.joint import map_along
-
-    base, jobs = graph.paths.template, {}
-    for i in np.flatnonzero(graph.joined).tolist():
-        inputs = _shape(out, names[base]), _shape(out, names[i])
-        if i != base:
-            way = out / "ways" / f"{names[i]}.npz"
-            _write_way(way, map_along(graph.maps, graph.paths.way(i)))
-            inputs = *inputs, way
-        jobs[names[i]] = Job(inputs, registered(out, names[i]))
-    failed = run(list(jobs.values()), label="registered")
-    return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
-
-
-def _write_way(path: Path, T_xy) -> None:
-    """Write a map; an equal one keeps its date, and what was made of it counts."""
-    from jfsf.storage import write_atomically
-
-    if path.exists():
-        with np.load(path) as file:
-            if np.array_equal(file["T_xy"], T_xy):
-                return
-    write_atomically(path, lambda file: np.savez(file, T_xy=T_xy))
-
-
-def _shape(out: Path, name: str) -> Path:
-    return out / "shapes" / f"{name}.npz"
 
 
 def _with_template(template: Path, paths: dict[str, Path]) -> dict[str, Path]:

@@ -62,11 +62,14 @@ def kept(path: Path) -> Kept:
         return Kept(mesh, file["index"], numbers, tuple(file["said"].tolist()))
 
 
-def match_pair(job, orientation: str) -> None:
-    """Match two shapes."""
+def match_pair(job, orientation: str, turned: bool) -> None:
+    """Match two shapes, the first one mirrored if `turned`."""
     from jfsf.matching import match
+    from jfsf.mesh import mirror_image
 
     x, y = map(kept, job.inputs)
+    if turned:
+        x = x._replace(mesh=mirror_image(x.mesh))
     write_maps(job.out, match(x.mesh, y.mesh, orientation=orientation), x, y)  # type: ignore
 
 
@@ -90,33 +93,43 @@ def read_maps(path: Path):
 def has_page(job) -> bool:
     """Whether `put_template` with a report has nothing to do."""
     from jfsf.batch import is_done
-    from jfsf.cli._pages import pages_of
+    from jfsf.cli._collection_pages import has_pages, picture_of_shape
 
     itself = job.inputs[0] == job.inputs[1]
-    pages = [] if itself else pages_of(_maps(job))
-    return is_done(job) and all(page.exists() for page in pages)
+    picture = picture_of_shape(_out(job), job.out.stem)
+    return is_done(job) and has_pages(_maps(job), picture, itself)
 
 
 def _maps(job) -> Path:
     """The file of the maps between the template and the shape of a job."""
-    return job.out.parent.parent / "maps" / job.out.name
+    return _out(job) / "maps" / job.out.name
+
+
+def _out(job) -> Path:
+    return job.out.parent.parent
 
 
 def put_template(job, report: bool) -> None:
     """Match the template with a shape by way of other shapes, and put it there.
 
-    job: the kept template, the kept shape and the way (T_xy) are its inputs.
+    job: the kept template, the kept shape and the way are its inputs: T_xy, and whether
+        the shape is to be mirrored.
     """
+    from jfsf.cli._collection_pages import write_picture
     from jfsf.cli._pages import pair_page
     from jfsf.export import export_mesh
     from jfsf.joint import itself, member
+    from jfsf.mesh import mirror_image
     from jfsf.storage import write_atomically
 
     template, shape = map(kept, job.inputs[:2])
     if job.inputs[0] == job.inputs[1]:
         found = itself(template.mesh)
     else:
-        T = np.load(job.inputs[2])["T_xy"]
+        with np.load(job.inputs[2]) as way:
+            T, turned = way["T_xy"], way["turned"]
+        if turned:
+            shape = shape._replace(mesh=mirror_image(shape.mesh))
         found = member(template.mesh, shape.mesh, T)
         maps = _maps(job)
         maps.parent.mkdir(exist_ok=True)
@@ -126,7 +139,11 @@ def put_template(job, report: bool) -> None:
                 (path, own.mesh, own.at)
                 for path, own in zip(job.inputs[:2], (template, shape), strict=True)
             ]
-            pair_page(maps, inputs, found.match)
+            # Without times: what is made again is then the same, to the byte.
+            pair_page(maps, inputs, found.match, timed=False)
+    if report:
+        both = template.mesh, shape.mesh
+        write_picture(_out(job), job.out.stem, *both, found.maps)
     own = found.registration
     values = {"quality": own.distance, "bridged": own.bridged}
     on_shape = Mesh(own.vertices, template.mesh.faces)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from jfsf.cli._pages import batch_index
+from jfsf.cli._collection_pages import write_model_pages
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
@@ -21,6 +21,7 @@ COLUMNS = (
     "bridged",
     "flipped",
     "collapsed",
+    "mirrored",
     "reason",
 )
 
@@ -33,6 +34,7 @@ def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
         row = dict.fromkeys(COLUMNS) | {"name": name, "reason": reasons.get(name, "")}
         if name in number:
             row["trust"] = float(graph.paths.trust[number[name]])
+            row["mirrored"] = int(number[name] in graph.mirrored)
         if not row["reason"]:
             with np.load(registered(out, name)) as file:
                 unit = np.sqrt(surface_area(shapes[name].mesh))
@@ -63,10 +65,13 @@ def write_summary(out: Path, rows) -> Path:
     return path
 
 
-def write_model_of(out: Path, rows, faces, *, scale: bool) -> tuple[list[Path], list]:
+def write_model_of(
+    out: Path, rows, faces, *, scale: bool, report: bool
+) -> tuple[list[Path], list]:
     """Write the model of the joined shapes; the files, and what to say of it."""
     from jfsf.model import (
         bending_warning,
+        fit_gradient_model,
         fit_model,
         write_model,
         write_modes,
@@ -81,7 +86,15 @@ def write_model_of(out: Path, rows, faces, *, scale: bool) -> tuple[list[Path], 
     write_model(out / "model.npz", model)
     write_scores(out / "scores.csv", names, model)
     written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
-    said = bending_warning(positions, faces)
+    models: list[Any] = [model]
+    if said := bending_warning(positions, faces):
+        bent = out / "gradient_model.npz"
+        models.insert(0, fit_gradient_model(positions, faces, scale=scale))
+        write_model(bent, models[0])
+        written.append(bent)
+        said += f": {bent.name} has them"
+    if report:
+        written.append(write_model_pages(out, models, names, said))
     return written, [said] if said else []
 
 
@@ -101,23 +114,6 @@ def write_landmarks_of(
             own = Landmarks(landmarks.names, points, None, found.system)
             write_landmarks(folder / f"{row['name']}{suffix}", own)
     return [folder]
-
-
-def write_pages_index(out: Path, rows, template: str) -> Path:
-    """Write the index of the pages of the shapes, beside the maps."""
-    listed = [
-        {
-            "x": template,
-            "y": row["name"],
-            "file": f"{row['name']}.npz",
-            "confidence": row["confidence"],
-            "warnings": [],
-            "reason": row["reason"],
-        }
-        for row in rows
-        if row["name"] != template
-    ]
-    return batch_index(out / "maps", listed)
 
 
 def table(rows, title: str) -> Table:

@@ -76,9 +76,6 @@ def register(
 
     Example: jfsf register template.ply scan.ply --out warped.ply
     """
-    from jfsf.export import export_mesh
-    from jfsf.registration import register as register_mesh
-
     can_export([out], False, (template, scan))
     if map_file is not None and largest_component:
         raise ValueError(
@@ -109,16 +106,10 @@ def register(
             options = {"orientation": orientation.value, "cache": not no_cache}
             found = match(mesh, onto, progress=stage, **options)
             T, certificate = np.asarray(found.T_xy), found.certificate
-        stage("registration")
-        warped = register_mesh(mesh, onto, T, matched=matched)
-        stage("writing")
-        # A mirrored template would show its inside.
-        faces = mesh.faces if warped.orientation_sign > 0 else mesh.faces[:, ::-1]
-        values = {"quality": warped.distance, "bridged": warped.bridged}
-        export_mesh(out, Mesh(warped.vertices, faces), values=values)
+        warped = write_registered(out, mesh, onto, T, matched, stage)
     console = Console()
-    console.print(_table(warped, onto, certificate))
-    notes = _warnings(warped, onto)
+    console.print(registration_table(warped, onto, certificate))
+    notes = registration_warnings(warped, onto)
     if certificate is not None:
         notes += warnings_of(certificate, orientation.value)
     for line in said:
@@ -128,7 +119,31 @@ def register(
     console.print(f"wrote {out}", soft_wrap=True, markup=False)
 
 
-def _table(warped, scan: Mesh, certificate) -> Table:
+def write_registered(out: Path, template: Mesh, scan: Mesh, T, matched, stage):
+    """Deform a template onto a scan by a map, and write it; the registration.
+
+    Args:
+        out: the file.
+        template, scan: as they were matched.
+        T: the vertex of the scan for each vertex of the template.
+        matched: the vertices of the template that count, of a match of parts; or None.
+        stage: called with the name of each step as it begins.
+    """
+    from jfsf.export import export_mesh
+    from jfsf.registration import register as register_mesh
+
+    stage("registration")
+    warped = register_mesh(template, scan, T, matched=matched)
+    stage("writing")
+    # A mirrored template would show its inside.
+    faces = template.faces if warped.orientation_sign > 0 else template.faces[:, ::-1]
+    values = {"quality": warped.distance, "bridged": warped.bridged}
+    export_mesh(out, Mesh(warped.vertices, faces), values=values)
+    return warped
+
+
+def registration_table(warped, scan: Mesh, certificate) -> Table:
+    """The figures of a registration, and the confidence of its map if it is known."""
     from jfsf.mesh import surface_area
 
     unit = np.sqrt(surface_area(scan))
@@ -158,7 +173,8 @@ def _table(warped, scan: Mesh, certificate) -> Table:
     return shown
 
 
-def _warnings(warped, scan: Mesh) -> list[str]:
+def registration_warnings(warped, scan: Mesh) -> list[str]:
+    """A line for each figure of a registration beyond what is usual."""
     from jfsf.mesh import surface_area
 
     notes = []

@@ -7,7 +7,9 @@ Read in this order:
 - `_cycles`: which maps are right, by the maps round triangles
 - `_paths`: the template, and the way from it to each shape
 - `_grow`: pairs are matched until trusted maps reach every shape
+- `_mirror`: which shapes are mirror images of the others
 - `_synchronise`: functional maps of all shapes to the template, at once
+- `_reasons`: why a shape was left out
 - `_collection`: many meshes to one topology
 """
 
@@ -19,12 +21,20 @@ from jfsf.joint._collection import (
     collection,
     itself,
     member,
-    reason,
 )
 from jfsf.joint._cycles import Triangle, triangles, trust
-from jfsf.joint._grow import Graph, Matched, PairSettings, grow, matched
+from jfsf.joint._grow import (
+    Graph,
+    Matched,
+    MirrorTest,
+    PairSettings,
+    grow,
+    matched,
+)
+from jfsf.joint._mirror import Mirror, grow_with_mirrors, mirror_images, suspects
 from jfsf.joint._pairs import first_pairs, more_pairs, unlikeness
 from jfsf.joint._paths import Paths, best_paths, map_along
+from jfsf.joint._reasons import mirrored, reason
 from jfsf.joint._sketch import Sketch, sketch
 from jfsf.joint._synchronise import synchronise
 
@@ -34,6 +44,8 @@ __all__ = [
     "Member",
     "Graph",
     "Matched",
+    "Mirror",
+    "MirrorTest",
     "PairSettings",
     "Paths",
     "Sketch",
@@ -43,13 +55,17 @@ __all__ = [
     "collection",
     "first_pairs",
     "grow",
+    "grow_with_mirrors",
     "itself",
     "map_along",
     "matched",
     "member",
+    "mirror_images",
+    "mirrored",
     "more_pairs",
     "reason",
     "sketch",
+    "suspects",
     "synchronise",
     "triangles",
     "trust",

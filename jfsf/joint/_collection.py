@@ -8,12 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.initial import Orientation
-from jfsf.joint._grow import Graph, PairSettings, grow, matched
+from jfsf.joint._grow import Graph, Matched, PairSettings, matched
+from jfsf.joint._mirror import Mirror, grow_with_mirrors
 from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
+from jfsf.joint._reasons import reason
 from jfsf.joint._sketch import sketch
 from jfsf.matching import basis, check_matchable, match
-from jfsf.mesh import MeshError, closest, surface_tree
+from jfsf.mesh import MeshError, closest, mirror_image, surface_tree
 from jfsf.model import ShapeModel, fit_model
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.settings import Settings
@@ -56,7 +58,7 @@ class Collection(NamedTuple):
     """Many shapes with one topology.
 
     names: of the shapes.
-    meshes: as they were given.
+    meshes: as they were given; mirror images that were mirrored back are so here.
     graph: the pairs that were matched, and what is trusted.
     members: of each shape; None for one that is left out.
     """
@@ -135,6 +137,7 @@ def collection(
     names: Sequence[str] | None = None,
     template: int | None = None,
     orientation: Orientation = "preserve",
+    mirror: Mirror = "name",
     settings: CollectionSettings = CollectionSettings(),
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
@@ -153,6 +156,10 @@ def collection(
         template: the number of the shape that the others are registered with; the most
             central one if None.
         orientation, cache: as `match`.
+        mirror: what is done with shapes that are mirror images of the template, such as
+            left bones among right ones (`grow_with_mirrors`): "name" leaves them out,
+            and `reason` says so; "auto" mirrors them back, in x. They are looked for
+            if orientation is "preserve".
         settings: the numbers of all steps.
         progress: called with the name of each step as it begins.
 
@@ -161,7 +168,8 @@ def collection(
 
     Raises:
         MeshError: a mesh that cannot be matched; the message begins with its name.
-        ValueError: fewer than two meshes, or names or a template that do not fit.
+        ValueError: fewer than two meshes, names or a template that do not fit, or
+            another word for `mirror`.
     """
     names = tuple(map(str, range(len(meshes)))) if names is None else tuple(names)
     _check(meshes, names, template)
@@ -175,19 +183,35 @@ def collection(
         spec = basis(mesh, name=name, settings=settings.match, cache=cache)
         sketches.append(sketch(spec))
 
-    def match_pairs(edges: list[Edge]):
-        for number, (a, b) in enumerate(edges, 1):
-            say(f"pair {number} of {len(edges)}: {names[a]}, {names[b]}")
+    kept: dict[tuple[Edge, bool], Matched] = {}
+
+    def match_pairs(edges: list[Edge], turned: list[bool]):
+        pairs = list(zip(edges, turned, strict=True))
+        new = [pair for pair in pairs if pair not in kept]
+        for number, ((a, b), turn) in enumerate(new, 1):
+            of = "the mirror image of " if turn else ""
+            say(f"pair {number} of {len(new)}: {of}{names[a]}, {names[b]}")
             found = match(
-                meshes[a],
+                mirror_image(meshes[a]) if turn else meshes[a],
                 meshes[b],
                 orientation=orientation,
                 settings=settings.match,
                 cache=cache,
             )
-            yield matched(found)
+            kept[(a, b), turn] = matched(found)
+        return [kept[pair] for pair in pairs]
 
-    graph = grow(sketches, match_pairs, template=template, settings=settings.pairs)
+    graph = grow_with_mirrors(
+        sketches,
+        match_pairs,
+        mirror=mirror if orientation == "preserve" else None,
+        template=template,
+        settings=settings.pairs,
+    )
+    meshes = [
+        mirror_image(mesh) if i in graph.mirrored and graph.joined[i] else mesh
+        for i, mesh in enumerate(meshes)
+    ]
     base = meshes[graph.paths.template]
     members: list[Member | None] = []
     for i, mesh in enumerate(meshes):
@@ -247,20 +271,6 @@ def check_surface(mesh: Mesh, name: str) -> None:
             f"{name}: has no faces, and a collection registers surfaces; triangulate "
             "it (jfsf.mesh.reconstruct)"
         )
-
-
-def reason(graph: Graph, names: Sequence[str], shape: int) -> str:
-    """Why a shape was left out, in a sentence."""
-    own = {edge: p for edge, p in graph.right.items() if shape in edge}
-    if not own:
-        return "no pair with it could be matched"
-    tried = ", ".join(
-        f"{names[a + b - shape]} ({p:.2f})" for (a, b), p in sorted(own.items())
-    )
-    return (
-        "no trusted map leads to it; the probability of its maps, with the shapes that "
-        f"were tried: {tried}"
-    )
 
 
 def _check(meshes, names, template) -> None:

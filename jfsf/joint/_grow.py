@@ -1,5 +1,6 @@
 """Match pairs of a collection until trusted maps reach every shape."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -27,11 +28,15 @@ class PairSettings:
         two random vertices.
     trusted: probability of the maps on the way from the template, for a shape to belong
         to the collection.
+    mirror_shear: how many times as much triangles are sheared by a map as by that of
+        the mirror image, for a shape to be a mirror image; and as in the median of the
+        maps on all ways, for its mirror image to be tried (`grow_with_mirrors`).
     """
 
     pairs_a_shape: float = 3.0
     agree: float = 0.2
     trusted: float = 0.7
+    mirror_shear: float = 2.0
 
 
 class Matched(NamedTuple):
@@ -39,17 +44,37 @@ class Matched(NamedTuple):
 
     maps: of X, which has the smaller number, and Y.
     confidence: of the pair alone; nan where there is none.
+    shear: of the triangles of the pair, bent onto each other (`Certificate`); likewise.
     """
 
     maps: Maps
     confidence: float
+    shear: float = math.nan
 
 
 def matched(match: Match) -> Matched:
     """Of a match, without what a collection does not need."""
     T_xy: Any = np.asarray(match.T_xy)
     T_yx: Any = np.asarray(match.T_yx)
-    return Matched(Maps(T_xy, T_yx), float(match.certificate.confidence))
+    figures = match.certificate
+    return Matched(Maps(T_xy, T_yx), float(figures.confidence), float(figures.shear))
+
+
+class MirrorTest(NamedTuple):
+    """A shape matched with another one, and its mirror image too.
+
+    shape, partner: their numbers.
+    straight: confidence of the map between the shape and its partner.
+    turned: of that between its mirror image and the partner.
+    ratio: how many times as much triangles are sheared by the first as by the second;
+        nan if it is not known.
+    """
+
+    shape: int
+    partner: int
+    straight: float
+    turned: float
+    ratio: float
 
 
 class Graph(NamedTuple):
@@ -60,6 +85,8 @@ class Graph(NamedTuple):
     right: the probability of each pair's maps, given the triangles.
     paths: the template, and the way to each shape.
     joined: (s,) whether the way is trusted.
+    tests: of shapes that may be mirror images (`grow_with_mirrors`).
+    mirrored: numbers of those that are.
     """
 
     matched: dict[Edge, Matched]
@@ -67,6 +94,8 @@ class Graph(NamedTuple):
     right: dict[Edge, float]
     paths: Paths
     joined: np.ndarray
+    tests: tuple[MirrorTest, ...] = ()
+    mirrored: frozenset[int] = frozenset()
 
     @property
     def maps(self) -> dict[Edge, Maps]:

@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse.csgraph import minimum_spanning_tree
+from scipy.spatial.distance import cdist
 
 from jfsf.types import ArrayLike
 
@@ -20,7 +21,7 @@ def unlikeness(
 ) -> Float[np.ndarray, "s s"]:
     """Root mean square difference of each two signatures."""
     rows = np.stack([np.asarray(row) for row in signatures])
-    return np.sqrt(np.mean((rows[:, None] - rows[None]) ** 2, -1))
+    return cdist(rows, rows) / np.sqrt(rows.shape[1])
 
 
 def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
@@ -36,11 +37,23 @@ def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
     # A zero would be no edge to scipy.
     tree = minimum_spanning_tree(unlike + 1e-12).tocoo()
     branches = [_edge(a, b) for a, b in zip(tree.row, tree.col, strict=True)]
-    found = set(branches)
-    for branch in sorted(branches):
-        closing = _closing(found, branch)
-        if not found & closing:
-            found |= set(sorted(closing, key=lambda edge: (unlike[edge], edge))[:1])
+    found: set[Edge] = set()
+    near: dict[int, set[int]] = {i: set() for i in range(len(unlike))}
+
+    def add(edge: Edge):
+        a, b = edge
+        found.add(edge)
+        near[a].add(b)
+        near[b].add(a)
+
+    for branch in branches:
+        add(branch)
+    for a, b in sorted(branches):
+        # Pairs that make a triangle of the branch and a pair next to it.
+        closing = {_edge(c, b) for c in near[a] - {b}}
+        closing |= {_edge(c, a) for c in near[b] - {a}}
+        if closing and not found & closing:
+            add(min(closing, key=lambda edge: (unlike[edge], edge)))
     return sorted(found)
 
 
@@ -70,15 +83,6 @@ def more_pairs(
         for b in sorted(left, key=lambda b: (unlike[a, b], b))[:each]:
             found[_edge(a, b)] = unlike[a, b]
     return sorted(sorted(found, key=lambda edge: (found[edge], edge))[:most])
-
-
-def _closing(edges: Collection[Edge], branch: Edge) -> set[Edge]:
-    """Pairs that make a triangle of a branch and an edge next to it."""
-    found = set()
-    for a, b in (branch, branch[::-1]):
-        ends = {x + y - a for x, y in edges if a in (x, y)} - {b}
-        found |= {_edge(c, b) for c in ends}
-    return found
 
 
 def _edge(a, b) -> Edge:

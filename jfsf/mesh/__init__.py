@@ -13,7 +13,7 @@ Read in this order:
 - `_doubled`: faces with the same vertices as others, and which to keep
 - `_links`: pairs of neighbouring faces
 - `_winding`: wind a mesh outward, and say where that is unclear
-- `_edit`: keep the largest component of a mesh, weld its seams
+- `_edit`: the largest component of a mesh, its mirror image, its seams welded
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
 - `_clouds`: outliers of point clouds, floors and walls
@@ -46,7 +46,7 @@ from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
-from jfsf.mesh._edit import Submesh, largest_component, weld
+from jfsf.mesh._edit import Submesh, largest_component, mirror_image, weld
 from jfsf.mesh._geometry import (
     Edges,
     boundary_edges,
@@ -117,6 +117,7 @@ __all__ = [
     "format_of",
     "largest_component",
     "map_of_originals",
+    "mirror_image",
     "nearest_kept",
     "nearest_of",
     "noise",

@@ -1,4 +1,4 @@
-"""Mesh -> Mesh: keep its largest component, weld its seams (numpy)."""
+"""Mesh -> Mesh: its largest component, its mirror image, its seams welded (numpy)."""
 
 from typing import NamedTuple
 
@@ -20,6 +20,15 @@ class Submesh(NamedTuple):
 
     mesh: Mesh
     index: ArrayLike
+
+
+def mirror_image(mesh: Mesh) -> Mesh:
+    """The mirror image in x, with faces wound as before: outward stays outward.
+
+    Vertex i and face i keep their numbers.
+    """
+    vertices = np.asarray(mesh.vertices) * [-1, 1, 1]
+    return Mesh(vertices, np.asarray(mesh.faces)[:, ::-1])
 
 
 def largest_component(mesh: Mesh) -> Submesh:

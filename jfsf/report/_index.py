@@ -2,9 +2,9 @@
 
 import os
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from jfsf.report._page import level, page
+from jfsf.report._html import level, page
 from jfsf.report._words import verdict
 from jfsf.storage import write_text
 
@@ -41,21 +41,26 @@ def write_index(
         rows: the pairs, in any order.
         title: above all.
     """
+    failed = sum(row.failed for row in rows)
+    counts = f"{len(rows)} pairs, {len(rows) - failed} matched"
+    if failed:
+        counts += f", {failed} failed"
+    record = {"title": title, "counts": counts, "pairs": [*map(plain, in_order(rows))]}
+    write_text(path, page("index", record))
+
+
+def in_order(rows: Sequence[Row]) -> list[Row]:
+    """Failed ones, then the least confident first, then those without a confidence."""
 
     def place(row: Row):
         unknown = row.confidence != row.confidence
         return not row.failed, unknown, 0 if unknown else row.confidence
 
-    ordered = sorted(rows, key=place)
-    failed = sum(row.failed for row in rows)
-    counts = f"{len(rows)} pairs, {len(rows) - failed} matched"
-    if failed:
-        counts += f", {failed} failed"
-    record = {"title": title, "counts": counts, "pairs": [_plain(r) for r in ordered]}
-    write_text(path, page("index", record))
+    return sorted(rows, key=place)
 
 
-def _plain(row: Row):
+def plain(row: Row) -> dict[str, Any]:
+    """A row as plain values for JSON."""
     likely = row.confidence
     if row.failed:
         words = "failed"

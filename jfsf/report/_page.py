@@ -1,15 +1,11 @@
 """A match as one page for the browser that needs no network."""
 
-import json
 import os
 import platform
-import re
 import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
-from importlib.resources import files
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +26,7 @@ from jfsf.plot import (
     natural_turn,
 )
 from jfsf.report._candidates import Considered, considered
+from jfsf.report._html import level, page
 from jfsf.report._measured import measure
 from jfsf.report._scene import (
     Shown,
@@ -40,7 +37,7 @@ from jfsf.report._scene import (
     shown_maps,
     shown_matched,
 )
-from jfsf.report._words import DOUBTFUL, LIKELY, findings, readings, reasons, verdict
+from jfsf.report._words import findings, readings, reasons, verdict
 from jfsf.settings import Settings
 from jfsf.storage import write_text
 from jfsf.types import STAGES, ArrayLike, Maps, Match, Mesh
@@ -75,6 +72,7 @@ def write_report(
     up: Up | None = None,
     settings: Settings = Settings(),
     seconds: Mapping[str, float] | None = None,
+    timed: bool = True,
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
 ) -> str:
@@ -89,6 +87,8 @@ def write_report(
         up: the axis that points up in both meshes; found when absent.
         settings: with which it was made.
         seconds: what took how long, for the table.
+        timed: put the date and that table on the page. Without them equal matches make
+            equal pages.
         cache: as in `jfsf.match`; the search is made once more, for its candidates.
         progress: called with the name of each step as it begins.
 
@@ -193,35 +193,15 @@ def write_report(
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
         "versions": versions(),
+        "seconds": {},
     }
     lap("page")
-    record["seconds"] = {name: round(took, 2) for name, took in seconds.items()}
+    if timed:
+        record["seconds"] = {name: round(took, 2) for name, took in seconds.items()}
+    else:
+        del record["versions"]["date"]
     write_text(path, page("report", record))
     return picture
-
-
-def page(name: str, record: dict[str, Any]) -> str:
-    """The text of a page: its template with the style, scripts and record put in.
-
-    Args:
-        name: "report" or "index": the template NAME.html, and NAME.js.
-        record: plain values, which the script reads.
-    """
-    folder = files("jfsf.report") / "page"
-    # No text ends a script, whatever the names of files.
-    data = json.dumps(record, separators=(",", ":"), allow_nan=False)
-    parts = {
-        "title": record["title"].translate({ord(c): f"&#{ord(c)};" for c in "<>&\"'"}),
-        "style": (folder / "style.css").read_text(encoding="utf-8"),
-        "record": data.replace("<", "\\u003c"),
-        "script": (folder / f"{name}.js").read_text(encoding="utf-8"),
-    }
-    if name == "report":
-        licence = (folder / "three.LICENSE.txt").read_text(encoding="utf-8")
-        three = (folder / "three.min.js").read_text(encoding="utf-8")
-        parts["three"] = f"/*\n{licence}*/\n{three}"
-    template = (folder / f"{name}.html").read_text(encoding="utf-8")
-    return re.sub(r"\{\{(\w+)\}\}", lambda slot: parts[slot[1]], template)
 
 
 def versions() -> dict[str, str]:
@@ -238,15 +218,6 @@ def versions() -> dict[str, str]:
         "device": f"{device.platform} {device.device_kind}",
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
     }
-
-
-def level(confidence: float) -> str:
-    """The colour of a confidence: good, fair, poor or unknown."""
-    if np.isnan(confidence):
-        return "unknown"
-    if confidence >= LIKELY:
-        return "good"
-    return "fair" if confidence >= DOUBTFUL else "poor"
 
 
 def _verdict(confidence: float) -> dict[str, Any]:
@@ -286,13 +257,3 @@ def _distance(one: Maps, other: Maps, y: Shown) -> float:
     away = np.linalg.norm(points[one.T_xy] - points[other.T_xy], axis=1)
     spread = np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean())
     return float(away.mean() / (spread or 1))
-
-
-def thumbnail(found: str, path: str | os.PathLike[str]) -> None:
-    """Write a picture that `write_report` returned as a PNG file."""
-    import base64
-
-    from jfsf.storage import write_atomically
-
-    data = base64.b64decode(found.partition(",")[2])
-    write_atomically(Path(path), lambda file: file.write(data))

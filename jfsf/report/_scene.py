@@ -99,15 +99,15 @@ def scene(
         # Else X is painted as Y is. Here what is grey differs.
         first = next(iter(maps.values()))
         painted = matched_colours(colours[np.asarray(first.T_xy)], matched[0])
-        on_x = _packed(255 * painted, "u1")
+        on_x = packed(255 * painted, "u1")
         colours = matched_colours(colours, matched[1])
     return {
         "turn": natural_turn(x.body.vertices, y.body.vertices),
         "x": _shape(x, numbers[0]) | {"colours": on_x},
         "y": _shape(y, numbers[1])
         | {
-            "colours": _packed(255 * colours, "u1"),
-            "uv": _packed(65535 * texture_coordinates(y.body.vertices), "<u2"),
+            "colours": packed(255 * colours, "u1"),
+            "uv": packed(65535 * texture_coordinates(y.body.vertices), "<u2"),
         },
         "maps": [
             {
@@ -118,7 +118,7 @@ def scene(
             for name, (T_xy, T_yx) in maps.items()
         ],
         "figures": [_figure(name, values) for name, values in figures.items()],
-        "ramp": _packed(255 * ramp(np.linspace(0, 1, _NOT_KNOWN)), "u1"),
+        "ramp": packed(255 * ramp(np.linspace(0, 1, _NOT_KNOWN)), "u1"),
     }
 
 
@@ -131,19 +131,25 @@ def data_url(figure: Any, dpi: float) -> str:
     return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
-def _shape(shape: Shown, numbers) -> dict[str, Any]:
-    points = shape.body.vertices
+def shape_values(body: Mesh) -> dict[str, Any]:
+    """A shape as plain values for JSON, in units of its largest extent."""
+    points = np.asarray(body.vertices)
     low, size = points.min(0), float(np.ptp(points, axis=0).max()) or 1.0
+    return {
+        "n": len(points),
+        "points": packed(65535 * (points - low) / size, "<u2"),
+        "low": (low / size).tolist(),
+        "faces": _indices(np.asarray(body.faces).ravel(), len(points)),
+    }
+
+
+def _shape(shape: Shown, numbers) -> dict[str, Any]:
     index = shape.index
     if numbers is not None:
         index = np.asarray(numbers)[index]
     same = np.array_equal(index, np.arange(len(index)))
-    return {
-        "n": len(points),
-        "points": _packed(65535 * (points - low) / size, "<u2"),
-        "low": (low / size).tolist(),
-        "faces": _indices(shape.body.faces.ravel(), len(points)),
-        "numbers": None if same else _packed(index, "<u4"),
+    return shape_values(shape.body) | {
+        "numbers": None if same else packed(index, "<u4")
     }
 
 
@@ -155,14 +161,15 @@ def _figure(name: str, values) -> dict[str, Any]:
     top = max(top, _TOP)
     share = np.where(known, values, 0) / top
     steps = np.where(known, np.clip(share, 0, 1) * (_NOT_KNOWN - 1), _NOT_KNOWN)
-    return {"name": name, "top": top, "steps": _packed(steps, "u1")}
+    return {"name": name, "top": top, "steps": packed(steps, "u1")}
 
 
 def _indices(index, count: int) -> str:
     """Two bytes each, or four where there are more vertices than that."""
-    return _packed(index, "<u2" if count <= 65536 else "<u4")
+    return packed(index, "<u2" if count <= 65536 else "<u4")
 
 
-def _packed(array, dtype: str) -> str:
+def packed(array: ArrayLike, dtype: str) -> str:
+    """An array in whole numbers of this type, little endian, in base64."""
     array = np.rint(np.asarray(array)).astype(dtype)
     return base64.b64encode(array.tobytes()).decode()

@@ -1,6 +1,6 @@
 "use strict";
 
-// Lists the pairs of a batch, in the order of the record.
+// Lists the pairs of a batch, or the shapes of a collection, in the order of the record.
 
 const record = JSON.parse(document.getElementById("record").textContent);
 const byId = (id) => document.getElementById(id);
@@ -26,7 +26,7 @@ document.body.dataset.ready = "yes";
 
 function rowOf(pair) {
   const row = element("li");
-  const name = `${pair.x} → ${pair.y}`;
+  const name = pair.name ?? `${pair.x} → ${pair.y}`;
   row.dataset.name = name.toLowerCase();
   const link = (content) => {
     if (!pair.page) return content;
@@ -38,7 +38,7 @@ function rowOf(pair) {
   if (pair.picture) {
     const image = element("img");
     image.src = pair.picture;
-    image.alt = `${pair.x} in the colours of ${pair.y}`;
+    image.alt = pair.name ?? `${pair.x} in the colours of ${pair.y}`;
     image.loading = "lazy";
     row.append(link(image));
   } else {

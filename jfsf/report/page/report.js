@@ -1,15 +1,6 @@
 "use strict";
 
-// Reads the record of the page, fills in its texts, and shows both shapes with three.js.
-
-const record = JSON.parse(document.getElementById("record").textContent);
-const byId = (id) => document.getElementById(id);
-
-// sRGB in 0..255 to the linear light that three.js computes with.
-const LINEAR = Float32Array.from({ length: 256 }, (_, i) => {
-  const share = i / 255;
-  return share <= 0.04045 ? share / 12.92 : ((share + 0.055) / 1.055) ** 2.4;
-});
+// Fills in the texts of the page, and shows both shapes; after viewer.js.
 
 fillTexts();
 try {
@@ -22,13 +13,6 @@ try {
 document.body.dataset.ready = "yes";
 
 // ---------------------------------------------------------------- texts
-
-function element(tag, text, name) {
-  const made = document.createElement(tag);
-  if (text !== undefined) made.textContent = text;
-  if (name) made.className = name;
-  return made;
-}
 
 function fillTexts() {
   const { verdict } = record;
@@ -59,7 +43,12 @@ function fillTexts() {
   fillTable("truth", record.truth);
   fillTable("certificate", record.certificate);
   for (const name of ["settings", "versions", "seconds"]) {
-    fillTable(name, Object.entries(record[name]));
+    const rows = Object.entries(record[name]);
+    if (!rows.length) {
+      byId(name).remove();
+      continue;
+    }
+    fillTable(name, rows);
     byId(name).prepend(element("caption", name[0].toUpperCase() + name.slice(1)));
   }
   byId("functional_map").src = record.pictures.functional_map;
@@ -68,14 +57,6 @@ function fillTexts() {
   if (record.pictures.reliability) byId("reliability").src = record.pictures.reliability;
   else byId("reliability")?.remove();
   if (!record.candidates.length) byId("candidates-card").remove();
-}
-
-function fillTable(id, rows) {
-  for (const cells of rows) {
-    const row = element("tr");
-    for (const cell of cells) row.append(element("td", String(cell)));
-    byId(id).append(row);
-  }
 }
 
 function percentOf(share) {
@@ -96,17 +77,6 @@ function showPicture() {
   document.querySelector(".tools").remove();
   byId("hint").textContent = "This browser has no WebGL, so the shapes cannot be turned.";
   byId("candidates").append(...record.candidates.map((row) => candidateButton(row)));
-}
-
-// ---------------------------------------------------------------- arrays
-
-function unpacked(text, Kind) {
-  const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-  return new Kind(bytes.buffer);
-}
-
-function indices(text, count) {
-  return unpacked(text, count <= 65536 ? Uint16Array : Uint32Array);
 }
 
 // ---------------------------------------------------------------- the viewer
@@ -261,10 +231,6 @@ function startViewer() {
   }
 }
 
-function press(buttons, pressed) {
-  for (const button of buttons) button.setAttribute("aria-pressed", button === pressed);
-}
-
 function candidateButton({ name, picture, energy, orientation, nearest }) {
   const button = element("button", undefined, "candidate");
   button.type = "button";
@@ -282,43 +248,7 @@ function candidateButton({ name, picture, energy, orientation, nearest }) {
   return button;
 }
 
-// ---------------------------------------------------------------- three.js
-
-function makePane(side, shape) {
-  const canvas = byId(`canvas-${side}`);
-  const renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true, preserveDrawingBuffer: true });
-  const scene = new THREE.Scene();
-  const camera = new THREE.PerspectiveCamera(24, 1, 0.1, 50);
-  // Lights move with the camera: a key light from the upper left, a fill from the right.
-  const lights = [[new THREE.DirectionalLight("white", 2.1), -2, 2.5, 3], [new THREE.DirectionalLight("white", 0.7), 4, 0.5, 2]];
-  for (const [light, ...place] of lights) {
-    light.position.set(...place);
-    camera.add(light, light.target);
-  }
-  scene.add(camera, new THREE.AmbientLight("white", 1.25));
-
-  const quantised = unpacked(shape.points, Uint16Array);
-  const points = Float32Array.from(quantised, (q, i) => shape.low[i % 3] + q / 65535);
-  const geometry = new THREE.BufferGeometry();
-  geometry.setAttribute("position", new THREE.BufferAttribute(points, 3));
-  geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(3 * shape.n), 3));
-  geometry.setAttribute("uv", new THREE.BufferAttribute(new Float32Array(2 * shape.n), 2));
-  const faces = indices(shape.faces, shape.n);
-  let material, body;
-  if (faces.length) {
-    geometry.setIndex(new THREE.BufferAttribute(faces, 1));
-    geometry.computeVertexNormals();
-    material = new THREE.MeshLambertMaterial({ vertexColors: true, side: THREE.DoubleSide });
-    body = new THREE.Mesh(geometry, material);
-  } else {
-    material = new THREE.PointsMaterial({ vertexColors: true, size: 0.012 });
-    body = new THREE.Points(geometry, material);
-  }
-  const marks = new THREE.Group();
-  scene.add(body, marks);
-  const numbers = shape.numbers ? unpacked(shape.numbers, Uint32Array) : null;
-  return { side, shape, canvas, renderer, scene, camera, geometry, material, body, points, marks, numbers };
-}
+// ---------------------------------------------------------------- checker and marks
 
 function makeChecker() {
   const canvas = document.createElement("canvas");
@@ -335,67 +265,6 @@ function makeChecker() {
   texture.repeat.set(12, 12);
   texture.anisotropy = 8;
   return texture;
-}
-
-// One view for both shapes: whichever is turned, the other follows.
-function linkCameras(panes, turn) {
-  const angle = (-turn * Math.PI) / 180;
-  const all = Object.values(panes);
-  for (const pane of all) {
-    pane.controls = new THREE.OrbitControls(pane.camera, pane.canvas);
-    pane.controls.enableDamping = false;
-    pane.controls.addEventListener("change", () => follow(pane));
-  }
-  function follow(moved) {
-    for (const pane of all) {
-      if (pane !== moved) {
-        pane.camera.position.copy(moved.camera.position);
-        pane.camera.quaternion.copy(moved.camera.quaternion);
-        pane.controls.target.copy(moved.controls.target);
-      }
-      redraw(pane);
-    }
-  }
-  linkCameras.reset = () => {
-    const [pane] = all;
-    // Far enough for the taller and the wider shape, in panes of this form.
-    let high = 0, wide = 0;
-    for (const { geometry } of all) {
-      geometry.computeBoundingBox();
-      const { min, max } = geometry.boundingBox;
-      high = Math.max(high, max.y - min.y);
-      const across = Math.cos(angle) * (max.x - min.x) - Math.sin(angle) * (max.z - min.z);
-      wide = Math.max(wide, across);
-    }
-    const form = pane.canvas.clientWidth / pane.canvas.clientHeight;
-    const half = Math.tan((pane.camera.fov * Math.PI) / 360);
-    const away = 0.53 * Math.max(high, wide / form) / half + 0.2;
-    pane.controls.target.set(0, 0, 0);
-    pane.camera.position.set(away * Math.sin(angle), 0.14 * away, away * Math.cos(angle));
-    pane.controls.update();
-    follow(pane);
-  };
-  all.forEach(resize);
-  linkCameras.reset();
-}
-
-function resize(pane) {
-  const { clientWidth, clientHeight } = pane.canvas;
-  pane.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
-  pane.renderer.setSize(clientWidth, clientHeight, false);
-  pane.camera.aspect = clientWidth / clientHeight;
-  pane.camera.updateProjectionMatrix();
-  // At once: a canvas of a new size is blank until it is drawn.
-  draw(pane);
-}
-
-function redraw(pane) {
-  pane.waiting ??= requestAnimationFrame(() => draw(pane));
-}
-
-function draw(pane) {
-  pane.waiting = null;
-  pane.renderer.render(pane.scene, pane.camera);
 }
 
 // Solid in front, faint through the body where it is behind.

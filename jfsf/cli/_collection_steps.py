@@ -1,0 +1,134 @@
+"""The steps of `jfsf collection`: each makes jobs, and reads what they wrote."""
+
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from jfsf.cli._collection_jobs import kept, match_pair, nothing, read_maps
+from jfsf.cli._collection_results import registered
+from jfsf.cli._words import in_options
+from jfsf.mesh import stem_of
+
+PARTS = "shapes", "pairs", "turned", "ways", "maps", "registered"  # of the results
+MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
+
+
+def outcomes(
+    client, shown, jobs, *, label: str, work, done=None
+) -> dict[Path, str | None]:
+    """Do the jobs; why each failed, by its file, None for those that did not."""
+    from jfsf.batch import run_jobs
+
+    bar = shown.add_task(label, total=len(jobs))
+    reasons = {}
+    for outcome in run_jobs(jobs, client, prepare=nothing, work=work, done=done):
+        why = outcome.reason
+        reasons[outcome.job.out] = None if why is None else in_options(why)
+        shown.advance(bar)
+    return reasons
+
+
+def kept_shapes(out, paths, run):
+    """What is kept of each shape, and why some are not, by name."""
+    from jfsf.batch import Job
+
+    jobs = {name: Job((path,), _shape(out, name)) for name, path in paths.items()}
+    found = run(list(jobs.values()), label="shapes")
+    reasons = {name: found[job.out] for name, job in jobs.items()}
+    bad = {name: why for name, why in reasons.items() if why is not None}
+    good = {name: kept(jobs[name].out) for name in paths if name not in bad}
+    if len(good) < 2:
+        raise ValueError(
+            f"collection: {len(good)} of {len(paths)} shapes can be matched, two are "
+            f"needed: {'; '.join(bad.values()) or 'name a folder with more meshes'}"
+        )
+    return good, bad
+
+
+def number_of(shapes, reasons, template: Path | None) -> int | None:
+    """Of the template among the shapes."""
+    if template is None:
+        return None
+    name = stem_of(template)
+    if name in reasons:
+        raise ValueError(f"{template}: {reasons[name]}")
+    return list(shapes).index(name)
+
+
+def grown(out, shapes, template, mirror, run, *, orientation: str):
+    """The graph of matched pairs, and which shapes are mirror images."""
+    from jfsf.batch import Job
+    from jfsf.joint import grow_with_mirrors
+
+    names, known = list(shapes), {}
+
+    def match(edges, turned):
+        for turn in (False, True):
+            folder = out / ("turned" if turn else "pairs")
+            jobs = {
+                (a, b): Job(
+                    (_shape(out, names[a]), _shape(out, names[b])),
+                    folder / f"{names[a]}__{names[b]}.npz",
+                )
+                for (a, b), own in zip(edges, turned, strict=True)
+                if own == turn and ((a, b), turn) not in known
+            }
+            if not jobs:
+                continue
+            work = partial(match_pair, orientation=orientation, turned=turn)
+            label = "mirror images" if turn else "pairs"
+            failed = run(list(jobs.values()), label=label, work=work)
+            for edge, job in jobs.items():
+                known[edge, turn] = None if failed[job.out] else read_maps(job.out)
+        return [known[pair] for pair in zip(edges, turned, strict=True)]
+
+    sketches = [own.sketch for own in shapes.values()]
+    return grow_with_mirrors(sketches, match, mirror=mirror, template=template)
+
+
+def mirror_back(out: Path, shapes, graph):
+    """The shapes, joined mirror images mirrored back; writes these as files too."""
+    from jfsf.export import export_mesh
+    from jfsf.mesh import mirror_image
+
+    shapes = dict(shapes)
+    for i, (name, own) in enumerate(list(shapes.items())):
+        if i in graph.mirrored and graph.joined[i]:
+            (out / MIRRORED).mkdir(exist_ok=True)
+            shapes[name] = own._replace(mesh=mirror_image(own.mesh))
+            export_mesh(out / MIRRORED / f"{name}.ply", shapes[name].mesh)
+    return shapes
+
+
+def put(out, names, graph, run) -> dict[str, str]:
+    """The template on each joined shape; why it could not be put on some, by name."""
+    from jfsf.batch import Job
+    from jfsf.joint import map_along
+
+    base, jobs = graph.paths.template, {}
+    for i in np.flatnonzero(graph.joined).tolist():
+        inputs = _shape(out, names[base]), _shape(out, names[i])
+        if i != base:
+            way = out / "ways" / f"{names[i]}.npz"
+            T = map_along(graph.maps, graph.paths.way(i))
+            _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
+            inputs = *inputs, way
+        jobs[names[i]] = Job(inputs, registered(out, names[i]))
+    failed = run(list(jobs.values()), label="registered")
+    return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
+
+
+def _write_way(path: Path, **arrays) -> None:
+    """Write a map; an equal one keeps its date, and what was made of it counts."""
+    from jfsf.storage import write_atomically
+
+    if path.exists():
+        with np.load(path) as file:
+            if all(np.array_equal(file[name], own) for name, own in arrays.items()):
+                return
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def _shape(out: Path, name: str) -> Path:
+    return out / "shapes" / f"{name}.npz"

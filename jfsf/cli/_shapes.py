@@ -1,0 +1,36 @@
+"""jfsf shapes: the embedded shapes as files, to try the other commands on."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from jfsf.cli._files import can_write_in
+
+
+def shapes(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="For the files; made if need be.")
+    ],
+) -> None:
+    """Write the embedded shapes as mesh files: twelve posed people, under CC0.
+
+    Each is NAME.ply, of about 5000 vertices, in metres, y up. The vertices of no two
+    shapes correspond. Files that are there already stay as they are.
+
+    Example: jfsf shapes bodies
+    """
+    from jfsf.data import load, names
+    from jfsf.export import export_mesh
+
+    can_write_in(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in names():
+        # A new date would make `jfsf collection` do all of its work again.
+        if not (path := folder / f"{name}.ply").exists():
+            export_mesh(path, load(name).mesh)
+    console = Console()
+    console.print(
+        f"wrote {len(names())} shapes to {folder}", soft_wrap=True, markup=False
+    )
