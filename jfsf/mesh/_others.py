@@ -24,6 +24,8 @@ LIBRARIES = {
     ".vtp": ("vtkmodules", "vtk"),
     ".gii": ("nibabel", "gifti"),
 }
+# Time that VTK may take, and for each byte of a file: on some damaged ones it hangs.
+SECONDS, SECONDS_FOR_EACH = 120.0, 2e-6
 # Of VTK: cells that are surfaces, and those that are less and are left out.
 _STRIP, _PIXEL = 6, 8
 _SURFACES = {5: "triangle", 6: "strip", 7: "polygon", 8: "pixel", 9: "quad"}
@@ -47,7 +49,14 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
     _need(suffix)
     # -P: the folder of this file holds no modules that others should import.
     command = [sys.executable, "-P", _vtk_process.__file__, suffix]
-    done = subprocess.run(command, input=data, capture_output=True, check=False)
+    seconds = SECONDS + SECONDS_FOR_EACH * len(data)
+    try:
+        done = subprocess.run(command, input=data, capture_output=True, timeout=seconds)
+    except subprocess.TimeoutExpired:
+        raise MeshError(
+            f"VTK does not read it within {seconds:.0f} s, so it is damaged; export it "
+            "again"
+        ) from None
     if done.returncode:
         raise MeshError("VTK fails on it, so it is damaged; export it again")
     with np.load(io.BytesIO(done.stdout)) as file:

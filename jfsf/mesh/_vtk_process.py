@@ -12,6 +12,9 @@ from typing import Any
 
 import numpy as np
 
+# Memory of the process: a damaged count would ask for any.
+BYTES, BYTES_FOR_EACH = 1 << 30, 50
+
 
 def arrays_of(data: bytes, suffix: str) -> dict[str, Any]:
     """The points (n, 3) and the cells of a data set.
@@ -71,9 +74,19 @@ def arrays_of(data: bytes, suffix: str) -> dict[str, Any]:
 
 def main() -> None:
     """stdin -> stdout."""
-    arrays = arrays_of(sys.stdin.buffer.read(), sys.argv[1])
+    data = sys.stdin.buffer.read()
+    _limit(BYTES + BYTES_FOR_EACH * len(data))
+    arrays = arrays_of(data, sys.argv[1])
     np.savez(held := io.BytesIO(), **arrays)
     sys.stdout.buffer.write(held.getvalue())
+
+
+def _limit(size: int) -> None:
+    try:
+        import resource
+    except ImportError:  # not on Windows
+        return
+    resource.setrlimit(resource.RLIMIT_DATA, (size, size))
 
 
 if __name__ == "__main__":
