@@ -28,7 +28,7 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
-from jfsf.evidence._rivals import Standing, map_distances, share_among
+from jfsf.evidence._rivals import Standing, map_distances, rivals_among, share_among
 from jfsf.evidence._vertices import (
     SURE,
     VERTEX_EVIDENCE,
@@ -59,6 +59,7 @@ __all__ = [
     "map_distances",
     "of_certificate",
     "rank",
+    "rivals_among",
     "share_among",
     "vertex_confidence",
     "vertex_evidence",

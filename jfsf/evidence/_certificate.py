@@ -43,7 +43,7 @@ def certify(
         settings: `evidence`, `search`, `distance_pairs`, `features`.
 
     Returns:
-        The certificate; its gap is nan, as that of a map without a search.
+        The certificate; its gaps are nan, as those of a map without a search.
     """
     (spec_x, spec_y), (T_xy, T_yx), dtype = pair, maps_of(maps), C_yx.dtype
     unknown = jnp.full((), jnp.nan, dtype)
@@ -85,6 +85,7 @@ def certify(
         orthogonality=orthogonality(C_yx),
         orientation=score,
         gap=unknown,
+        mirror_gap=unknown,
         nn_agreement=agree.astype(dtype),
         recall=recall,
         finite=finite,
@@ -93,6 +94,8 @@ def certify(
         **bent._asdict(),
         log_odds=unknown,
         share=unknown,
+        rivals=unknown,
+        mirror_share=unknown,
         confidence=unknown,
         landmarks=missed,
     )

@@ -17,6 +17,10 @@ Of a map that was compared so, with s its share of these odds (`share_among`):
 
     p = 1 / (1 + exp(-z')),
     z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m)
+
+Evidence cannot tell a map from its rivals, and n of these leave it 1 / (1 + n) at most.
+A map of the orientation that was asked for is likely wrong where its mirror image fits
+far better: with t the share of that one in the odds of both, it has 2 (1 - t) at most.
 """
 
 import json
@@ -97,6 +101,8 @@ def confidence(
     share: Float[Array, "..."] | float = jnp.nan,
     missed: Float[Array, "..."] | float = 0.0,
     left_and_right: Bool[Array, "..."] | bool = True,
+    rivals: Float[Array, "..."] | float = jnp.nan,
+    mirror_share: Float[Array, "..."] | float = jnp.nan,
     *,
     missed_weight: float = 3.0,
 ) -> Float[Array, "..."]:
@@ -109,6 +115,8 @@ def confidence(
         missed: share of the landmarks that the map misses.
         left_and_right: whether these can be told. If not, a map and its mirror image
             are equally likely, and the probability is half of it.
+        rivals: how many other maps are as likely, see `jfsf.evidence.rivals_among`.
+        mirror_share: of the odds of the mirror image; nan if it was not tried.
         missed_weight: see `jfsf.settings.EvidenceSettings`.
 
     Returns:
@@ -119,6 +127,8 @@ def confidence(
     compared = COMPARED["constant"] + COMPARED["log_odds"] * log_odds
     compared += COMPARED["margin"] * margin
     likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
+    likely = jnp.minimum(likely, 1 / (1 + jnp.nan_to_num(rivals)))
+    likely = jnp.minimum(likely, 2 * (1 - jnp.nan_to_num(mirror_share)))
     likely **= 1 + missed_weight * missed
     return jnp.where(left_and_right, likely, likely / 2)
 
@@ -129,7 +139,8 @@ def of_certificate(
     """The confidence of a map with this evidence.
 
     Args:
-        evidence: `log_odds`, `share` and `landmarks` are read.
+        evidence: `log_odds`, `share`, `rivals`, `mirror_share` and `landmarks` are
+            read.
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
         settings: `jfsf.settings.EvidenceSettings`.
     """
@@ -141,5 +152,7 @@ def of_certificate(
         evidence.share,
         missed,
         told,
+        evidence.rivals,
+        evidence.mirror_share,
         missed_weight=settings.missed_weight,
     )

@@ -65,6 +65,36 @@ def share_among(
     return Standing(np.array(shares), ranks, differ)
 
 
+def rivals_among(
+    matches: Sequence[Match], standing: Standing, *, settings: Settings = Settings()
+) -> np.ndarray:
+    """How many other maps each match cannot be told from, (m,).
+
+    Where a match is so likely right by its own evidence that no second attempt is made
+    (`Settings.retry_below`), its rivals are the others that are so likely too, differ,
+    and whose odds are no less than its own over exp(`EvidenceSettings.tie`). Of near
+    copies one counts. Maps in doubt have no rivals: there `share_among` says more.
+
+    Args:
+        matches: of one pair.
+        standing: of these (`share_among`).
+        settings: `evidence`, `retry_below`.
+    """
+    log_odds = [float(match.certificate.log_odds) for match in matches]
+    likely = expit(np.nan_to_num(log_odds, nan=-np.inf)) >= settings.retry_below
+    odds = COMPARED["scale"] * standing.rank
+    order, numbers = np.argsort(-odds, kind="stable"), []
+    for i, own in enumerate(odds):
+        chosen = [i]
+        for j in order:
+            tie = odds[j] >= own - settings.evidence.tie
+            known = likely[i] and likely[j] and tie
+            if known and all(standing.differ[j, k] for k in chosen):
+                chosen.append(int(j))
+        numbers.append(len(chosen) - 1)
+    return np.array(numbers, float)
+
+
 def map_distances(
     matches: Sequence[Match],
     pair: tuple[Spectrum, Spectrum],

@@ -1,0 +1,113 @@
+"""Other maps that may fit as well as one that is not in doubt.
+
+Near ties of the search, the mirror image where the search says that it fits better, and
+of two disks those that turn the rim. They are tried on coarse copies only.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import jax
+import numpy as np
+
+from jfsf.evidence import share_among
+from jfsf.initial import Start
+from jfsf.policy._disks import as_disk, is_disk, turned_maps
+from jfsf.policy._pairs import PairState
+from jfsf.settings import Settings
+
+
+def has_others(pair: PairState, settings: Settings) -> bool:
+    """Whether a pair without doubt has any of these."""
+    if np.isnan(pair.best.certificate.log_odds):  # no surface: nothing is compared
+        return False
+    return bool(
+        near_ties(pair, settings)
+        or mirrored_pairs([pair], settings)
+        or all(map(is_disk, pair.spectra))
+    )
+
+
+def near_ties(pair: PairState, settings: Settings) -> list[Start]:
+    """The other candidates of the search that are about as good as the first.
+
+    Args:
+        pair: `others` are read; without a search there are none.
+        settings: `evidence.near_energy`.
+    """
+    if pair.others is None:
+        return []
+    sign = int(pair.inputs.sign)
+    some = []
+    for start in unstacked(pair.others):
+        near = float(start.gap) <= settings.evidence.near_energy
+        if near and sign * float(np.nan_to_num(start.orientation)) >= 0:
+            some.append(start._replace(gap=np.full_like(start.gap, np.nan)))
+    return some
+
+
+def mirrored_pairs(pairs: Sequence[PairState], settings: Settings) -> list[int]:
+    """Numbers of the pairs whose mirror image may fit better.
+
+    Args:
+        pairs: with a map each.
+        settings: `evidence.mirror_gap`. A gap of nan says nothing.
+    """
+    limit = settings.evidence.mirror_gap
+    gaps = [float(pair.attempts[0].start.mirror_gap) for pair in pairs]
+    return [i for i, gap in enumerate(gaps) if gap < limit]
+
+
+def mirror_of(copy: PairState) -> PairState:
+    """The same pair of copies, asked for the other orientation. Without attempts."""
+    asked = copy.inputs._replace(sign=-copy.inputs.sign)
+    fresh = {"attempts": [], "shares": [], "rivals": [], "seconds": {}}
+    return replace(copy, inputs=asked, **fresh)
+
+
+def mirror_share(copy: PairState, mirror: PairState, settings: Settings) -> float:
+    """Share of the odds of the best map of `mirror` in those of both orientations."""
+    own = [attempt.match for attempt in copy.attempts]
+    rank = share_among(own, copy.spectra, settings=settings).rank
+    both = [own[int(np.argmax(rank))], mirror.best]
+    return float(share_among(both, copy.spectra, settings=settings).share[1])
+
+
+def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[Start]:
+    """Where both shapes are disks, the best maps that turn the rim.
+
+    Args:
+        pair: whole shapes.
+        copy: the same pair at few vertices.
+        settings: `search`.
+    """
+    if not all(map(is_disk, [*pair.spectra, *copy.spectra])):
+        return []
+    disks = [as_disk(spec) for spec in copy.spectra]
+    sign, starts = int(pair.inputs.sign), []
+    size = settings.search.final_ks[-1]
+    known = pair.attempts[0].start
+    x, y = copy.spectra
+    evecs_x, evecs_y, mass = (np.asarray(a) for a in (x.evecs, y.evecs, x.mass))
+    for mirrors in (False, True):
+        if sign * (1 - 2 * mirrors) < 0:
+            continue
+        for T_xy in turned_maps(*disks, mirrors=mirrors):
+            n = len(T_xy)
+            back = evecs_x[:n, :size].T * mass[:n]
+            C_yx = (back @ evecs_y[T_xy, :size]).astype(evecs_x.dtype)
+            side = np.full_like(known.gap, 1 - 2 * mirrors)
+            unknown = np.full_like(known.gap, np.nan)
+            weight = np.full_like(known.gap, settings.search.descriptor_weight)
+            fields: Any = (C_yx, side, unknown, weight, unknown)
+            starts.append(Start(*fields))
+    return starts
+
+
+def unstacked(starts: Start) -> list[Start]:
+    """The records along the leading axis."""
+    # By numpy: operations on jax arrays would compile for each size.
+    host = jax.device_get(starts)
+    one = lambda i: jax.tree.map(lambda values: np.asarray(values[i]), host)
+    return [one(i) for i in range(len(host.gap))]
