@@ -45,6 +45,8 @@ VALUES = {
     "bijectivity_y": 0.01,
     "orientation": 0.97,
     "finite": True,
+    "rivals": 0,
+    "mirror_share": 0.5,
     "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))

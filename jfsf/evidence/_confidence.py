@@ -127,8 +127,11 @@ def confidence(
     compared = COMPARED["constant"] + COMPARED["log_odds"] * log_odds
     compared += COMPARED["margin"] * margin
     likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
-    likely = jnp.minimum(likely, 1 / (1 + jnp.nan_to_num(rivals)))
-    likely = jnp.minimum(likely, 2 * (1 - jnp.nan_to_num(mirror_share)))
+    number, other = (
+        jnp.nan_to_num(jnp.asarray(known, likely.dtype))
+        for known in (rivals, mirror_share)
+    )
+    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 2 * (1 - other)))
     likely **= 1 + missed_weight * missed
     return jnp.where(left_and_right, likely, likely / 2)
 
