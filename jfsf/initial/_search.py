@@ -210,8 +210,7 @@ def _candidates(
     )
     plain = energy_of(search_pair, children)
     energy, score = oriented(plain, children)
-    mirror_gap = _mirror_gap(plain, sign * score)
-    mirror_gap = jnp.where(self_map, jnp.nan, mirror_gap)
+    gap = jnp.where(self_map, jnp.nan, _mirror_gap(plain, sign * score))
     best = children[best_different(children, energy, num, settings=settings)]
 
     last = refine(ranking_pair, best, half, ks=settings.final_ks)
@@ -222,15 +221,13 @@ def _candidates(
     is_kept = jnp.zeros(num, bool).at[kept].set(True)
     energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
     order = jnp.argsort(energy)
-    return Candidates(last[order], energy[order], orientation[order], mirror_gap)
+    return Candidates(last[order], energy[order], orientation[order], gap)
 
 
 def _mirror_gap(energy: Array, agrees: Array):
     """See `Candidates`; `agrees` is above 0 where a map has the orientation wanted."""
-    right, wrong = (
-        jnp.min(jnp.asarray(jnp.where(side, energy, jnp.inf)))
-        for side in (agrees > 0, agrees < 0)
-    )
+    least = lambda side: jnp.min(jnp.asarray(jnp.where(side, energy, jnp.inf)))
+    right, wrong = least(agrees > 0), least(agrees < 0)
     known = jnp.isfinite(right) | jnp.isfinite(wrong)
     return jnp.where(known, wrong / right - 1, jnp.nan)
 
