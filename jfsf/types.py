@@ -217,6 +217,9 @@ class Certificate(NamedTuple):
     shear: how much triangles are sheared by it where they are sheared most,
     area_std: how unevenly they grow, and
     normal_gap: how far the normals of the bent shapes differ from those at the images.
+    spectrum_gap: the largest difference between the logarithms of the first eigenvalues
+        of both shapes (`jfsf.evidence.spectrum_gap`), whatever the map; 0.1 for bodies
+        in other poses, 1 for bodies with other limbs.
     log_odds: of a map that is right, by its own evidence (`jfsf.evidence.log_odds`);
         nan without a surface.
     share: of the odds of the map in those of all distinct maps that were compared with
@@ -231,8 +234,9 @@ class Certificate(NamedTuple):
         ask for it.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
         from log_odds and share (`jfsf.evidence.confidence`). With n rivals it is
-        1 / (1 + n) at most. Less if the map misses landmarks, or its mirror image fits
-        far better; half where left and right cannot be told. nan for point clouds
+        1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
+        far better, and for shapes of different kinds (`spectrum_gap`), which it was not
+        fitted to; half where left and right cannot be told. nan for point clouds
         without a surface, and for parts: it is not fitted to these.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
@@ -258,6 +262,7 @@ class Certificate(NamedTuple):
     shear: Float[Array, ""]
     area_std: Float[Array, ""]
     normal_gap: Float[Array, ""]
+    spectrum_gap: Float[Array, ""]
     log_odds: Float[Array, ""]
     share: Float[Array, ""]
     rivals: Float[Array, ""]

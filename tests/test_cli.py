@@ -47,6 +47,7 @@ VALUES = {
     "finite": True,
     "rivals": 0,
     "mirror_share": 0.5,
+    "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))

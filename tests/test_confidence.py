@@ -24,6 +24,7 @@ from jfsf.evidence import (
     rank,
     rivals_among,
     share_among,
+    spectrum_gap,
 )
 from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
 from jfsf.runtime import pad
@@ -120,6 +121,21 @@ def test_a_mirror_image_that_fits_far_better_makes_a_map_doubtful():
     sure = confidence(6.0)
     assert confidence(6.0, mirror_share=0.5) == sure == confidence(6.0)
     np.testing.assert_allclose(confidence(6.0, mirror_share=0.95), 0.1)
+
+
+def test_shapes_of_other_kinds_are_in_doubt_whatever_the_map():
+    sure = confidence(6.0)
+    assert confidence(6.0, spectrum_gap=0.9) == sure > 0.99
+    assert 0.8 < confidence(6.0, spectrum_gap=1.09) < 0.9
+    np.testing.assert_allclose(confidence(6.0, spectrum_gap=1.6), 0.5, atol=1e-4)
+    assert confidence(-6.0, spectrum_gap=1.6) == confidence(-6.0)
+
+
+def test_the_gap_of_spectra_is_that_of_the_least_alike_eigenvalues():
+    other = SPEC._replace(evals=SPEC.evals.at[3].multiply(2.0))
+    np.testing.assert_allclose(spectrum_gap(SPEC, other), np.log(2), rtol=1e-3)
+    np.testing.assert_allclose(spectrum_gap(other, SPEC), np.log(2), rtol=1e-3)
+    assert spectrum_gap(SPEC, SPEC) == 0
 
 
 def test_there_is_no_confidence_without_evidence():

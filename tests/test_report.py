@@ -41,6 +41,7 @@ VALUES = {
     "finite": True,
     "rivals": 0,
     "mirror_share": 0.5,
+    "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.93)) for n in Certificate._fields))
@@ -347,6 +348,8 @@ def test_words_say_what_is_known():
             f"--orientation {other}"
         )
     assert "the mirror image has 97%" in " ".join(reasons(mirrored))
+    (kinds,) = findings(GOOD._replace(spectrum_gap=jnp.asarray(1.5)), "preserve")
+    assert "different kinds" in kinds.why and "factor of 4.5" in kinds.why
     said = {
         share: " ".join(reasons(GOOD._replace(share=jnp.asarray(share))))
         for share in (0.45, 0.6, 0.95, np.nan)

@@ -11,11 +11,12 @@ Read in this order:
 """
 
 from jfsf.evidence._bending import Bending, bending
-from jfsf.evidence._certificate import certify
+from jfsf.evidence._certificate import certify, spectrum_gap
 from jfsf.evidence._confidence import (
     COMPARED,
     FACTORS,
     RANK_FACTORS,
+    UNLIKE,
     column,
     confidence,
     log_odds,
@@ -44,6 +45,7 @@ __all__ = [
     "MISSED",
     "RANK_FACTORS",
     "SURE",
+    "UNLIKE",
     "VERTEX_EVIDENCE",
     "WITHIN",
     "Bending",
@@ -61,6 +63,7 @@ __all__ = [
     "rank",
     "rivals_among",
     "share_among",
+    "spectrum_gap",
     "vertex_confidence",
     "vertex_evidence",
     "with_likely",

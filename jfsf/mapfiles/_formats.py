@@ -20,6 +20,7 @@ CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
 # Figures that files of version 0.2 lack, or have under another name.
 LATER_KEYS = {
     "certificate_mirror_gap": None,
+    "certificate_spectrum_gap": None,
     "certificate_rivals": None,
     "certificate_mirror_share": None,
     "certificate_recall": None,

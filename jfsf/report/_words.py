@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.evidence import MISSED  # whatever settings the map was made with
+from jfsf.evidence import MISSED, UNLIKE  # whatever settings the map was made with
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning.
@@ -90,6 +90,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "shear": "of triangles, but for the 1 % that are sheared most; 0 for none",
         "area_std": "how unevenly the bending lets triangles grow; 0 if evenly",
         "normal_gap": "how far normals of the bent shapes differ; 0 if not at all",
+        "spectrum_gap": "how unlike the shapes are; 0.1 for poses, 1 for other limbs",
         "log_odds": "of a right map, by its own evidence; 0 is one half",
         "share": "of the odds, among maps that differ; 0.5: another fits as well",
         "rivals": "other maps that fit as well, of those that were tried",
@@ -150,6 +151,13 @@ def findings(
             "The shape has rotations, or parts that are alike. See the candidates, and "
             "`jfsf.alternatives` for the maps; one or two pairs of vertices that you "
             "know (--landmarks) say which map is meant.",
+        ),
+        (
+            float(certificate.spectrum_gap) > UNLIKE,
+            "the shapes are of different kinds, and the confidence was fitted to "
+            f"others: eigenvalues differ by a factor of {_factor(certificate):.1f}",
+            "See whether both files are what you think, and whether one shape is a "
+            "part of the other (--partial). Landmarks at all ends may help.",
         ),
         (
             np.isnan(score) and orientation != "any" and not len(certificate.landmarks),
@@ -221,6 +229,10 @@ def _other(orientation: str) -> str:
 def _counted(certificate: Certificate) -> int:
     """All maps that fit equally well, the one at hand included."""
     return 1 + int(np.nan_to_num(float(certificate.rivals)))
+
+
+def _factor(certificate: Certificate) -> float:
+    return float(np.exp(float(certificate.spectrum_gap)))
 
 
 def warnings_of(
