@@ -23,6 +23,7 @@ HEAD = 0.1, 0.7  # |x| and y between which the head is in that pose
 # In sqrt(area) of a body: radius of a crop around the nose; how far an arm is swollen,
 # from the tip of the hand on, and by how much.
 FACE, ARM, SWELLING = 0.11, (0.1, 0.4), 0.03
+LEAST_POINTS = 4  # of a vertex that counts as ground truth
 Shaping = Callable[[np.ndarray], np.ndarray]
 
 
@@ -36,10 +37,15 @@ class Case(NamedTuple):
 
 
 class Known(NamedTuple):
-    """A mesh, and its vertex for each template point; -1 where it has none."""
+    """A mesh with template points.
+
+    vertex: for each of these the vertex of the mesh; -1 where it has none.
+    points: where each lies, on the surface or near it.
+    """
 
     mesh: Mesh
     vertex: np.ndarray  # type: ignore
+    points: np.ndarray  # type: ignore
 
 
 @cache
@@ -64,7 +70,7 @@ def swollen(name: str) -> Known:
     inside = (1 + np.tanh((away - low) / edge)) * (1 + np.tanh((high - away) / edge))
     normals = trimesh.Trimesh(*mesh, process=False).vertex_normals
     moved = mesh.vertices + (SWELLING * unit * inside / 4)[:, None] * normals
-    return Known(Mesh(moved, mesh.faces), vertex)
+    return Known(Mesh(moved, mesh.faces), vertex, moved[vertex])
 
 
 @cache
@@ -82,7 +88,8 @@ def face(name: str, seed: int) -> Known:
     new = decimate(turned, int(rng.integers(1400, 2000)))
     near = np.asarray(KDTree(new.vertices).query(mesh.vertices @ turn.T)[1])
     at = np.isin(vertex, part.index)
-    return Known(new, np.where(at, near[vertex], -1))
+    points = mesh.vertices[vertex] @ turn.T
+    return Known(new, np.where(at, near[vertex], -1), points)
 
 
 def _without_tongues(faces: np.ndarray) -> np.ndarray:
@@ -118,14 +125,26 @@ def _capped(mesh: Mesh) -> Mesh:
 
 
 def pair(name: str, x: Known, y: Known) -> Case:
-    """Two meshes with template points in common."""
+    """Two meshes with template points in common.
+
+    Several of these share a vertex, so each is up to half an edge of the body away. A
+    vertex of X goes to the mean place on Y of its points: that is more precise.
+    """
     both = (x.vertex >= 0) & (y.vertex >= 0)
-    return Case(name, x.mesh, y.mesh, (x.vertex[both], y.vertex[both]))
+    at, number = x.vertex[both], len(x.mesh.vertices)
+    count = np.bincount(at, minlength=number)
+    total = [np.bincount(at, column, number) for column in y.points[both].T]
+    known = np.flatnonzero(count >= LEAST_POINTS)
+    place = np.stack(total, 1)[known] / count[known, None]
+    near = np.asarray(KDTree(y.mesh.vertices).query(place)[1])
+    return Case(name, x.mesh, y.mesh, (known, near))
 
 
 def mirrored(shape: Known) -> Known:
     """Its mirror image."""
-    return shape._replace(mesh=mirror(shape.mesh))
+    return shape._replace(
+        mesh=mirror(shape.mesh), points=shape.points * [-1.0, 1.0, 1.0]
+    )
 
 
 def rotation(rng: np.random.Generator) -> np.ndarray:

@@ -42,6 +42,7 @@ import jfsf
 from jfsf import data
 from jfsf.evaluate import geodesic_error
 from jfsf.report import warnings_of
+from jfsf.testing import mirror
 
 DOUBTFUL = 0.7  # a map below this confidence is in doubt, as the words say
 POINTS, SEED = 250, 0  # of the ground truth, at most
@@ -79,7 +80,11 @@ def bodies(number: int, mirror: bool) -> list[Case]:
 
 def plain(number: int) -> list[Case]:
     """Bodies as they are."""
-    known = lambda name: Known(*data.load(name))
+
+    def known(name):
+        mesh, vertex = data.load(name)
+        return Known(mesh, vertex, mesh.vertices[vertex])
+
     return [pair(f"{x} {y}", known(x), known(y)) for x, y in spread_pairs(number)]
 
 
@@ -92,8 +97,7 @@ def bones(number: int) -> list[Case]:
             ball(tube(rng.uniform(5, 6.5), rng.uniform(0.5, 0.7), 1.2), n, rng)
             for n in (1500, 1300)
         ]
-        y = mirrored(Known(made[1], np.zeros(0, int))).mesh
-        cases.append(Case(f"bone {i}", made[0], y))
+        cases.append(Case(f"bone {i}", made[0], mirror(made[1])))
     return cases
 
 

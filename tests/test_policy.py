@@ -148,13 +148,14 @@ def alike(monkeypatch):
         differ = ~np.eye(len(odds), dtype=bool)
         differ[0, found] = differ[found, 0] = False
         rank = np.nan_to_num(odds, nan=-np.inf)
-        return Standing(shares_of(expit(odds)), rank, differ)
+        return Standing(shares_of(expit(odds)), rank, differ, 1.0 * differ)
 
     monkeypatch.setattr(_sources, "coarse_copy", lambda spec, settings: Copy(spec))
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
     monkeypatch.setattr(_others, "share_among", share_among)
     monkeypatch.setattr(_others, "is_disk", lambda spec: False)
+    monkeypatch.setattr(_others, "_are_round", lambda pair: False)
     return found
 
 

@@ -17,6 +17,13 @@ from jfsf.policy._disks import as_disk, is_disk, turned_maps
 from jfsf.policy._pairs import PairState
 from jfsf.settings import Settings
 
+# `normal_gap` below which shapes are round: 0.0005 for two spheres, 0.005 for molars,
+# 0.008 for bodies.
+ROUND = 0.004
+# Eigenvalues repeat if the next is larger by no more than this share; of the first 12
+# of bodies at most 2 do, of shapes that turn about an axis 4 to 6.
+REPEATED, REPEATED_AMONG, LEAST_REPEATED = 0.02, 12, 4
+
 
 def has_others(pair: PairState, settings: Settings) -> bool:
     """Whether a pair without doubt has any of these."""
@@ -32,19 +39,38 @@ def has_others(pair: PairState, settings: Settings) -> bool:
 def near_ties(pair: PairState, settings: Settings) -> list[Start]:
     """The other candidates of the search that are about as good as the first.
 
+    On round shapes the energy of equally good maps differs as much as that of a right
+    map and a wrong one of bodies: all of them are taken.
+
     Args:
         pair: `others` are read; without a search there are none.
-        settings: `evidence.near_energy`.
+        settings: `evidence`.
     """
     if pair.others is None:
         return []
-    sign = int(pair.inputs.sign)
+    sign, limit = int(pair.inputs.sign), settings.evidence.near_energy
+    if _are_round(pair):
+        limit = np.finfo(float).max
     some = []
     for start in unstacked(pair.others):
-        near = float(start.gap) <= settings.evidence.near_energy
+        near = float(start.gap) <= limit
         if near and sign * float(np.nan_to_num(start.orientation)) >= 0:
             some.append(start._replace(gap=np.full_like(start.gap, np.nan)))
     return some
+
+
+def _are_round(pair: PairState) -> bool:
+    """Whether both shapes have nothing to hold on to, or turn about an axis.
+
+    Normals then agree under any map that keeps distances; or eigenvalues repeat.
+    """
+    if float(pair.attempts[0].match.certificate.normal_gap) < ROUND:
+        return True
+    counts = []
+    for spec in pair.spectra:
+        evals = np.asarray(spec.evals)[1 : 2 + REPEATED_AMONG]
+        counts.append(np.sum(np.diff(evals) < REPEATED * evals[:-1]))
+    return min(counts) >= LEAST_REPEATED
 
 
 def mirrored_pairs(pairs: Sequence[PairState], settings: Settings) -> list[int]:
@@ -67,11 +93,15 @@ def mirror_of(copy: PairState) -> PairState:
 
 
 def mirror_share(copy: PairState, mirror: PairState, settings: Settings) -> float:
-    """Share of the odds of the best map of `mirror` in those of both orientations."""
+    """Share of the odds of the best map of `mirror` in those of both orientations.
+
+    nan if both are one map: then the search found none of the other orientation.
+    """
     own = [attempt.match for attempt in copy.attempts]
     rank = share_among(own, copy.spectra, settings=settings).rank
     both = [own[int(np.argmax(rank))], mirror.best]
-    return float(share_among(both, copy.spectra, settings=settings).share[1])
+    standing = share_among(both, copy.spectra, settings=settings)
+    return float(standing.share[1]) if standing.differ[0, 1] else np.nan
 
 
 def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[Start]:

@@ -172,7 +172,7 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
         return []
     standing = share_among(own, copy.spectra, settings=settings)
     rivals = rivals_among(own, standing, settings=settings)
-    share, rank, differ = standing
+    share, rank, differ, _ = standing
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     another = bool(differ[best, 0])
