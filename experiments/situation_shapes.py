@@ -190,10 +190,11 @@ def tube(length: float, knobs: float = 0.0, side: float = 0.0) -> Shaping:
         x, y = across.T
         t = along / (length + 1)
         x = x * (1 + knobs * np.exp(-(((t + 0.85) / 0.2) ** 2)))
-        x = x + side * np.exp(-(((t - 0.9) / 0.12) ** 2)) * (x > 0) * x
-        # Condyles behind, a bump in front and to a side.
-        y = y - 0.5 * knobs * np.exp(-(((t + 0.85) / 0.15) ** 2)) * (y < 0)
-        y = y + 0.4 * side * np.exp(-(((t - 0.55) / 0.12) ** 2)) * (y > 0) * (x > 0)
+        x = x + 1.5 * side * np.exp(-(((t - 0.9) / 0.12) ** 2)) * np.maximum(x, 0)
+        # Condyles behind, one larger, and bumps in front: of another shape mirrored.
+        wider = np.where(x > 0, 2.0, 0.7) * knobs
+        y = y + wider * np.exp(-(((t + 0.85) / 0.15) ** 2)) * np.minimum(y, 0)
+        y = y + 1.2 * side * np.exp(-(((t - 0.5) / 0.15) ** 2)) * np.maximum(y, 0)
         return np.stack([x, y + 0.15 * knobs * length * t**2, along], 1)
 
     return shape

@@ -154,6 +154,13 @@ def not_in_silence(row: Row) -> bool:
     return protocol.is_right(row["error"]) or row["confidence"] < DOUBTFUL
 
 
+def counted(row: Row) -> bool:
+    """Rivals are said, and the confidence is no more than one part; or in doubt."""
+    part = 1 / (1 + (row["rivals"] or 0)) + 1e-6
+    doubtful = row["confidence"] < 0.5  # a torus is not matched, which is said
+    return doubtful or (row["says_rivals"] and row["confidence"] <= part)
+
+
 SITUATIONS = {
     "left and right": Situation(
         "bodies with a swollen arm, one of them mirrored",
@@ -180,9 +187,7 @@ SITUATIONS = {
     "symmetries": Situation(
         "surfaces with rotations or reflections",
         symmetric,
-        lambda row: (
-            row["says_rivals"] and row["confidence"] <= 1 / (1 + row["rivals"]) + 1e-6
-        ),
+        counted,
     ),
     "faces": Situation("faces, turned and remeshed", faces, not_in_silence),
     "nothing in common": Situation(

@@ -565,7 +565,7 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
         known = np.flatnonzero(first >= 0)
         near = known[KDTree(truth.data[known]).query(truth.data)[1]]
         C_yx = functional_map(first[near], truncate(spec_x, 40), truncate(spec_y, 40))
-        return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1))
+        return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1), jnp.zeros(()))
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)

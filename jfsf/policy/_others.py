@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import numpy as np
+from scipy.special import expit
 
 from jfsf.evidence import share_among
 from jfsf.initial import Start
@@ -76,13 +77,21 @@ def _are_round(pair: PairState) -> bool:
 def mirrored_pairs(pairs: Sequence[PairState], settings: Settings) -> list[int]:
     """Numbers of the pairs whose mirror image may fit better.
 
+    They are in doubt, or the search says so. Not where any orientation will do, or a
+    map was given, which keeps its own; and of a self map the other is the identity.
+
     Args:
         pairs: with a map each.
-        settings: `evidence.mirror_gap`. A gap of nan says nothing.
+        settings: `retry_below`, `evidence.mirror_gap`. A gap of nan says nothing.
     """
-    limit = settings.evidence.mirror_gap
-    gaps = [float(pair.attempts[0].start.mirror_gap) for pair in pairs]
-    return [i for i, gap in enumerate(gaps) if gap < limit]
+    limit, chosen = settings.evidence.mirror_gap, []
+    for i, pair in enumerate(pairs):
+        inputs = pair.inputs
+        asked = int(inputs.sign) != 0 and inputs.initial is None and not inputs.self_map
+        gap = float(pair.attempts[0].start.mirror_gap)
+        if asked and (pair.in_doubt(settings) or gap < limit):
+            chosen.append(i)
+    return chosen
 
 
 def mirror_of(copy: PairState) -> PairState:
@@ -95,8 +104,12 @@ def mirror_of(copy: PairState) -> PairState:
 def mirror_share(copy: PairState, mirror: PairState, settings: Settings) -> float:
     """Share of the odds of the best map of `mirror` in those of both orientations.
 
-    nan if both are one map: then the search found none of the other orientation.
+    nan if that one is in doubt itself, or if both are one map: then the search found
+    none of the other orientation.
     """
+    odds = float(mirror.best.certificate.log_odds)
+    if not expit(odds) >= settings.retry_below:
+        return np.nan
     own = [attempt.match for attempt in copy.attempts]
     rank = share_among(own, copy.spectra, settings=settings).rank
     both = [own[int(np.argmax(rank))], mirror.best]
