@@ -120,7 +120,7 @@ def test_rivals_leave_a_map_its_part():
 def test_a_mirror_image_that_fits_far_better_makes_a_map_doubtful():
     sure = confidence(6.0)
     assert confidence(6.0, mirror_share=0.5) == sure == confidence(6.0)
-    np.testing.assert_allclose(confidence(6.0, mirror_share=0.95), 0.1)
+    np.testing.assert_allclose(confidence(6.0, mirror_share=0.95), 0.25)
 
 
 def test_shapes_of_other_kinds_are_in_doubt_whatever_the_map():

@@ -364,14 +364,14 @@ def test_maps_that_fit_equally_well_are_counted():
     assert runner.count("refinement") == 1 + 4 and runner.count("further starts") == 0
 
 
-@pytest.mark.parametrize(("mirror", "least"), [(0.999, 0.9), (0.95, 0.0)])
-def test_a_mirror_image_that_fits_better_is_tried_on_the_copies(mirror, least):
+@pytest.mark.parametrize("mirror", [0.999, 0.95])
+def test_a_mirror_image_that_fits_better_is_tried_on_the_copies(mirror):
     runner = Scripted([0.95], [[]], mirror=mirror)
     (match,) = run(runner, settings=Settings(retry_below=0.9), sign=1)
     evidence = match.certificate
     share = shares_of([0.95, mirror])[1]
     np.testing.assert_allclose(evidence.mirror_share, share)
-    np.testing.assert_allclose(evidence.confidence, min(0.95, 2 * (1 - share)))
+    np.testing.assert_allclose(evidence.confidence, min(0.95, 5 * (1 - share)))
     # It is no map that was asked for.
     assert match.info.sources == ["search"] and np.isnan(evidence.share)
     assert runner.count("search") == 2 and runner.count("refinement") == 3

@@ -20,7 +20,7 @@ Of a map that was compared so, with s its share of these odds (`share_among`):
 
 Evidence cannot tell a map from its rivals, and n of these leave it 1 / (1 + n) at most.
 A map of the orientation that was asked for is likely wrong where its mirror image fits
-far better: with t the share of that one in the odds of both, it has 2 (1 - t) at most.
+far better: with t the share of that one in the odds of both, it has 5 (1 - t) at most.
 And nothing is known of shapes that differ more than those which the constants were
 fitted to: with g the `spectrum_gap`, it has 1/2 + 1/2 / (1 + exp(a (g - u))) at most.
 """
@@ -139,7 +139,7 @@ def confidence(
         jnp.nan_to_num(jnp.asarray(known, likely.dtype))
         for known in (rivals, mirror_share, spectrum_gap)
     )
-    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 2 * (1 - other)))
+    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 5 * (1 - other)))
     likely = jnp.minimum(likely, (1 + jax.nn.sigmoid(STEEP * (UNLIKE - gap))) / 2)
     likely **= 1 + missed_weight * missed
     return jnp.where(left_and_right, likely, likely / 2)
