@@ -35,7 +35,7 @@ SMALL_GAP = 0.1
 MIN_SHARE = 0.5
 # Share of the mirror image in the odds of both: above, one of the shapes may be
 # mirrored. Of bodies, which are symmetric, both fit alike.
-MIRRORED = 0.9
+MIRRORED = 0.8
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
 
