@@ -341,8 +341,9 @@ def test_words_say_what_is_known():
     assert "several maps fit equally well: 3 that differ were found" in tie.why
     assert "one of 3 maps that fit equally well" in " ".join(reasons(several))
     mirrored = GOOD._replace(mirror_share=jnp.asarray(0.97))
-    for asked, other in (("preserve", "reverse"), ("reverse", "preserve")):
-        (turn,) = findings(mirrored, asked)
+    for asked, other, side in (("preserve", "reverse", 1), ("reverse", "preserve", -1)):
+        turned = mirrored._replace(orientation=side * GOOD.orientation)
+        (turn,) = findings(turned, asked)
         assert turn.why == (
             "the mirror image fits far better; is one of them mirrored? try "
             f"--orientation {other}"
