@@ -83,9 +83,11 @@ def turned_maps(x: Disk, y: Disk, *, mirrors: bool = False) -> list[np.ndarray]:
     for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
         c, s = np.cos(angle), np.sin(angle)
         at: Any = in_plane.query(flat @ np.array([[c, s], [-s, c]]))[1]
-        for _ in range(MOTIONS):
+        move = _motion(few_x, y.points[at], mirrors)
+        for _ in range(MOTIONS - 1):
+            at = in_space.query(move(few_x.points))[1]
             move = _motion(few_x, y.points[at], mirrors)
-            there, at = in_space.query(move(few_x.points))
+        there, at = in_space.query(move(few_x.points))
         back = KDTree(move(few_x.points)).query(few_y.points)[0]
         cost = np.sqrt(few_x.share @ there**2) + np.sqrt(few_y.share @ back**2)
         found.append((cost, y.points[at], move))
