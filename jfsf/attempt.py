@@ -3,7 +3,7 @@
 | function | from | to |
 |---|---|---|
 | `shape_samples` | the spectrum of a shape | what search and refinement read of it |
-| `jfsf.initial.best_start` | these samples of both | the best map of the search |
+| `jfsf.initial.search_starts` | these samples of both | the best map of the search |
 | `given_start` | spectra, a map of anyone | the same, without a search |
 | `refine_start` | samples, a start | C_yx in a larger basis |
 | `finish` | spectra, C_yx | deformed, converted, certified: a `Match` |
@@ -209,7 +209,7 @@ def given_start(
     score = orientation_score(C_yx, on_x, on_y, pulled_back=pulled_back)
     unknown = jnp.full((), jnp.nan, C_yx.dtype)
     weight = jnp.full_like(unknown, settings.search.descriptor_weight)
-    return Start(C_yx, jnp.asarray(score), unknown, weight)
+    return Start(C_yx, jnp.asarray(score), unknown, weight, unknown)
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -262,7 +262,8 @@ def finish(
         maps, aligned, C_yx, pair, samples, sign, landmarks, settings=settings
     )
     likely = vertex_confidence(maps_of(maps), aligned, pair, evidence.confidence)
-    match = Match(*maps_of(maps), C_yx, evidence._replace(gap=start.gap))
+    evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
+    match = Match(*maps_of(maps), C_yx, evidence)
     return match._replace(confidence_x=likely[0], confidence_y=likely[1])
 
 

@@ -27,6 +27,14 @@ class EvidenceSettings:
         little against a map that is nearly certain, since a landmark may be wrong too.
     missed_rank: what a map that misses all landmarks loses of its rank among others of
         the pair (`jfsf.evidence.rank`): more than most differences between them.
+    rival: two maps are not versions of one if their images are so far apart in the
+        mean, in that unit. Right maps of faces are up to 0.1 apart on coarse copies.
+    tie: two maps are rivals if the logarithms of their odds differ by no more: two
+        meshes of one sphere differ by this much.
+    near_energy: another candidate of the search may be a rival if its energy is no more
+        than this above that of the first. Then both are compared on coarse copies.
+    mirror_gap: the mirror image is tried on coarse copies if `Certificate.mirror_gap`
+        is below this.
     rounding: share of the spacing of vertices that rounding to vertices leaves between
         deformed shapes. Decimated to 300 to 5000 vertices, right maps of people leave
         0.09 to 0.14 of it.
@@ -37,6 +45,10 @@ class EvidenceSettings:
     distinct: float = 0.05
     missed_weight: float = 3.0
     missed_rank: float = 10.0
+    rival: float = 0.2
+    tie: float = 1.0
+    near_energy: float = 0.015
+    mirror_gap: float = -0.1
     rounding: float = 0.08
 
 

@@ -199,6 +199,10 @@ class Certificate(NamedTuple):
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
         shapes equally well. inf if no second one differs, nan without a search. Of
         parts, the log odds beside those of the next map that was refined.
+    mirror_gap: the energy of the search's best candidate of the other orientation over
+        that of the best of the orientation asked for, minus 1. Below 0 the mirror image
+        fits better, as far as the search can see. nan if no orientation was asked for
+        or is known, and without a search.
     nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
         nan without a plan.
     recall: share of the nearest neighbours that the last search among tiles found,
@@ -213,14 +217,26 @@ class Certificate(NamedTuple):
     shear: how much triangles are sheared by it where they are sheared most,
     area_std: how unevenly they grow, and
     normal_gap: how far the normals of the bent shapes differ from those at the images.
+    spectrum_gap: the largest difference between the logarithms of the first eigenvalues
+        of both shapes (`jfsf.evidence.spectrum_gap`), whatever the map; 0.1 for bodies
+        in other poses, 1 for bodies with other limbs.
     log_odds: of a map that is right, by its own evidence (`jfsf.evidence.log_odds`);
         nan without a surface.
     share: of the odds of the map in those of all distinct maps that were compared with
         it (`jfsf.evidence.share_among`): 0.5 if there is another one that fits as well.
         nan if none were: the first map was likely enough, or only one was made.
+    rivals: how many other maps, all different, are as likely and rank as high
+        (`jfsf.evidence.rivals_among`); of a shape with a symmetry they are as good as
+        this one. Those that were found: of a sphere there are more. nan if none were
+        compared.
+    mirror_share: of the odds of the mirror image in those of both. Near 1 one of the
+        shapes may be mirrored. nan if it was not tried, as where `mirror_gap` does not
+        ask for it.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
-        from log_odds and share (`jfsf.evidence.confidence`). Less if the map misses
-        landmarks; half where left and right cannot be told. nan for point clouds
+        from log_odds and share (`jfsf.evidence.confidence`). With n rivals it is
+        1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
+        far better, and for shapes of different kinds (`spectrum_gap`), which it was not
+        fitted to; half where left and right cannot be told. nan for point clouds
         without a surface, and for parts: it is not fitted to these.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
@@ -236,6 +252,7 @@ class Certificate(NamedTuple):
     orthogonality: Float[Array, ""]
     orientation: Float[Array, ""]
     gap: Float[Array, ""]
+    mirror_gap: Float[Array, ""]
     nn_agreement: Float[Array, ""]
     recall: Float[Array, ""]
     finite: Bool[Array, ""]
@@ -245,8 +262,11 @@ class Certificate(NamedTuple):
     shear: Float[Array, ""]
     area_std: Float[Array, ""]
     normal_gap: Float[Array, ""]
+    spectrum_gap: Float[Array, ""]
     log_odds: Float[Array, ""]
     share: Float[Array, ""]
+    rivals: Float[Array, ""]
+    mirror_share: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
 

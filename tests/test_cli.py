@@ -45,6 +45,9 @@ VALUES = {
     "bijectivity_y": 0.01,
     "orientation": 0.97,
     "finite": True,
+    "rivals": 0,
+    "mirror_share": 0.5,
+    "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))
@@ -577,7 +580,7 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
         known = np.flatnonzero(first >= 0)
         near = known[KDTree(truth.data[known]).query(truth.data)[1]]
         C_yx = functional_map(first[near], truncate(spec_x, 40), truncate(spec_y, 40))
-        return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1))
+        return Candidates(C_yx[None], jnp.zeros(1), jnp.ones(1), jnp.zeros(()))
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)

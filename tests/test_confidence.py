@@ -10,6 +10,7 @@ import oracles_evidence as oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.special import logit
 
 from jfsf import EvidenceSettings, testing
 from jfsf.evidence import (
@@ -21,7 +22,9 @@ from jfsf.evidence import (
     log_odds,
     of_certificate,
     rank,
+    rivals_among,
     share_among,
+    spectrum_gap,
 )
 from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
 from jfsf.runtime import pad
@@ -108,6 +111,36 @@ def test_a_map_that_others_beat_is_not_likely_however_well_it_fits():
 def test_confidence_is_half_where_left_and_right_cannot_be_told():
     whole, half = (confidence(2.0, 0.7, 0.0, told) for told in (True, False))
     np.testing.assert_allclose(half, whole / 2)
+
+
+def test_rivals_leave_a_map_its_part():
+    sure = confidence(6.0, 0.5)
+    for rivals in (0.0, np.nan):
+        assert confidence(6.0, 0.5, rivals=rivals) == sure > 0.9
+    np.testing.assert_allclose(confidence(6.0, 0.5, rivals=1.0), 1 / 2)
+    np.testing.assert_allclose(confidence(6.0, 0.5, rivals=3.0), 1 / 4)
+    assert confidence(-6.0, rivals=1.0) == confidence(-6.0)
+
+
+def test_a_mirror_image_that_fits_far_better_makes_a_map_doubtful():
+    sure = confidence(6.0)
+    assert confidence(6.0, mirror_share=0.5) == sure == confidence(6.0)
+    np.testing.assert_allclose(confidence(6.0, mirror_share=0.95), 0.25)
+
+
+def test_shapes_of_other_kinds_are_in_doubt_whatever_the_map():
+    sure = confidence(6.0)
+    assert confidence(6.0, spectrum_gap=0.9) == sure > 0.99
+    assert 0.8 < confidence(6.0, spectrum_gap=1.09) < 0.9
+    np.testing.assert_allclose(confidence(6.0, spectrum_gap=1.6), 0.5, atol=1e-4)
+    assert confidence(-6.0, spectrum_gap=1.6) == confidence(-6.0)
+
+
+def test_the_gap_of_spectra_is_that_of_the_least_alike_eigenvalues():
+    other = SPEC._replace(evals=SPEC.evals.at[3].multiply(2.0))
+    np.testing.assert_allclose(spectrum_gap(SPEC, other), np.log(2), rtol=1e-3)
+    np.testing.assert_allclose(spectrum_gap(other, SPEC), np.log(2), rtol=1e-3)
+    assert spectrum_gap(SPEC, SPEC) == 0
 
 
 def test_there_is_no_confidence_without_evidence():
@@ -208,3 +241,24 @@ def test_a_map_that_misses_landmarks_ranks_lower():
     lost = plain.rank[1] - found.rank[1]
     np.testing.assert_allclose(lost, EvidenceSettings().missed_rank / 2)
     assert found.share[0] > 0.5 > found.share[1]
+
+
+def test_rivals_are_maps_that_differ_and_are_as_likely():
+    def rivals(maps, likely, odds):
+        found = share_among(
+            matches := [
+                Match(T, T, jnp.eye(3), certificate(logit(p)))
+                for T, p in zip(maps, likely, strict=True)
+            ],
+            (SPEC, SPEC),
+        )
+        found = found._replace(rank=np.array(odds) / COMPARED["scale"])
+        return rivals_among(matches, found).tolist()
+
+    maps = [IDENTITY, OTHERS[0], OTHERS[1], COPIES[0]]
+    assert rivals(maps[:1], [0.95], [0]) == [0]
+    assert rivals(maps, [0.95] * 4, [0, 0.5, 0.1, 0]) == [2, 2, 2, 2]
+    # One that ranks lower is no rival of those above it, but they are of it.
+    assert rivals(maps[:3], [0.95] * 3, [0, 0.5, -2]) == [1, 1, 2]
+    # Maps in doubt neither have nor are rivals.
+    assert rivals(maps[:3], [0.95, 0.95, 0.6], [0, 0, 0]) == [1, 1, 0]

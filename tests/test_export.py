@@ -65,8 +65,8 @@ def test_every_stage_lowers_for_accelerators(large):
     at = jax.ShapeDtypeStruct((3,), jnp.int32)
     programs = exported_stages(shape(2304), (at, at), settings)
     names = {name for name, _ in programs}
-    stages = {"shape_samples", "best_start", "nonisometric_starts", "kept_landmarks"}
-    assert names == stages | {"refine_start", "finish"}
+    stages = {"shape_samples", "search_starts", "nonisometric_starts"}
+    assert names == stages | {"kept_landmarks", "refine_start", "finish"}
     for name, text in programs:
         # No way back to the host, where Python or LAPACK would run.
         assert "callback" not in text, name

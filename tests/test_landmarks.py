@@ -32,7 +32,7 @@ def test_columns_of_a_missed_landmark_are_dropped():
     at_y = at_x.at[1].set(jnp.argmax(square))
     x, y = features(SPEC, landmarks=at_x), features(SPEC, landmarks=at_y)
     one = jnp.ones(())
-    start = Start(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4)
+    start = Start(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4, one)
     given = (SPEC, SPEC), (x, y), start, (at_x, at_y)
     kept = kept_landmarks(*given, settings=SETTINGS)
     times = SETTINGS.features.landmark_times

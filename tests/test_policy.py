@@ -15,7 +15,7 @@ from jfsf import EvidenceSettings, Settings, policy
 from jfsf.arguments import MatchInputs
 from jfsf.evidence import Standing, confidence, of_certificate
 from jfsf.initial import Start
-from jfsf.policy import PairState, _sources
+from jfsf.policy import PairState, _others, _sources
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
@@ -35,15 +35,17 @@ class Copy(NamedTuple):
     of: int
 
 
-def starts(values):
+def starts(values, mirror_gap=np.nan):
     values = np.asarray(values, float)
-    return Start(values[..., None, None], values, values, values)
+    gaps = np.full_like(values, mirror_gap)
+    return Start(values[..., None, None], values, values, values, gaps)
 
 
 def match_of(start, missed=0.0, landmarks=None, sign=1):
     figures = dict.fromkeys(Certificate._fields, np.zeros(()))
     missed = np.full(0 if landmarks is None else 1, missed)
     figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
+    figures |= {"rivals": np.nan, "mirror_share": np.nan}
     evidence = Certificate(**figures)
     known = of_certificate(evidence, sign != 0, settings=EvidenceSettings())
     evidence = evidence._replace(confidence=known)
@@ -59,11 +61,23 @@ class Scripted:
         order; there a first start is as likely as on the whole.
     guided: of the start that landmarks lead to.
     missed: how far landmarks end from their partners.
+    mirror: of the mirror image, which the search says fits better.
+    ties: of the search's other candidates, which are as good.
     """
 
-    def __init__(self, first, others=(), on_copies=None, guided=None, missed=0.0):
+    def __init__(
+        self,
+        first,
+        others=(),
+        on_copies=None,
+        guided=None,
+        missed=0.0,
+        mirror=None,
+        ties=(),
+    ):
         self.first, self.others, self.guided = first, others, guided
         self.on_copies, self.missed = on_copies or others, missed
+        self.mirror, self.ties = mirror, ties
         self.calls = []
 
     def map(self, name, stage, inputs, at_a_time=1):
@@ -77,9 +91,14 @@ class Scripted:
         if len(options) == 1:  # the map that is given
             return starts(self.first[x])
         spec, knows_landmarks = x
+        ties = starts(self.ties)._replace(gap=np.zeros(len(self.ties)))
         if isinstance(spec, Copy):
-            return starts(self.guided)
-        return starts(self.guided if knows_landmarks else self.first[spec])
+            asked_for_mirror = options[0] < 0
+            # Unlikely itself if nothing else is said, so that it does not count.
+            mirror = 0.001 if self.mirror is None else self.mirror
+            return starts(mirror if asked_for_mirror else self.guided), ties
+        gap = np.nan if self.mirror is None else -0.5
+        return starts(self.guided if knows_landmarks else self.first[spec], gap), ties
 
     def kept_landmarks(self, pair, features, start, landmarks):
         return features
@@ -93,6 +112,8 @@ class Scripted:
 
     def bending_and_conversion(self, pair, samples, C_yx, start, sign, landmarks):
         spec = pair[0]
+        if np.isnan(start.gap) and start.orientation in self.ties:
+            start = start._replace(gap=start.orientation)
         if isinstance(spec, Copy) and start.gap in self.others[spec.of]:
             at = list(self.others[spec.of]).index(float(start.gap))
             return match_of(start._replace(gap=self.on_copies[spec.of][at]))
@@ -129,11 +150,14 @@ def alike(monkeypatch):
         differ = ~np.eye(len(odds), dtype=bool)
         differ[0, found] = differ[found, 0] = False
         rank = np.nan_to_num(odds, nan=-np.inf)
-        return Standing(shares_of(expit(odds)), rank, differ)
+        return Standing(shares_of(expit(odds)), rank, differ, 1.0 * differ)
 
     monkeypatch.setattr(_sources, "coarse_copy", lambda spec, settings: Copy(spec))
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
+    monkeypatch.setattr(_others, "share_among", share_among)
+    monkeypatch.setattr(_others, "is_disk", lambda spec: False)
+    monkeypatch.setattr(_others, "_are_round", lambda pair: False)
     return found
 
 
@@ -168,7 +192,8 @@ def test_what_ranks_first_on_the_copies_wins(first, others, on_copies, chosen, t
     (match,) = run(runner, settings=settings)
     np.testing.assert_allclose(likely(match), chosen)
     assert len(match.info.source) == tried
-    on_copies = 0 if tried == 1 else 1 + len(others)
+    # All others, the first, and its mirror image.
+    on_copies = 0 if tried == 1 else 2 + len(others)
     assert runner.count("refinement") == 1 + on_copies
     assert runner.count("bending and conversion") == tried + on_copies
     sure = match.info.confidence[match.info.won]
@@ -206,8 +231,8 @@ def test_pairs_in_doubt_are_gathered():
     assert runner.calls == [
         *(("features", 10), ("search", 5)),
         *(("refinement", 5), ("bending and conversion", 5)),
-        *(("features", 4), ("further starts", 2)),
-        *(("refinement", 8), ("bending and conversion", 8)),
+        *(("features", 4), ("further starts", 2), ("search", 2)),
+        *(("refinement", 10), ("bending and conversion", 10)),
         *(("bending and conversion", 2), ("bending and conversion", 1)),
     ]
     assert [len(match.info.source) for match in matches] == [1, 2, 1, 3, 1]
@@ -304,7 +329,8 @@ def test_a_landmark_that_is_met_asks_for_nothing():
 @pytest.mark.parametrize("first", [0.05, 0.95])
 def test_a_given_map_is_kept_and_compared(first):
     runner = Scripted([first], [[0.6, 0.7]], guided=0.8)
-    (match,) = run(runner, initial=np.eye(3))
+    # None is so likely that it counts as a rival.
+    (match,) = run(runner, settings=Settings(retry_below=0.99), initial=np.eye(3))
     assert match.info.sources == ["given"]
     np.testing.assert_allclose(likely(match), first)
     # With all starts of the copies, that of their search included.
@@ -325,6 +351,39 @@ def test_a_given_map_is_compared_on_request_only():
     runner = Scripted([0.05])
     (match,) = run(runner, settings=Settings(retry_below=0), initial=np.eye(3))
     assert runner.count("refinement") == 1 and np.isnan(match.certificate.share)
+
+
+def test_maps_that_fit_equally_well_are_counted():
+    runner = Scripted([0.95], [[]], ties=[0.95, 0.94, 0.6])
+    (match,) = run(runner, settings=Settings(retry_below=0.9))
+    evidence = match.certificate
+    # The third is less likely by itself.
+    assert evidence.rivals == 2 and match.info.sources == ["search"]
+    np.testing.assert_allclose(evidence.confidence, 1 / 3)
+    np.testing.assert_allclose(evidence.share, shares_of([0.95, 0.95, 0.94, 0.6])[0])
+    assert runner.count("refinement") == 1 + 4 and runner.count("further starts") == 0
+
+
+@pytest.mark.parametrize("mirror", [0.999, 0.95])
+def test_a_mirror_image_that_fits_better_is_tried_on_the_copies(mirror):
+    runner = Scripted([0.95], [[]], mirror=mirror)
+    (match,) = run(runner, settings=Settings(retry_below=0.9), sign=1)
+    evidence = match.certificate
+    share = shares_of([0.95, mirror])[1]
+    np.testing.assert_allclose(evidence.mirror_share, share)
+    np.testing.assert_allclose(evidence.confidence, min(0.95, 5 * (1 - share)))
+    # It is no map that was asked for.
+    assert match.info.sources == ["search"] and np.isnan(evidence.share)
+    assert runner.count("search") == 2 and runner.count("refinement") == 3
+
+
+def test_disks_are_compared_with_their_turns(alike, monkeypatch):
+    turned = [starts(np.array(0.99)), starts(np.array(0.3))]
+    monkeypatch.setattr(_sources, "disk_starts", lambda *args: turned)
+    monkeypatch.setattr(_others, "is_disk", lambda spec: True)
+    (match,) = run(Scripted([0.95], [[]]), settings=Settings(retry_below=0.9))
+    # It ranks above the map so far, which is not in doubt by itself.
+    assert match.info.sources == ["search", "coarse copies"] and match.info.won == 1
 
 
 def test_seconds_are_shared_by_the_pairs_of_a_stage():

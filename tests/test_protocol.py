@@ -170,8 +170,10 @@ def made_up(mesh_x, mesh_y, images, confidence):
         found = Match(T_xy, back, None, Certificate(**figures))
         attempts.append(Attempt(source, None, found))
     last = len(attempts) - 1
-    shares = [np.nan] * len(attempts)
-    return PairState(None, MatchInputs(), None, None, attempts, shares, last)
+    unknown = [np.nan] * len(attempts)
+    state = PairState(None, MatchInputs(), None, None, attempts, unknown, unknown)
+    state.won = last
+    return state
 
 
 def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypatch):

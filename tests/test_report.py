@@ -39,6 +39,9 @@ VALUES = {
     "bijectivity_y": 0.01,
     "orientation": 0.97,
     "finite": True,
+    "rivals": 0,
+    "mirror_share": 0.5,
+    "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.93)) for n in Certificate._fields))
@@ -343,6 +346,21 @@ def test_words_say_what_is_known():
     (better,) = findings(rival, "preserve")
     assert "another map that differs fits as well or better (share 45%)" in better.why
     assert "jfsf.alternatives" in better.advice
+    several = rival._replace(rivals=jnp.asarray(2.0))
+    (tie,) = findings(several, "preserve")
+    assert "several maps fit equally well: 3 that differ were found" in tie.why
+    assert "one of 3 maps that fit equally well" in " ".join(reasons(several))
+    mirrored = GOOD._replace(mirror_share=jnp.asarray(0.97))
+    for asked, other, side in (("preserve", "reverse", 1), ("reverse", "preserve", -1)):
+        turned = mirrored._replace(orientation=side * GOOD.orientation)
+        (turn,) = findings(turned, asked)
+        assert turn.why == (
+            "the mirror image fits far better; is one of them mirrored? try "
+            f"--orientation {other}"
+        )
+    assert "the mirror image has 97%" in " ".join(reasons(mirrored))
+    (kinds,) = findings(GOOD._replace(spectrum_gap=jnp.asarray(1.5)), "preserve")
+    assert "different kinds" in kinds.why and "factor of 4.5" in kinds.why
     said = {
         share: " ".join(reasons(GOOD._replace(share=jnp.asarray(share))))
         for share in (0.45, 0.6, 0.95, np.nan)

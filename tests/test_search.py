@@ -187,3 +187,14 @@ def test_nothing_is_chosen_twice_within_a_group():
     C_yx = jnp.stack([jnp.eye(6)] * 2 + [-jnp.eye(6)])
     found = best_different(C_yx, jnp.array([1.0, 0.5, 2.0]), 2, settings=DEFAULT)
     assert found.tolist() == [1, 2]
+
+
+def test_the_mirror_gap_says_which_side_fits():
+    there, other = (
+        search(SPEC, SPEC, DESC, DESC, orientation=side, settings=SMALL, num=3)
+        for side in ("preserve", "reverse")
+    )
+    # The blob has no symmetry.
+    assert there.mirror_gap > 0 > other.mirror_gap
+    free = search(SPEC, SPEC, DESC, DESC, orientation="any", settings=SMALL, num=3)
+    assert np.isnan(free.mirror_gap)

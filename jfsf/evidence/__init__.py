@@ -11,11 +11,12 @@ Read in this order:
 """
 
 from jfsf.evidence._bending import Bending, bending
-from jfsf.evidence._certificate import certify
+from jfsf.evidence._certificate import certify, spectrum_gap
 from jfsf.evidence._confidence import (
     COMPARED,
     FACTORS,
     RANK_FACTORS,
+    UNLIKE,
     column,
     confidence,
     log_odds,
@@ -28,7 +29,7 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
-from jfsf.evidence._rivals import Standing, map_distances, share_among
+from jfsf.evidence._rivals import Standing, map_distances, rivals_among, share_among
 from jfsf.evidence._vertices import (
     SURE,
     VERTEX_EVIDENCE,
@@ -44,6 +45,7 @@ __all__ = [
     "MISSED",
     "RANK_FACTORS",
     "SURE",
+    "UNLIKE",
     "VERTEX_EVIDENCE",
     "WITHIN",
     "Bending",
@@ -59,7 +61,9 @@ __all__ = [
     "map_distances",
     "of_certificate",
     "rank",
+    "rivals_among",
     "share_among",
+    "spectrum_gap",
     "vertex_confidence",
     "vertex_evidence",
     "with_likely",

@@ -10,12 +10,15 @@ from jfsf.array import matmul
 from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
 from jfsf.evidence._bending import Bending, bending
-from jfsf.evidence._confidence import log_odds, of_certificate
+from jfsf.evidence._confidence import LEAST, log_odds, of_certificate
 from jfsf.evidence._landmarks import Landmarks, landmark_distances
 from jfsf.initial import SamplePair, SearchSamples, energies, log_stretch_std
 from jfsf.settings import Settings
 from jfsf.spectral import biharmonic, brackets, orientation_score, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
+
+# Eigenvalues that are compared: later ones differ less, whatever the shapes.
+PITCHES = 10
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -43,7 +46,7 @@ def certify(
         settings: `evidence`, `search`, `distance_pairs`, `features`.
 
     Returns:
-        The certificate; its gap is nan, as that of a map without a search.
+        The certificate; its gaps are nan, as those of a map without a search.
     """
     (spec_x, spec_y), (T_xy, T_yx), dtype = pair, maps_of(maps), C_yx.dtype
     unknown = jnp.full((), jnp.nan, dtype)
@@ -85,14 +88,18 @@ def certify(
         orthogonality=orthogonality(C_yx),
         orientation=score,
         gap=unknown,
+        mirror_gap=unknown,
         nn_agreement=agree.astype(dtype),
         recall=recall,
         finite=finite,
         energy=energy,
         log_stretch_std=stretch,
         **bent._asdict(),
+        spectrum_gap=spectrum_gap(spec_x, spec_y).astype(dtype),
         log_odds=unknown,
         share=unknown,
+        rivals=unknown,
+        mirror_share=unknown,
         confidence=unknown,
         landmarks=missed,
     )
@@ -102,6 +109,22 @@ def certify(
     told = jnp.asarray(sign) != 0
     likely = of_certificate(evidence, told, settings=settings.evidence)
     return evidence._replace(confidence=likely.astype(dtype))
+
+
+def spectrum_gap(spec_x: Spectrum, spec_y: Spectrum) -> Float[Array, ""]:
+    """How unlike two shapes are, by the pitches of their first eigenfunctions.
+
+        max_i |log(lambda_i of X / lambda_i of Y)|,  i = 1 .. `PITCHES`
+
+    Args:
+        spec_x, spec_y: of shapes of unit area.
+
+    Returns:
+        0 or more; log 2 for shapes of which one has half the eigenvalue somewhere.
+    """
+    x, y = (jnp.log(s.evals[1 : 1 + PITCHES] + LEAST) for s in (spec_x, spec_y))
+    k = min(len(x), len(y))
+    return jnp.max(jnp.abs(x[:k] - y[:k]))
 
 
 def _at_samples(

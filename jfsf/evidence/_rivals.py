@@ -13,11 +13,16 @@ from jfsf.types import Match, Spectrum
 
 
 class Standing(NamedTuple):
-    """Of matches of one pair, (m,) each; differ: (m, m), whether two of them do."""
+    """Of matches of one pair, (m,) each.
+
+    differ: (m, m), whether two of them do.
+    apart: (m, m), by how much (`map_distances`).
+    """
 
     share: np.ndarray  # type: ignore
     rank: np.ndarray  # type: ignore
     differ: np.ndarray  # type: ignore
+    apart: np.ndarray  # type: ignore
 
 
 def share_among(
@@ -42,7 +47,7 @@ def share_among(
 
     Returns:
         Shares in [0, 1], 1 where nothing differs and nan where the rank is unknown;
-        ranks; and which matches differ.
+        ranks; and which matches differ, and by how much.
     """
     apart = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
     differ = apart > settings.evidence.distinct
@@ -62,7 +67,38 @@ def share_among(
         known = np.isfinite(own) and len(rivals)
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin) if np.isfinite(own) else np.nan)
-    return Standing(np.array(shares), ranks, differ)
+    return Standing(np.array(shares), ranks, differ, apart)
+
+
+def rivals_among(
+    matches: Sequence[Match], standing: Standing, *, settings: Settings = Settings()
+) -> np.ndarray:
+    """How many other maps each match cannot be told from, (m,).
+
+    Where a match is so likely right by its own evidence that no second attempt is made
+    (`Settings.retry_below`), its rivals are the others that are so likely too, whose
+    images lie `EvidenceSettings.rival` away or more, and whose odds are no less than
+    its own over exp(`EvidenceSettings.tie`). Of near copies one counts. Maps in doubt
+    have no rivals: there `share_among` says more.
+
+    Args:
+        matches: of one pair.
+        standing: of these (`share_among`).
+        settings: `evidence`, `retry_below`.
+    """
+    log_odds = [float(match.certificate.log_odds) for match in matches]
+    likely = expit(np.nan_to_num(log_odds, nan=-np.inf)) >= settings.retry_below
+    odds = COMPARED["scale"] * standing.rank
+    order, numbers = np.argsort(-odds, kind="stable"), []
+    for i, own in enumerate(odds):
+        chosen = [i]
+        for j in order:
+            tie = odds[j] >= own - settings.evidence.tie
+            known = likely[i] and likely[j] and tie
+            if known and standing.apart[j, chosen].min() >= settings.evidence.rival:
+                chosen.append(int(j))
+        numbers.append(len(chosen) - 1)
+    return np.array(numbers, float)
 
 
 def map_distances(

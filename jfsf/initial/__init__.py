@@ -33,7 +33,12 @@ from jfsf.initial._search import (
     search,
 )
 from jfsf.initial._settings import SearchSettings
-from jfsf.initial._start import Start, best_start, nonisometric_starts
+from jfsf.initial._start import (
+    Start,
+    best_start,
+    nonisometric_starts,
+    search_starts,
+)
 from jfsf.initial._terms import ShapeTerms, Terms, Weights, combine, shape_terms, terms
 
 __all__ = [
@@ -59,6 +64,7 @@ __all__ = [
     "refine_hypotheses",
     "search",
     "search_samples",
+    "search_starts",
     "shape_terms",
     "solve",
     "solve_nonlinear",

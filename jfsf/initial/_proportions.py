@@ -93,7 +93,7 @@ def _nonisometric_candidates(
         ranking_pair, C_yx[kept], weight, ks=settings.final_ks, settings=settings
     )
     energy, score = oriented(energies(ranking_pair, last, settings=settings), last)
-    return Candidates(last, energy, score)
+    return Candidates(last, energy, score, jnp.full((), jnp.nan, energy.dtype))
 
 
 def refine_extremities(

@@ -40,11 +40,15 @@ class Candidates(NamedTuple):
         Where an orientation is asked for, that of a wrong one is added
         (`with_orientation`). A near copy of a better map has inf.
     orientation: score in [-1, 1]; nan for clouds without a surface.
+    mirror_gap: the least energy of all maps of the wrong orientation over that of the
+        right one, minus 1, before the last refinement. Below 0 the mirror image fits
+        better. nan if no orientation was asked for or is known, and of a self map.
     """
 
     C_yx: Float[Array, "c k k"]
     energy: Float[Array, " c"]
     orientation: Float[Array, " c"]
+    mirror_gap: Float[Array, ""]
 
 
 def search(
@@ -204,7 +208,9 @@ def _candidates(
     oriented = partial(
         with_orientation, brackets=brackets, sign=sign, settings=settings
     )
-    energy, _ = oriented(energy_of(search_pair, children), children)
+    plain = energy_of(search_pair, children)
+    energy, score = oriented(plain, children)
+    gap = jnp.where(self_map, jnp.nan, _mirror_gap(plain, sign * score))
     best = children[best_different(children, energy, num, settings=settings)]
 
     last = refine(ranking_pair, best, half, ks=settings.final_ks)
@@ -215,7 +221,15 @@ def _candidates(
     is_kept = jnp.zeros(num, bool).at[kept].set(True)
     energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
     order = jnp.argsort(energy)
-    return Candidates(last[order], energy[order], orientation[order])
+    return Candidates(last[order], energy[order], orientation[order], gap)
+
+
+def _mirror_gap(energy: Array, agrees: Array):
+    """See `Candidates`; `agrees` is above 0 where a map has the orientation wanted."""
+    least = lambda side: jnp.min(jnp.asarray(jnp.where(side, energy, jnp.inf)))
+    right, wrong = least(agrees > 0), least(agrees < 0)
+    known = jnp.isfinite(right) | jnp.isfinite(wrong)
+    return jnp.where(known, wrong / right - 1, jnp.nan)
 
 
 def sample_pair(x: Features, y: Features, sign, self_map) -> SamplePair:

@@ -20,12 +20,14 @@ class Start(NamedTuple):
     orientation: score in [-1, 1]; nan for clouds without a surface.
     gap: the second candidate's energy over the first's, minus 1; nan for any other map.
     descriptor_weight: of the columns beside the eigenfunctions in its refinement.
+    mirror_gap: of the search (`Candidates.mirror_gap`); nan for any other map.
     """
 
     C_yx: Float[Array, "k_x k_y"]
     orientation: Float[Array, ""]
     gap: Float[Array, ""]
     descriptor_weight: Float[Array, ""]
+    mirror_gap: Float[Array, ""]
 
     @property
     def sign(self) -> Float[Array, ""]:
@@ -50,11 +52,41 @@ def best_start(
         self_map: X and Y are one shape.
         settings: of the search.
     """
+    return search_starts(x, y, sign, self_map, settings=settings)[0]
+
+
+@partial(jax.jit, static_argnames="settings")
+def search_starts(
+    x: SearchSamples,
+    y: SearchSamples,
+    sign: Int[Array, ""] | int = 1,
+    self_map: Bool[Array, ""] | bool = False,
+    *,
+    settings: SearchSettings = SearchSettings(),
+) -> tuple[Start, Start]:
+    """`best_start`, and all other candidates of the same search.
+
+    Args:
+        x, y, sign, self_map, settings: as `best_start`.
+
+    Returns:
+        The first, and the others along the leading axis. The gap of one of these is
+        its own energy minus that of the first: inf for a copy of a better one.
+    """
     options = {"orientation": sign, "self_map": self_map, "settings": settings}
     best = candidates(x, y, **options)  # type: ignore[arg-type]
     gap = best.energy[1] / best.energy[0] - 1
     weight = jnp.full_like(gap, settings.descriptor_weight)
-    return Start(best.C_yx[0], best.orientation[0], gap, weight)
+    first = Start(best.C_yx[0], best.orientation[0], gap, weight, best.mirror_gap)
+    above = best.energy[1:] - best.energy[0]
+    others = Start(
+        best.C_yx[1:],
+        best.orientation[1:],
+        above,
+        jnp.full_like(above, settings.descriptor_weight),
+        jnp.full_like(above, best.mirror_gap),
+    )
+    return first, others
 
 
 @partial(jax.jit, static_argnames="settings")
@@ -82,4 +114,4 @@ def nonisometric_starts(
     wanted = sign * jnp.abs(maps.orientation)
     score = jnp.where(sign == 0, maps.orientation, wanted)
     weight = jnp.full_like(unknown, settings.nonisometric_descriptor_weight)
-    return Start(maps.C_yx, score, unknown, weight)
+    return Start(maps.C_yx, score, unknown, weight, unknown)

@@ -20,6 +20,10 @@ MATCH_KEYS = ["T_xy", "T_yx", "C_yx"]
 CERTIFICATE_KEYS = ["certificate_" + name for name in Certificate._fields]
 # Figures that files of version 0.2 lack, or have under another name.
 LATER_KEYS = {
+    "certificate_mirror_gap": None,
+    "certificate_spectrum_gap": None,
+    "certificate_rivals": None,
+    "certificate_mirror_share": None,
     "certificate_recall": None,
     "certificate_log_stretch_std": "certificate_unevenness",
 }

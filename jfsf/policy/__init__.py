@@ -11,10 +11,17 @@ The last source, of starts for other proportions, tries all of them on coarse co
 map ranks above this one it goes on to the whole shapes. Maps that differ and rank
 nearly as high are rivals: a map that cannot be told from another one is not certain.
 
+Some pairs without doubt are compared so, too (`_others`): where the search found other
+candidates that are about as good, as of a shape with a symmetry; where it says that the
+mirror image fits better; and two disks, since the search does not see where a rim
+begins.
+
 Read in this order:
 
 - `_pairs`: a pair on the way, its attempts, and the best of them
 - `_stages`: the stages of an attempt, run for many pairs
+- `_disks`: maps between two disks that turn the rim
+- `_others`: maps that may fit as well as one that is not in doubt
 - `_sources`: where starts come from: the search, landmarks, coarse copies
 - `_match`: the sources in turn, for the pairs in doubt
 """

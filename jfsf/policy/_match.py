@@ -43,18 +43,23 @@ def attempt_pairs(
     """
     describe(pairs, runner, settings)
     for source in sources_of(pairs[0].inputs, settings):
-        open_pairs = [
-            pair for pair in pairs if source.always or pair.in_doubt(settings)
-        ]
+        open_pairs = [pair for pair in pairs if source.asked(pair, settings)]
         starts = source.make(open_pairs, runner, settings) if open_pairs else []
         for turn in range(max(map(len, starts), default=0)):
             tried = [
                 (pair, own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
-                if turn < len(own) and pair.in_doubt(settings)
+                if turn < len(own) and _worth(pair, own[turn], settings)
             ]
             if tried:
                 _attempt(source, tried, runner, settings)
+
+
+def _worth(pair: PairState, proposal: Proposal, settings: Settings) -> bool:
+    """In doubt, or where it ranks above the map so far."""
+    if pair.in_doubt(settings):
+        return True
+    return bool(proposal.share > pair.shares[pair.won])
 
 
 def compile_first_attempt(
@@ -102,5 +107,6 @@ def _attempt(
         matches = finish_maps(starts, maps, runner, settings)
     else:
         matches = match_starts(starts, runner, settings)
-    for (pair, (start, share)), match in zip(tried, matches, strict=True):
-        pair.keep(Attempt(source.name, start, match), share, settings=settings)
+    for (pair, (start, *standing)), match in zip(tried, matches, strict=True):
+        attempt = Attempt(source.name, start, match)
+        pair.keep(attempt, *standing, settings=settings)

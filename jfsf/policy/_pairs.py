@@ -39,6 +39,9 @@ class PairState:
     attempts: in their order.
     shares: for each of them, how it stands among the maps of the coarse copies
         (`jfsf.evidence.share_among`); nan if it was not compared with these.
+    rivals: likewise how many of these are as likely (`jfsf.evidence.rivals_among`).
+    mirror_share: see `Certificate`; nan if the mirror image was not tried.
+    others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
     copies: the same of the coarse copies, if there are any, and how these lie.
     seconds: by stage; its share where a stage ran for several pairs.
@@ -50,6 +53,9 @@ class PairState:
     landmark_samples: SamplesPair | Any = None
     attempts: list[Attempt] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
+    rivals: list[float] = field(default_factory=list)
+    mirror_share: float = np.nan
+    others: Start | None = None
     won: int = 0
     copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
@@ -74,19 +80,31 @@ class PairState:
         return doubtful or (len(self.attempts) == 1 and bool(missed))
 
     def keep(
-        self, attempt: Attempt, share: float = np.nan, *, settings: Settings
+        self,
+        attempt: Attempt,
+        share: float = np.nan,
+        rivals: float = np.nan,
+        *,
+        settings: Settings,
     ) -> None:
         """Note an attempt; it is the match if it is more confident than that so far."""
         self.attempts.append(attempt)
         self.shares.append(share)
+        self.rivals.append(rivals)
         last = len(self.attempts) - 1
-        if self._confidence(last, settings) > self._confidence(self.won, settings):
+        if self._merit(last, settings) > self._merit(self.won, settings):
             self.won = last
 
-    def _confidence(self, number: int, settings: Settings) -> float:
-        """Of an attempt, its rivals counted; -1 if it is unknown."""
-        likely = self._result(number, settings).certificate.confidence
-        return float(np.nan_to_num(likely, nan=-1.0))
+    def _merit(self, number: int, settings: Settings) -> tuple[float, float]:
+        """Confidence of an attempt, its rivals counted, and its share: rivals may tie.
+
+        -1 if one is unknown.
+        """
+        evidence = self._result(number, settings).certificate
+        likely, share = evidence.confidence, evidence.share
+        return float(np.nan_to_num(likely, nan=-1.0)), float(
+            np.nan_to_num(share, nan=-1.0)
+        )
 
     def results(self, settings: Settings) -> list[Match]:
         """The match of each attempt, its rivals counted, with `Match.info`."""
@@ -105,13 +123,20 @@ class PairState:
         ]
 
     def _result(self, number: int, settings: Settings) -> Match:
-        """With its share, if it was compared, and the confidence that follows."""
-        match, share = self.attempts[number].match, self.shares[number]
-        if np.isnan(share):
+        """With how it stands, if it was compared, and the confidence that follows."""
+        match = self.attempts[number].match
+        known = {
+            "share": self.shares[number],
+            "rivals": self.rivals[number],
+            "mirror_share": self.mirror_share,
+        }
+        if np.isnan([*known.values()]).all():
             return match
         before = match.certificate
         dtype = before.confidence.dtype
-        evidence = before._replace(share=jnp.asarray(share, dtype))
+        evidence = before._replace(
+            **{name: jnp.asarray(value, dtype) for name, value in known.items()}
+        )
         told = bool(self.inputs.sign != 0)
         likely = of_certificate(evidence, told, settings=settings.evidence)
         evidence = evidence._replace(confidence=likely)

@@ -5,14 +5,22 @@ from functools import partial
 from time import perf_counter
 from typing import NamedTuple
 
-import jax
 import numpy as np
 
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import check_search, given_start
 from jfsf.coarse import coarse_copy, padded_copies
-from jfsf.evidence import share_among
-from jfsf.initial import Start, best_start, nonisometric_starts
+from jfsf.evidence import rivals_among, share_among
+from jfsf.initial import Start, nonisometric_starts, search_starts
+from jfsf.policy._others import (
+    disk_starts,
+    has_others,
+    mirror_of,
+    mirror_share,
+    mirrored_pairs,
+    near_ties,
+    unstacked,
+)
 from jfsf.policy._pairs import Attempt, PairState
 from jfsf.policy._stages import describe, match_starts, run_stage, search_inputs
 from jfsf.runtime import Runner
@@ -23,11 +31,12 @@ class Proposal(NamedTuple):
     """A start to attempt.
 
     start: the map to begin with.
-    share: see `PairState.shares`.
+    share, rivals: see `PairState`.
     """
 
     start: Start
     share: float = np.nan
+    rivals: float = np.nan
 
 
 class Source(NamedTuple):
@@ -35,13 +44,13 @@ class Source(NamedTuple):
 
     name: one of `jfsf.types.SOURCES`.
     make: a list of starts for each of the pairs, the best first.
-    always: it is asked for pairs without doubt, too.
+    asked: whether it is asked for a pair.
     refined: its maps are refined already: they are bent at once.
     """
 
     name: str
     make: Callable[[Sequence[PairState], Runner, Settings], list[list[Proposal]]]
-    always: bool = False
+    asked: Callable[[PairState, Settings], bool] = PairState.in_doubt
     refined: bool = False
 
 
@@ -49,7 +58,7 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
     """In the order in which they are asked."""
     if inputs.initial is not None:
         # Another map may fit as well as the given one, however well that fits.
-        others = [Source("coarse copies", _rivals_of_given, always=True)]
+        others = [Source("coarse copies", _rivals_of_given, lambda *_: True)]
         return [Source("given", _given), *(others if settings.retry_below else [])]
     check_search(settings)
     if not settings.retry_below:
@@ -58,7 +67,11 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
     sources = [Source("search", partial(_search, landmarks=False))]
     if inputs.landmarks is not None:
         sources.append(Source("landmarks", partial(_search, landmarks=True)))
-    return [*sources, Source("coarse copies", _from_copies, refined=True)]
+    return [*sources, Source("coarse copies", _from_copies, _needs_copies, True)]
+
+
+def _needs_copies(pair: PairState, settings: Settings) -> bool:
+    return pair.in_doubt(settings) or has_others(pair, settings)
 
 
 def _given(pairs, runner, settings) -> list[list[Proposal]]:
@@ -69,9 +82,16 @@ def _given(pairs, runner, settings) -> list[list[Proposal]]:
 
 def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Proposal]]:
     sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
+    found = _searched(pairs, sides, runner, settings)
+    for pair, (_, others) in zip(pairs, found, strict=True):
+        pair.others = others
+    return [[Proposal(first)] for first, _ in found]
+
+
+def _searched(pairs, sides, runner, settings) -> list[tuple[Start, Start]]:
+    stage = partial(search_starts, settings=settings.search)
     inputs = search_inputs(pairs, sides)
-    stage = partial(best_start, settings=settings.search)
-    return [[Proposal(s)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+    return run_stage(runner, "search", stage, pairs, inputs)
 
 
 def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
@@ -90,20 +110,21 @@ def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
         pair.copies = _copied(pair, settings)
     copies = [pair.copies[0] for pair in pairs]
     describe(copies, runner, settings)
-    inputs = search_inputs(copies, [copy.samples for copy in copies])
-    stage = partial(nonisometric_starts, settings=settings.search)
-    stacked = run_stage(runner, "further starts", stage, copies, inputs)
-    first: list[list[Start]] = [[] for _ in pairs]
-    if pairs[0].inputs.initial is not None:
-        stage = partial(best_start, settings=settings.search)
-        first = [[s] for s in run_stage(runner, "search", stage, copies, inputs)]
+    further = _further_starts(pairs, copies, runner, settings)
     tried = []
-    for pair, copy, starts, found in zip(pairs, copies, stacked, first, strict=True):
+    for pair, copy, starts in zip(pairs, copies, further, strict=True):
         # The best so far is a rival: of the copies, too.
         known = pair.attempts[pair.won]
-        own = [known.start._replace(C_yx=known.match.C_yx), *found, *_unstacked(starts)]
-        size = min(len(start.C_yx) for start in own)
-        tried += [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for s in own]
+        own = [known.start._replace(C_yx=known.match.C_yx), *starts]
+        own += [*near_ties(pair, settings), *disk_starts(pair, copy, settings)]
+        tried += [(copy, start) for start in own]
+    mirrors = {i: mirror_of(copies[i]) for i in mirrored_pairs(pairs, settings)}
+    if mirrors:
+        asked = list(mirrors.values())
+        found = _searched(asked, [one.samples for one in asked], runner, settings)
+        tried += [(one, first) for one, (first, _) in zip(asked, found, strict=True)]
+    size = min(len(start.C_yx) for _, start in tried)
+    tried = [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for copy, s in tried]
     matches = match_starts(tried, runner, settings, at_a_time=2)
     for (copy, start), match in zip(tried, matches, strict=True):
         copy.keep(Attempt("coarse copies", start, match), settings=settings)
@@ -111,10 +132,34 @@ def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
         _proposals(pair, copy, settings)
         for pair, copy in zip(pairs, copies, strict=True)
     ]
+    for i, mirror in mirrors.items():
+        pairs[i].mirror_share = mirror_share(copies[i], mirror, settings)
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds["coarse copies"] = share
     return proposed
+
+
+def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
+    """Of pairs in doubt those for other proportions; for a given map a search too."""
+    given = pairs[0].inputs.initial is not None
+    chosen = [i for i, p in enumerate(pairs) if given or p.in_doubt(settings)]
+    further: list[list[Start]] = [[] for _ in pairs]
+    some = [copies[i] for i in chosen]
+    if not some:
+        return further
+    sides = [copy.samples for copy in some]
+    stage = partial(nonisometric_starts, settings=settings.search)
+    inputs = search_inputs(some, sides)
+    stacked = run_stage(runner, "further starts", stage, some, inputs)
+    if given:
+        for i, (first, _) in zip(
+            chosen, _searched(some, sides, runner, settings), strict=True
+        ):
+            further[i].append(first)
+    for i, starts in zip(chosen, stacked, strict=True):
+        further[i] += unstacked(starts)
+    return further
 
 
 def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Proposal]:
@@ -123,18 +168,23 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     The first attempt of the copy is the map so far, which gets its share.
     """
     own = [attempt.match for attempt in copy.attempts]
-    share, rank, differ = share_among(own, copy.spectra, settings=settings)
+    if len(own) == 1:  # the mirror image only is compared with it
+        return []
+    standing = share_among(own, copy.spectra, settings=settings)
+    rivals = rivals_among(own, standing, settings=settings)
+    share, rank, differ, _ = standing
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     another = bool(differ[best, 0])
     # A near copy of the map so far ranks first: it is the same map, a little better.
-    pair.shares[pair.won] = float(share[0] if another else share[best])
+    same = 0 if another else best
+    pair.shares[pair.won], pair.rivals[pair.won] = float(share[same]), rivals[same]
     number, chosen = settings.nonisometric_attempts - (not another), [0]
     for i in order:
         if all(differ[i, j] for j in chosen):
             chosen.append(int(i))
     return [
-        Proposal(_of_copies(copy.attempts[i]), float(share[i]))
+        Proposal(_of_copies(copy.attempts[i]), float(share[i]), float(rivals[i]))
         for i in chosen[1 : 1 + number]
     ]
 
@@ -149,10 +199,3 @@ def _of_copies(attempt: Attempt) -> Start:
     match = attempt.match
     score = match.certificate.orientation
     return attempt.start._replace(C_yx=match.C_yx, orientation=score)
-
-
-def _unstacked(starts: Start) -> list[Start]:
-    # By numpy: operations on jax arrays would compile for each size.
-    host = jax.device_get(starts)
-    one = lambda i: jax.tree.map(lambda values: np.asarray(values[i]), host)
-    return [one(i) for i in range(len(host.gap))]

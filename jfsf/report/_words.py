@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.evidence import MISSED  # whatever settings the map was made with
+from jfsf.evidence import MISSED, UNLIKE  # whatever settings the map was made with
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning.
@@ -33,6 +33,9 @@ MIN_RECALL = 0.9
 SMALL_GAP = 0.1
 # Of the odds of all maps that were compared: below, another one fits better.
 MIN_SHARE = 0.5
+# Share of the mirror image in the odds of both: above, one of the shapes may be
+# mirrored. Of bodies, which are symmetric, both fit alike.
+MIRRORED = 0.8
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
 # Of figures that are nan: a word in place of the number, and why.
@@ -41,6 +44,10 @@ _NOT_BENT = "not measured", "the shapes were not bent onto each other as surface
 _WHY_UNKNOWN = {
     "gap": ("no rival", "no second candidate was compared"),
     "share": ("not compared", "no other map was tried"),
+    "rivals": ("not compared", "no other map was tried"),
+    "mirror_gap": ("not known", "no orientation was asked for, or no search was made"),
+    "mirror_share": ("not compared", "the search saw no reason to try it"),
+    "spectrum_gap": ("not measured", "an older version made the file"),
     **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
     **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),
     "log_odds": _NOT_BENT,
@@ -87,6 +94,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "orthogonality": "|C^T C - I|; 0 if areas are kept",
         "orientation": side,
         "gap": "extra energy of the second candidate, relative; 0 is a tie",
+        "mirror_gap": "extra energy of the mirror image, relative; below 0 it has less",
         "nn_agreement": "share that nearest neighbour maps alike",
         "recall": "share of nearest neighbours that the last search found",
         "finite": "whether every number that the map is made from is finite",
@@ -96,8 +104,11 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "shear": "of triangles, but for the 1 % that are sheared most; 0 for none",
         "area_std": "how unevenly the bending lets triangles grow; 0 if evenly",
         "normal_gap": "how far normals of the bent shapes differ; 0 if not at all",
+        "spectrum_gap": "how unlike the shapes are; 0.1 for poses, 1 for other limbs",
         "log_odds": "of a right map, by its own evidence; 0 is one half",
         "share": "of the odds, among maps that differ; 0.5: another fits as well",
+        "rivals": "other maps that fit as well, of those that were tried",
+        "mirror_share": "of the odds, of the mirror image; near 1 it fits far better",
         "confidence": verdict(float(certificate.confidence)),
     }
     if _of_parts(certificate):
@@ -155,6 +166,29 @@ def findings(
             "--orientation any.",
         ),
         (
+            float(certificate.mirror_share) > MIRRORED,
+            "the mirror image fits far better; is one of them mirrored? try "
+            f"--orientation {_other(orientation)}",
+            "Left and right of one shape may be exchanged, as in a scan that was "
+            "mirrored, or of a left bone and a right one. Then match again with "
+            f"--orientation {_other(orientation)}.",
+        ),
+        (
+            float(certificate.rivals) > 0,
+            f"several maps fit equally well: {_counted(certificate)} that differ were "
+            "found, and there may be more; a landmark decides",
+            "The shape has rotations, or parts that are alike. See the candidates, and "
+            "`jfsf.alternatives` for the maps; one or two pairs of vertices that you "
+            "know (--landmarks) say which map is meant.",
+        ),
+        (
+            float(certificate.spectrum_gap) > UNLIKE,
+            "the shapes are of different kinds, and the confidence was fitted to "
+            f"others: eigenvalues differ by a factor of {_factor(certificate):.1f}",
+            "See whether both files are what you think, and whether one shape is a "
+            "part of the other (--partial). Landmarks at all ends may help.",
+        ),
+        (
             np.isnan(score) and orientation != "any" and not len(certificate.landmarks),
             f"left and right cannot be told, so {orientation!r} is not kept: a shape "
             "has no faces, and its points no clear outside",
@@ -177,7 +211,8 @@ def findings(
             "both shapes have (--landmarks).",
         ),
         (
-            float(certificate.share) < MIN_SHARE,
+            # Where several fit equally well that is said already.
+            float(certificate.share) < MIN_SHARE and not certificate.rivals > 0,
             f"another map that differs fits as well or better (share "
             f"{float(certificate.share):.0%}); landmarks decide",
             "Look at the maps of `jfsf.alternatives`, and give landmarks where they "
@@ -214,6 +249,19 @@ def findings(
         advice = "Either the row is wrong, or the map is. Try without it."
         doubts.append(Finding(why, advice))
     return doubts
+
+
+def _other(orientation: str) -> str:
+    return "preserve" if orientation == "reverse" else "reverse"
+
+
+def _counted(certificate: Certificate) -> int:
+    """All maps that fit equally well, the one at hand included."""
+    return 1 + int(np.nan_to_num(float(certificate.rivals)))
+
+
+def _factor(certificate: Certificate) -> float:
+    return float(np.exp(float(certificate.spectrum_gap)))
 
 
 def warnings_of(
@@ -264,6 +312,14 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         )
     if not np.isnan(share := figure["share"]):
         sentences.append(_standing(share))
+    if figure["rivals"] > 0:
+        number = _counted(certificate)
+        sentences.append(f"It is one of {number} maps that fit equally well.")
+    if figure["mirror_share"] > MIRRORED:
+        sentences.append(
+            "Of the odds of this map and of its mirror image the mirror image has "
+            f"{figure['mirror_share']:.0%}."
+        )
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
     sentences.append(
