@@ -32,6 +32,7 @@ from jfsf.parts import (
 from jfsf.parts import _match as parts_match
 from jfsf.parts._ball_descriptors import ball_descriptors, descriptor_unlikeness
 from jfsf.parts._beam import assign
+from jfsf.parts._membership import from_rim, membership
 from jfsf.parts._region import (
     covered_by,
     draw_onto,
@@ -103,6 +104,14 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
     # It is fitted to whole shapes.
     assert np.isnan(found.certificate.confidence)
     assert found.confidence_x is None
+    for side, mesh in (("x", turned(PART.mesh)), ("y", WHOLE)):
+        member = np.asarray(getattr(found, f"membership_{side}"))
+        matched = np.asarray(getattr(found, f"matched_{side}"))
+        assert member.min() >= 0 and member.max() <= 1
+        np.testing.assert_array_equal(matched, member > 0.5)
+        mass = vertex_areas(*mesh)
+        share = getattr(found, f"overlap_{side}")
+        assert share == pytest.approx(mass[matched].sum() / mass.sum(), rel=1e-5)
 
 
 def test_a_swap_of_the_shapes_swaps_the_maps(found):
@@ -110,6 +119,8 @@ def test_a_swap_of_the_shapes_swaps_the_maps(found):
     np.testing.assert_array_equal(other.T_yx, found.T_xy)
     np.testing.assert_array_equal(other.matched_x, found.matched_y)
     np.testing.assert_array_equal(other.matched_y, found.matched_x)
+    np.testing.assert_array_equal(other.membership_x, found.membership_y)
+    assert other.overlap_x == found.overlap_y
     named = "coverage_xy", "bijectivity_x"
     for a, b in zip(named, ("coverage_yx", "bijectivity_y"), strict=True):
         assert getattr(other.certificate, a) == getattr(found.certificate, b)
@@ -193,6 +204,8 @@ def test_two_closed_shapes_share_all(found, monkeypatch):
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)
     np.testing.assert_array_equal(closed.matched_x, np.ones(n, bool))
     np.testing.assert_array_equal(closed.matched_y, np.ones(n, bool))
+    np.testing.assert_array_equal(closed.membership_x, np.ones(n))
+    assert closed.overlap_x == 1
 
 
 def test_a_match_file_keeps_what_is_matched(found, tmp_path):
@@ -356,6 +369,34 @@ def test_a_part_in_place_covers_its_region():
     assert matched.all()
 
 
+def test_membership_falls_across_a_rim_and_away_from_the_surface():
+    settings, part = PartSettings(), in_unit(PART.mesh)
+    onto, inside = target(part), from_rim(part)
+    assert (inside[np.unique(boundary_edges(part.faces))] == 0).all()
+    at_rim = inside == 0
+    own = membership(onto, part.vertices, onto.normal, inside)
+    np.testing.assert_allclose(own[at_rim], 0.5)
+    assert own[inside > 5 * settings.rim_width].min() > 0.99
+    whole = in_unit(WHOLE)
+    normal = vertex_normals(*whole)
+    found = membership(onto, whole.vertices, normal, inside)
+    # What the part lacks is beyond its rim.
+    lost = np.setdiff1d(np.arange(N), PART.index)
+    assert found[lost].max() < 0.5
+    height = np.linspace(0, 0.3, 20)
+    top = int(np.argmax(inside))
+    up = part.vertices[top] + height[:, None] * onto.normal[top]
+    above = membership(onto, up, np.repeat(onto.normal[top : top + 1], 20, 0), inside)
+    assert (np.diff(above) <= 0).all()
+    reached = height[above > 0.5].max()
+    assert reached == pytest.approx(settings.cover_distance, abs=0.03)
+    # A closed surface has no rim.
+    assert np.isinf(from_rim(whole)).all()
+    np.testing.assert_allclose(
+        membership(target(whole), whole.vertices, normal, from_rim(whole)), 1
+    )
+
+
 def in_unit(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices / np.sqrt(AREA), mesh.faces)
 
@@ -505,7 +546,7 @@ def test_equal_settings_find_equal_regions(matched_with):
     first, second = matched_with(QUICK), matched_with(replace(QUICK))
     assert same_maps(first, second)
     other = matched_with(QUICK, (WHOLE, turned(PART.mesh)))
-    swapped = (other.T_yx, other.T_xy, other.matched_y, other.matched_x)
+    swapped = (other.T_yx, other.T_xy, other.membership_y, other.membership_x)
     assert all(np.array_equal(a, b) for a, b in zip(first[:4], swapped, strict=True))
     assert other.scale == 1 / first.scale
 

@@ -176,8 +176,8 @@ def match(
         typer.Option(
             metavar="FILE",
             help="X in the colours of Y, for MeshLab, Blender and the like: .ply, .obj "
-            "or .glb. PLY and GLB hold the confidence of each vertex too. May be given "
-            "several times.",
+            "or .glb. PLY and GLB hold the confidence of each vertex too, or of parts "
+            "the membership. May be given several times.",
         ),
     ] = None,
     checker: Annotated[
@@ -227,7 +227,8 @@ def match(
         typer.Option(
             "--partial",
             help="One shape is a part of the other, or both overlap; both in one unit. "
-            "The file then has matched_x and matched_y, the vertices that both have. "
+            "The file then has matched_x and matched_y, the vertices that both have, "
+            "membership_x and membership_y, how clearly, and the shares of the areas. "
             "Pictures, pages and exported meshes show the others in grey.",
         ),
     ] = False,
@@ -307,6 +308,7 @@ def match(
                 checker=checker,
                 confidence=known_confidence(matched),
                 matched_x=matched.matched_x,
+                membership=matched.membership_x,
             )
         if report is not None:
             write_report(
@@ -323,6 +325,9 @@ def match(
             )
     console = Console()
     console.print(certificate_table(matched.certificate))
+    if matched.overlap_x is not None and matched.overlap_y is not None:
+        shares = float(matched.overlap_x), float(matched.overlap_y)
+        console.print(f"matched: {shares[0]:.0%} of X's area, {shares[1]:.0%} of Y's")
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
     known = known or KnownPairs(np.zeros((0, 2), np.int64))

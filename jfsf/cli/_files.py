@@ -194,7 +194,8 @@ def _repaired(shape: Shape):
 
 def _values_at(match: Match, at_x, at_y) -> Match:
     """The values of vertices, where there are any, at these vertices of X and of Y."""
-    names = [f"{name}_{side}" for name in ("matched", "confidence") for side in "xy"]
+    kinds = "matched", "confidence", "membership"
+    names = [f"{name}_{side}" for name in kinds for side in "xy"]
     known = [name for name in names if getattr(match, name) is not None]
     at = {"x": at_x, "y": at_y}
     return match._replace(

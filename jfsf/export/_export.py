@@ -39,6 +39,7 @@ def export_map(
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
     confidence: Float[ArrayLike, " n_x"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
+    membership: Float[ArrayLike, " n_x"] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
@@ -58,6 +59,8 @@ def export_map(
             with `TILES` squares along the longer side.
         confidence: of each vertex of X, `Match.confidence_x`; see `export_mesh`.
         matched_x: of a match of parts, `Match.matched_x`; all other vertices are grey.
+        membership: likewise, `Match.membership_x`, for other programs to read: written
+            as the confidence is, under the name `membership`.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -82,7 +85,10 @@ def export_map(
                 f"{np.shape(uv_y)}"
             )
         uv = pull_back(uv_y, T_xy)
-    export_mesh(path, mesh_x, colours=colours, uv=uv, confidence=confidence)
+    values = None if membership is None else {"membership": membership}
+    export_mesh(
+        path, mesh_x, colours=colours, uv=uv, confidence=confidence, values=values
+    )
 
 
 def export_mesh(

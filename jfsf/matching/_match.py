@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import (
@@ -34,6 +34,7 @@ from jfsf.mesh import (
     reconstruct,
     unclear_winding,
     validate,
+    vertex_areas,
     without_holes,
 )
 from jfsf.parts import match_parts
@@ -96,10 +97,11 @@ def match(
     Returns:
         T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
-        With `partial` matched_x and matched_y in place of the last two; the certificate
-        is that of the overlap, without a confidence; its gap counts the rivals that
-        were found. A vertex that is not matched has the image nearest to it after
-        bending.
+        With `partial` membership_x, membership_y, matched_x and matched_y of each
+        vertex in place of the last two, and the shares of the areas that are matched;
+        the certificate is that of the overlap, without a confidence; its gap counts the
+        rivals that were found. A vertex that is not matched has the image nearest to it
+        after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -414,8 +416,8 @@ def _partial(
     if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
         shapes = {name: _Shape(mesh) for name, mesh in meshes.items()}
         match = _match(shapes, inputs, settings, host)
-        all_x, all_y = (jnp.ones(len(mesh.vertices), bool) for mesh in meshes.values())
-        return match._replace(matched_x=all_x, matched_y=all_y)
+        ones = (jnp.ones(len(mesh.vertices)) for mesh in meshes.values())
+        return _with_region(match, meshes, *ones)
 
     def refine(part_x, part_y, T_xy, landmarks=None):
         host.say("refinement of a region")
@@ -459,7 +461,7 @@ def _partial(
         settings=settings.parts,
         progress=host.progress,
     )
-    T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, parts[:4])
+    T_xy, T_yx, member_x, member_y = map(jnp.asarray, parts[:4])
     C_yx = functional_map(T_xy, spec_x, spec_y)
     certificate = jax.tree.map(jnp.asarray, parts.certificate)
     if inputs.landmarks is not None:
@@ -468,4 +470,25 @@ def _partial(
         pairs = settings.distance_pairs
         away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
         certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
-    return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)
+    match = Match(T_xy, T_yx, C_yx, certificate)
+    return _with_region(match, meshes, member_x, member_y)
+
+
+def _with_region(
+    match: Match, meshes: Mapping[str, Mesh], member_x: Array, member_y: Array
+) -> Match:
+    """The match with what both shapes share, from the membership of each vertex."""
+    inside = member_x > 0.5, member_y > 0.5
+    areas = (jnp.asarray(vertex_areas(*mesh)) for mesh in meshes.values())
+    share_x, share_y = (
+        jnp.sum(jnp.where(own, area, 0)) / jnp.sum(area)
+        for area, own in zip(areas, inside, strict=True)
+    )
+    return match._replace(
+        matched_x=inside[0],
+        matched_y=inside[1],
+        membership_x=member_x,
+        membership_y=member_y,
+        overlap_x=share_x,
+        overlap_y=share_y,
+    )

@@ -23,6 +23,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from jfsf.mesh import vertex_normals
+from jfsf.parts._membership import from_rim, membership
 from jfsf.parts._region import (
     Drawn,
     Target,
@@ -50,17 +52,27 @@ class Parts(NamedTuple):
     """Maps between shapes that share a region.
 
     T_xy, T_yx: of all vertices; outside of the region the nearest after bending.
-    matched_x, matched_y: whether a vertex is in the region.
+    membership_x, membership_y: how clearly a vertex is in the region, in [0, 1].
     certificate: of the map between the regions.
     scale: factor that brings X to the size of Y.
     """
 
     T_xy: np.ndarray
     T_yx: np.ndarray
-    matched_x: np.ndarray
-    matched_y: np.ndarray
+    membership_x: np.ndarray
+    membership_y: np.ndarray
     certificate: Certificate
     scale: float
+
+    @property
+    def matched_x(self) -> np.ndarray:
+        """Whether a vertex is in the region."""
+        return self.membership_x > 0.5
+
+    @property
+    def matched_y(self) -> np.ndarray:
+        """Likewise, of Y."""
+        return self.membership_y > 0.5
 
 
 class _State(NamedTuple):
@@ -165,7 +177,7 @@ def match_parts(
         if again is None or again.log_odds <= state.log_odds:
             break
         state = again
-    return _result(state, margin)
+    return _result(state, sides, margin)
 
 
 def _swapped(parts: Parts) -> Parts:
@@ -179,8 +191,8 @@ def _swapped(parts: Parts) -> Parts:
     return Parts(
         parts.T_yx,
         parts.T_xy,
-        parts.matched_y,
-        parts.matched_x,
+        parts.membership_y,
+        parts.membership_x,
         certificate._replace(**both),
         1 / parts.scale,
     )
@@ -253,7 +265,18 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
     return both[(both >= 0).all(1)]
 
 
-def _result(state: _State, margin: float) -> Parts:
+def _memberships(state: _State, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
+    """Of X on Y drawn onto it, and of Y drawn onto X."""
+    y, moved, x = sides.y.mesh, state.drawn.moved, state.x
+    on_x = sides.sign * vertex_normals(moved, y.faces)
+    bent = target(wound(Mesh(moved, y.faces), sides.sign), sides.settings)
+    return (
+        membership(bent, x.mesh.vertices, x.normal, from_rim(y)),
+        membership(x, moved, on_x, from_rim(x.mesh)),
+    )
+
+
+def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     gap = np.asarray(margin, certificate.gap.dtype)
     # It is fitted to whole shapes.
@@ -262,8 +285,7 @@ def _result(state: _State, margin: float) -> Parts:
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
-        state.drawn.matched_x,
-        state.inside,
+        *_memberships(state, sides),
         certificate,
         state.scale,
     )

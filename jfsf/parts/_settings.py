@@ -7,6 +7,7 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
+SETTLE = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03), (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 
@@ -120,6 +121,7 @@ class PartSettings:
     bend_rounds: deformations, each with such a search.
     draw_steps: of conjugate gradients in each, at most.
     cover_distance: a surface further away covers nothing.
+    rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
     refinements: of the map between the regions of the best; its rivals get one.
@@ -171,6 +173,12 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
+    settle_reaches: tuple[float, ...] = SETTLE[0]
+    settle_widths: tuple[float, ...] = SETTLE[1]
+    settle_rounds: int = 3
+    settle_updates: int = 3
+    settle_normal_weight: float = 0.1
+    settle_friction: float = 0.05
     refined: int = 5
     sure: float = 2.5
     carried_by: int = 4
@@ -178,6 +186,7 @@ class PartSettings:
     bend_rounds: int = 6
     draw_steps: int = 150
     cover_distance: float = 0.1
+    rim_width: float = 0.02
     uncovered_weight: float = 1e-3
     refinements: int = 2
     min_vertices: int = 160
@@ -197,7 +206,7 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("uncovered_weight", "first_reach", "max_landmark_distance"),
+            *("rim_width", "uncovered_weight", "first_reach", "max_landmark_distance"),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(

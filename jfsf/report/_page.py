@@ -162,6 +162,9 @@ def write_report(
         "error": measured.error,
         "there and back": measured.back,
         "doubt": measured.doubt,
+        "not shared": None
+        if found.membership_x is None
+        else 1 - np.asarray(found.membership_x, float),
     }
     record = {
         "title": f"{x.name} to {y.name}",
