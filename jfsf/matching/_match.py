@@ -57,6 +57,7 @@ def match(
         None
     ),
     partial: bool = False,
+    same_unit: bool = True,
     settings: Settings = Settings(),
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
@@ -113,7 +114,7 @@ def match(
     if partial:
         inputs = _inputs(meshes, orientation, landmarks, descriptors, initial)
         T_yx = getattr(initial, "T_yx", None)
-        return _partial(meshes, inputs, T_yx, settings, host)
+        return _partial(meshes, inputs, T_yx, same_unit, settings, host)
     given = _given(meshes, orientation, landmarks, descriptors, initial)
     return _match(*given, settings, host)
 
@@ -404,6 +405,7 @@ def _partial(
     meshes: Mapping[str, Mesh],
     inputs: MatchInputs,
     T_yx: Any,
+    same_unit: bool,
     settings: Settings,
     host: _Host,
 ) -> Match:
@@ -458,6 +460,7 @@ def _partial(
         T_yx=T_yx,
         landmarks=rows,
         descriptors=inputs.descriptors,
+        same_unit=same_unit,
         settings=settings.parts,
         progress=host.progress,
     )

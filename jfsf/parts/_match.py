@@ -114,14 +114,14 @@ def match_parts(
     T_yx: ArrayLike | None = None,
     landmarks: ArrayLike | None = None,
     descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    same_unit: bool = True,
     settings: PartSettings = PartSettings(),
     progress: Callable[[str], object] | None = None,
 ) -> Parts:
     """Find the region that two shapes share, and the maps.
 
     Args:
-        mesh_x, mesh_y: one connected piece each, with faces, in one unit: bodies may
-            differ in size by a factor of 1.57 either way, see `PartSettings.scales`.
+        mesh_x, mesh_y: one connected piece each, with faces.
         refine: makes a match of two meshes from a map between their vertices, and rows
             of landmarks if there are any (`Refine`).
         sign: 1 for a map that keeps left and right, -1 for its mirror image, 0 for the
@@ -132,6 +132,9 @@ def match_parts(
             `turned_round`.
         landmarks: rows (vertex of X, vertex of Y) that correspond.
         descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
+        same_unit: whether both are in one unit. Then bodies may differ in size by a
+            factor of 1.57 either way, see `PartSettings.scales`; else the size of X is
+            looked for in the wider range of `PartSettings.any_scales`.
         settings: the numbers of the search.
         progress: called with the name of each step as it begins.
 
@@ -139,7 +142,7 @@ def match_parts(
         ValueError: no region of enough vertices was found.
     """
     # The shape that is open, or the smaller one, is called X from here on.
-    if openness(mesh_x) < openness(mesh_y):
+    if openness(mesh_x, same_unit) < openness(mesh_y, same_unit):
         if T_xy is not None and T_yx is None:
             T_yx = turned_round(np.asarray(T_xy), mesh_y)
         other = match_parts(
@@ -150,12 +153,18 @@ def match_parts(
             T_xy=None if T_xy is None else T_yx,
             landmarks=None if landmarks is None else np.asarray(landmarks)[:, ::-1],
             descriptors=None if descriptors is None else descriptors[::-1],
+            same_unit=same_unit,
             settings=settings,
             progress=progress,
         )
         return _swapped(other)
     both = both_sides(
-        mesh_x, mesh_y, landmarks=landmarks, descriptors=descriptors, settings=settings
+        mesh_x,
+        mesh_y,
+        landmarks=landmarks,
+        descriptors=descriptors,
+        same_unit=same_unit,
+        settings=settings,
     )
     begin = first_starts(both, sign, T_xy, progress)
     found = []

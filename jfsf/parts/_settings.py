@@ -10,6 +10,7 @@ from jfsf.refine import ArapSettings
 SETTLE = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03), (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
+ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
 
 
 class RegisterWeights(NamedTuple):
@@ -18,12 +19,16 @@ class RegisterWeights(NamedTuple):
     residual, energy, share: of the logarithms of what is read of a whole that was drawn
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
+    size: of the logarithm of the factor of the part's lengths, where both shapes may be
+        in different units. A small part leaves little apart, and bends little, wherever
+        it lies.
     """
 
     residual: float = 4.58
     energy: float = 1.0
     share: float = -0.65
     log_odds: float = -0.7
+    size: float = -6.58
 
 
 @dataclass(frozen=True)
@@ -64,8 +69,9 @@ class PartSettings:
     boundary_margin: distance from the boundary from which on a sample counts in full
         when anchors are chosen far apart.
     boundary_worth: how much one on the boundary counts.
-    scales: factors of the part's lengths that are tried. Their range bounds how much
-        bodies may differ in size.
+    scales: factors of the part's lengths that are tried where both are in one unit.
+        Their range bounds how much bodies may differ in size.
+    any_scales: those that are tried where units may differ.
     distance_slack: length by which two distances differ that counts half,
     distance_share: beside this share of the distance in the part.
     shorter_weight: factor of that difference where the path in the part runs along the
@@ -73,7 +79,8 @@ class PartSettings:
     direction_weight: of the directions in which anchors see each other, beside the
         distances.
     ball_weight: of the difference of the balls, beside the distances.
-    scale_weight: cost of a scale e times as large or small, per anchor.
+    scale_weight: cost of a scale e times as large or small, per anchor, where both are
+        in one unit.
     partners: samples of the whole that an assignment is followed with for the next
         anchor.
     beam: assignments that are followed.
@@ -145,6 +152,7 @@ class PartSettings:
     boundary_margin: float = 0.15
     boundary_worth: float = 0.3
     scales: tuple[float, ...] = SCALES
+    any_scales: tuple[float, ...] = ANY_SCALES
     distance_slack: float = 0.03
     distance_share: float = 0.12
     shorter_weight: float = 0.4
@@ -212,7 +220,7 @@ class PartSettings:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
                 )
-        for name in ("ball_radii", "scales", "reaches"):
+        for name in ("ball_radii", "scales", "any_scales", "reaches"):
             values = getattr(self, name)
             if not values or min(values) <= 0:
                 raise ValueError(
