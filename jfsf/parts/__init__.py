@@ -8,6 +8,7 @@ Read in this order:
 - `_ball_descriptors`: what a point sees within some distances
 - `_beam`: assignments of a few samples
 - `_register`: a coarse copy of the whole, drawn onto the part from a start far off
+- `_settle`: that copy slides to its place
 - `_region`: the whole itself drawn onto the part; which part of it that covers
 - `_membership`: how clearly a vertex is in that region
 - `_starts`: coarse copies drawn by each of the assignments, ranked

@@ -40,7 +40,7 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import Sides, Start, both_sides, first_starts
+from jfsf.parts._starts import Sides, Start, both_sides, first_starts, settled
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
@@ -169,7 +169,7 @@ def match_parts(
     begin = first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:
-        state = _refined(_drawn(sides, start), sides, refine)
+        state = _refined(_drawn(sides, settled(sides, start)), sides, refine)
         found += [] if state is None else [(state, sides)]
         if state is not None and state.log_odds >= settings.sure:
             break

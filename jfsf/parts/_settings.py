@@ -7,7 +7,8 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
-SETTLE = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03), (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
+SETTLE_REACHES = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03)
+SETTLE_WIDTHS = (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
@@ -116,6 +117,16 @@ class PartSettings:
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
     register_weights: of what ranks the assignments.
 
+    Settling, where a start that is one of the best slides to its place:
+
+    settle_reaches: of the steps, as `reaches`.
+    settle_widths: distance of a pair of points, in each of them, from which on it
+        hardly counts: exp(-1) at that distance, normals counted.
+    settle_rounds: searches for the nearest points in each step; 0 leaves all out.
+    settle_updates: deformations after each search.
+    settle_normal_weight: of normals in it.
+    settle_friction: pull along the surface, as a share of that along the normal.
+
     Region:
 
     refined: the best assignments, by which all of the whole is drawn onto the part, and
@@ -181,8 +192,8 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
-    settle_reaches: tuple[float, ...] = SETTLE[0]
-    settle_widths: tuple[float, ...] = SETTLE[1]
+    settle_reaches: tuple[float, ...] = SETTLE_REACHES
+    settle_widths: tuple[float, ...] = SETTLE_WIDTHS
     settle_rounds: int = 3
     settle_updates: int = 3
     settle_normal_weight: float = 0.1
@@ -236,6 +247,10 @@ class PartSettings:
             ),
             f"boundary_worth is {self.boundary_worth}; give 0 to 1": (
                 0 <= self.boundary_worth <= 1
+            ),
+            f"settle_reaches is {self.settle_reaches}, settle_widths "
+            f"{self.settle_widths}; give as many": (
+                len(self.settle_reaches) == len(self.settle_widths)
             ),
             f"beam is {self.beam}, min_groups {self.min_groups}; follow no fewer": (
                 self.beam >= self.min_groups
