@@ -7,7 +7,7 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
-SETTLE_REACHES = (0.08, 0.06, 0.05, 0.04, 0.03, 0.03)
+SETTLE_REACHES = (0.1, 0.09, 0.08, 0.07, 0.06, 0.05)
 SETTLE_WIDTHS = (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))

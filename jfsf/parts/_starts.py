@@ -191,8 +191,7 @@ def settled(sides: Sides, start: Start) -> Start:
     if sides.settings.settle_rounds < 1:
         return start
     part = scaled(sides.coarse_x, start.scale)
-    out = outward(part, vertex_normals(*part))
-    found = settle(sides.whole, part, out, start.registered, settings=sides.settings)
+    found = settle(sides.whole, part, start.registered, settings=sides.settings)
     return start._replace(registered=found)
 
 
