@@ -42,6 +42,7 @@ from jfsf.parts._region import (
     turned_round,
 )
 from jfsf.parts._register import register, whole_at_rest
+from jfsf.parts._settle import settle
 from jfsf.parts._shape import part_samples
 from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts
 from jfsf.refine import ArapSettings
@@ -440,6 +441,21 @@ def test_a_whole_in_place_stays_there_and_costs_nothing():
     assert np.abs(found.rotation - np.eye(3)).max() < 0.05
 
 
+def test_a_whole_that_is_beside_its_place_slides_to_it():
+    whole, part = at_rest(in_unit(WHOLE)), in_unit(PART.mesh)
+    few = PartSettings(
+        reaches=(0.4,),
+        first_updates=2,
+        settle_reaches=(0.1, 0.05),
+        settle_widths=(0.15, 0.1),
+    )
+    begin = register(whole, part, shifted(0.15), settings=few)
+    found = settle(whole, part, begin, settings=few)
+    far = [away(whole.mesh.vertices[one.T], part.vertices) for one in (begin, found)]
+    assert far[0] > 0.03 and far[1] < far[0] / 2
+    assert found.residual < begin.residual
+
+
 def test_a_whole_is_registered_in_any_pose_and_size():
     whole, part = in_unit(WHOLE), in_unit(PART.mesh)
     found = register(at_rest(whole), part, shifted(0.05))
@@ -485,6 +501,7 @@ QUICK = PartSettings(
     assignments=4,
     first_updates=5,
     reaches=(0.2, 0.1),
+    settle_rounds=1,
     bend_rounds=1,
     refinements=1,
 )

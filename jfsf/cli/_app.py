@@ -25,6 +25,7 @@ from jfsf.cli._files import (
     MeshY,
     Orientation,
     OrientationOption,
+    SameUnitOption,
     can_export,
     can_write,
     can_write_in,
@@ -226,12 +227,13 @@ def match(
         bool,
         typer.Option(
             "--partial",
-            help="One shape is a part of the other, or both overlap; both in one unit. "
+            help="One shape is a part of the other, or both overlap. "
             "The file then has matched_x and matched_y, the vertices that both have, "
             "membership_x and membership_y, how clearly, and the shares of the areas. "
             "Pictures, pages and exported meshes show the others in grey.",
         ),
     ] = False,
+    same_unit: SameUnitOption = True,
     repair: Annotated[
         bool,
         typer.Option(
@@ -267,6 +269,8 @@ def match(
     exports = export or []
     can_export(exports, checker, (x, y))
     can_report(report, gt_x, gt_y)
+    if not same_unit and not partial:
+        raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
     shape_x, shape_y = (matchable(path, largest_component, repair) for path in (x, y))
@@ -281,6 +285,7 @@ def match(
             orientation=orientation.value,
             landmarks=None if known is None else known.rows,  # type: ignore
             partial=partial,
+            same_unit=same_unit,
             cache=not no_cache,
             progress=stage,
         )

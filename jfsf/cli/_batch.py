@@ -12,6 +12,7 @@ from rich.console import Console
 from jfsf.cli._files import (
     Orientation,
     OrientationOption,
+    SameUnitOption,
     can_write_in,
     kept_match,
     matchable,
@@ -60,6 +61,7 @@ def batch(
             "match.",
         ),
     ] = False,
+    same_unit: SameUnitOption = True,
     repair: Annotated[
         bool, typer.Option("--repair", help="Repair all meshes first; see match.")
     ] = False,
@@ -99,6 +101,12 @@ def batch(
         "partial": partial,
         "repair": repair,
     }
+    if not same_unit:
+        if not partial:
+            raise ValueError(
+                "--any-unit goes with --partial; sizes of wholes never matter"
+            )
+        options["same_unit"] = False
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
         begin(out, options)
@@ -155,6 +163,7 @@ def work(
     partial: bool = False,
     repair: bool = False,
     report: bool = False,
+    same_unit: bool = True,
 ) -> None:
     """Match a pair and write it, and its page, as `jfsf match` does."""
     from jfsf.mapfiles import read_match
@@ -167,6 +176,8 @@ def work(
     else:
         started = perf_counter()
         options: dict[str, Any] = {"orientation": orientation, "partial": partial}
+        if not same_unit:
+            options["same_unit"] = False
         result = match(x.mesh, y.mesh, **options)
         seconds = {"matching": perf_counter() - started}
         write_found(job.out, result, x, y)

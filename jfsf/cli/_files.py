@@ -28,6 +28,16 @@ OrientationOption = Annotated[
 ]
 
 
+SameUnitOption = Annotated[
+    bool,
+    typer.Option(
+        "--same-unit/--any-unit",
+        help="With --partial: both are in one unit, so that sizes count; or they may "
+        "not be, and sizes from a third to three times are tried.",
+    ),
+]
+
+
 FORMATS = "OFF, OBJ, PLY, STL, GLB or glTF file."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]

@@ -83,14 +83,18 @@ def match(
             the leading block of `Settings.ks[0]` functions counts: 30 by default. The
             map is kept, but others are tried on coarse copies: one that fits as well
             makes it less sure. `Settings(retry_below=0)` leaves that out.
-        partial: one shape is a part of the other, or both overlap. Both are meshes in
-            one unit; bodies may differ in size by a factor of 1.5. Landmarks and
-            descriptors guide the search for the region; the map within it is refined
-            without the descriptors. An initial map replaces that search: it is turned
-            into a T_xy, its scale is read from it, and no other is tried. Cuts change
-            the sizes of arrays, so it runs on the host, with `match` of the cuts
-            inside: it cannot be traced. It takes some ten times as long. Two closed
-            surfaces share all. There is no confidence for parts.
+        partial: one shape is a part of the other, or both overlap. Both are meshes;
+            see `same_unit` for their sizes. Landmarks and descriptors guide the search
+            for the region; the map within it is refined without the descriptors. An
+            initial map replaces that search: it is turned into a T_xy, its scale is
+            read from it, and no other is tried. Cuts change the sizes of arrays, so it
+            runs on the host, with `match` of the cuts inside: it cannot be traced. It
+            takes some ten times as long. Two closed surfaces share all. There is no
+            confidence for parts.
+        same_unit: with `partial`, whether both are in one unit. Then bodies may differ
+            in size by a factor of 1.5. Else a size between 0.3 and 3 times that of the
+            file is looked for, which takes longer and is less certain. Sizes of whole
+            shapes never matter.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.

@@ -197,7 +197,7 @@ class PartSettings:
     settle_rounds: int = 3
     settle_updates: int = 3
     settle_normal_weight: float = 0.1
-    settle_friction: float = 0.05
+    settle_friction: float = 0.01
     refined: int = 5
     sure: float = 2.5
     carried_by: int = 4
