@@ -37,7 +37,7 @@ from jfsf.mesh import (
     vertex_areas,
     without_holes,
 )
-from jfsf.parts import match_parts
+from jfsf.parts import match_parts, sizes_of_refinement
 from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import EvidenceSettings, Settings
@@ -425,6 +425,9 @@ def _partial(
         ones = (jnp.ones(len(mesh.vertices)) for mesh in meshes.values())
         return _with_region(match, meshes, *ones)
 
+    ks = sizes_of_refinement(settings.ks, settings=settings.parts)
+    of_regions = replace(settings, retry_below=0.0, ks=ks)
+
     def refine(part_x, part_y, T_xy, landmarks=None):
         host.say("refinement of a region")
         sizes = len(part_x.vertices), len(part_y.vertices)
@@ -436,7 +439,7 @@ def _partial(
         parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
         quiet = host._replace(keep_spectra=False, progress=None)
-        return _match(parts, own, replace(settings, retry_below=0.0), quiet)
+        return _match(parts, own, of_regions, quiet)
 
     host.say("spectra")
     x, y = meshes.values()

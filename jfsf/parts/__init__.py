@@ -16,7 +16,7 @@ Read in this order:
 """
 
 from jfsf.parts._hint import likely_part, longest_loop
-from jfsf.parts._match import Parts, match_parts
+from jfsf.parts._match import Parts, match_parts, sizes_of_refinement
 from jfsf.parts._region import cut
 from jfsf.parts._settings import PartSettings, RegisterWeights
 
@@ -28,4 +28,5 @@ __all__ = [
     "likely_part",
     "longest_loop",
     "match_parts",
+    "sizes_of_refinement",
 ]

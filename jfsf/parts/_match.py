@@ -189,6 +189,22 @@ def match_parts(
     return _result(state, sides, margin)
 
 
+def sizes_of_refinement(
+    ks: tuple[int, ...], *, settings: PartSettings = PartSettings()
+) -> tuple[int, ...]:
+    """Sizes of the basis in which the map between two regions is refined.
+
+    The largest only. Few functions of a region say most of where it ends, and that is
+    not known exactly: refined from 30 functions on, maps that were drawn with a mean
+    error of 0.06 came back with 0.06 to 0.14.
+
+    Args:
+        ks: `Settings.ks`, for whole shapes.
+        settings: how many of these, the last.
+    """
+    return ks[-settings.refined_sizes :]
+
+
 def _swapped(parts: Parts) -> Parts:
     certificate = parts.certificate
     other = {"x": "y", "y": "x", "xy": "yx", "yx": "xy"}

@@ -73,6 +73,9 @@ class PartSettings:
     scales: factors of the part's lengths that are tried where both are in one unit.
         Their range bounds how much bodies may differ in size.
     any_scales: those that are tried where units may differ.
+    scale_bands: into so many the factors fall, in their order; each keeps its share of
+        the assignments. A small part fits in many places, and would crowd out others.
+    any_scale_bands: the same where units may differ.
     distance_slack: length by which two distances differ that counts half,
     distance_share: beside this share of the distance in the part.
     shorter_weight: factor of that difference where the path in the part runs along the
@@ -142,6 +145,7 @@ class PartSettings:
     rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
+    refined_sizes: of the basis in that refinement, the last of `Settings.ks`, so many.
     refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
@@ -164,6 +168,8 @@ class PartSettings:
     boundary_worth: float = 0.3
     scales: tuple[float, ...] = SCALES
     any_scales: tuple[float, ...] = ANY_SCALES
+    scale_bands: int = 1
+    any_scale_bands: int = 4
     distance_slack: float = 0.03
     distance_share: float = 0.12
     shorter_weight: float = 0.4
@@ -207,16 +213,18 @@ class PartSettings:
     cover_distance: float = 0.1
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
+    refined_sizes: int = 2
     refinements: int = 2
     min_vertices: int = 160
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
         for name in (
+            *("scale_bands", "any_scale_bands"),
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
             *("first_updates", "updates", "bend_rounds", "draw_steps"),
-            *("carried_by", "refined", "refinements", "min_vertices"),
+            *("carried_by", "refined", "refined_sizes", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(

@@ -84,7 +84,12 @@ def both_sides(
         settings: how many samples, and the sizes of the copies.
     """
     if not same_unit:
-        settings = replace(settings, scales=settings.any_scales, scale_weight=0.0)
+        settings = replace(
+            settings,
+            scales=settings.any_scales,
+            scale_bands=settings.any_scale_bands,
+            scale_weight=0.0,
+        )
     unit = np.sqrt(surface_area(mesh_y))
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
     given = (None, None) if descriptors is None else descriptors
