@@ -280,6 +280,25 @@ def test_the_beam_finds_the_scale():
     assert (np.diff(best.cost) >= 0).all()
 
 
+def test_a_scale_far_from_one_is_found_where_units_may_differ():
+    small = Mesh(PART.mesh.vertices / 2.2, PART.mesh.faces)
+    settings = PartSettings(
+        anchors=10, beam=400, samples_of_part=60, samples_of_whole=150
+    )
+    sides = both_sides(small, WHOLE, same_unit=False, settings=settings)
+    found = assign(sides.x, sides.y, settings=sides.settings)
+    assert abs(np.log(found.scale[0] / 2.2)) < 0.11
+    assert (np.diff(found.cost) >= 0).all()
+    # Each band of scales keeps its share.
+    bands = np.digitize(np.log(found.scale), (-0.6, 0, 0.7))
+    assert set(bands) == {0, 1, 2, 3}
+    assert np.bincount(bands).max() <= settings.assignments // 4
+    start = start_of(sides, PART.index)
+    narrow = start_of(sides._replace(same_unit=True), PART.index)
+    size = settings.register_weights.size * np.log(start.scale)
+    assert start.rank == pytest.approx(narrow.rank + size, abs=0.2)
+
+
 LANDMARKS = np.stack([PART.index, np.arange(len(PART.index))], 1)[[7, 90, 240], ::-1]
 
 
@@ -615,6 +634,7 @@ def test_every_number_is_read():
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
+        ({"settle_widths": (0.1,)}, r"settle_reaches is \(0.1, .*; give as many"),
         ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
         ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
         ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),

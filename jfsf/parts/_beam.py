@@ -87,8 +87,10 @@ def assign(
         if partners < num:
             worse = np.argpartition(new, partners, axis=1)[:, partners:]
             np.put_along_axis(new, worse, np.inf, 1)
-        best = np.argsort(new.ravel())[: settings.beam_candidates * beam]
-        best = best[np.isfinite(new.ravel()[best])]
+        best = np.flatnonzero(np.isfinite(new))
+        best = best[np.argsort(new.ravel()[best])]
+        own = band[of_scale[best // (num + 1)]][:, None]
+        best = best[_first_of_groups(own, settings.beam_candidates * beam)]
         row, column = np.divmod(best, num + 1)
         added = np.where(column == num, -1, column)
         both = np.concatenate([partner[row], added[:, None]], 1)
