@@ -180,7 +180,8 @@ def right(rows: list[dict]) -> dict[str, dict]:
 
 def stops(rows: list[dict]) -> dict[str, dict]:
     """By log odds that are enough: right maps of each set, and maps refined a pair."""
-    weights = np.array(list(shipped().values()))
+    names = *FIGURES, "log_odds"
+    weights = np.array([shipped()[name] for name in names])
     found: dict[str, dict] = {}
     for enough in ENOUGH:
         own = found[str(enough)] = {}
@@ -190,7 +191,7 @@ def stops(rows: list[dict]) -> dict[str, dict]:
                 first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
                 some = maps[: first[0] + 1] if first else maps
                 if some:
-                    score = columns(some, (*FIGURES, "log_odds")) @ weights
+                    score = columns(some, names) @ weights
                     chosen.append(some[score.argmin()]["error"])
                 tried.append(len(some))
             own[name] = {
