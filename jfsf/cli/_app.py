@@ -21,11 +21,11 @@ from jfsf.cli._cache import cache
 from jfsf.cli._collection import collection
 from jfsf.cli._evaluate import evaluate
 from jfsf.cli._files import (
+    AnyUnitOption,
     MeshX,
     MeshY,
     Orientation,
     OrientationOption,
-    SameUnitOption,
     can_export,
     can_write,
     can_write_in,
@@ -233,7 +233,7 @@ def match(
             "Pictures, pages and exported meshes show the others in grey.",
         ),
     ] = False,
-    same_unit: SameUnitOption = True,
+    any_unit: AnyUnitOption = False,
     repair: Annotated[
         bool,
         typer.Option(
@@ -269,7 +269,7 @@ def match(
     exports = export or []
     can_export(exports, checker, (x, y))
     can_report(report, gt_x, gt_y)
-    if not same_unit and not partial:
+    if any_unit and not partial:
         raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
@@ -285,7 +285,7 @@ def match(
             orientation=orientation.value,
             landmarks=None if known is None else known.rows,  # type: ignore
             partial=partial,
-            same_unit=same_unit,
+            same_unit=not any_unit,
             cache=not no_cache,
             progress=stage,
         )

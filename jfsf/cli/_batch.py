@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 
 from jfsf.cli._files import (
+    AnyUnitOption,
     Orientation,
     OrientationOption,
-    SameUnitOption,
     can_write_in,
     kept_match,
     matchable,
@@ -61,7 +61,7 @@ def batch(
             "match.",
         ),
     ] = False,
-    same_unit: SameUnitOption = True,
+    any_unit: AnyUnitOption = False,
     repair: Annotated[
         bool, typer.Option("--repair", help="Repair all meshes first; see match.")
     ] = False,
@@ -101,7 +101,7 @@ def batch(
         "partial": partial,
         "repair": repair,
     }
-    if not same_unit:
+    if any_unit:
         if not partial:
             raise ValueError(
                 "--any-unit goes with --partial; sizes of wholes never matter"

@@ -28,12 +28,12 @@ OrientationOption = Annotated[
 ]
 
 
-SameUnitOption = Annotated[
+AnyUnitOption = Annotated[
     bool,
     typer.Option(
-        "--same-unit/--any-unit",
-        help="With --partial: both are in one unit, so that sizes count; or they may "
-        "not be, and sizes from a third to three times are tried.",
+        "--any-unit/--same-unit",
+        help="With --partial: the files may have different units, and sizes from a "
+        "third to three times are tried.",
     ),
 ]
 

@@ -16,8 +16,8 @@ Read in this order:
 """
 
 from jfsf.parts._hint import likely_part, longest_loop
-from jfsf.parts._match import Parts, match_parts, sizes_of_refinement
-from jfsf.parts._region import cut
+from jfsf.parts._match import Parts, match_parts
+from jfsf.parts._region import cut, sizes_of_refinement
 from jfsf.parts._settings import PartSettings, RegisterWeights
 
 __all__ = [

@@ -25,8 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import vertex_normals
-from jfsf.parts._membership import from_rim, membership
+from jfsf.parts._membership import memberships
 from jfsf.parts._region import (
     Drawn,
     Target,
@@ -191,22 +190,6 @@ def match_parts(
     return _result(state, sides, margin)
 
 
-def sizes_of_refinement(
-    ks: tuple[int, ...], *, settings: PartSettings = PartSettings()
-) -> tuple[int, ...]:
-    """Sizes of the basis in which the map between two regions is refined.
-
-    The largest only. Few functions of a region say most of where it ends, and that is
-    not known exactly: refined from 30 functions on, maps that were drawn with a mean
-    error of 0.06 came back with 0.06 to 0.14.
-
-    Args:
-        ks: `Settings.ks`, for whole shapes.
-        settings: how many of these, the last.
-    """
-    return ks[-settings.refined_sizes :]
-
-
 def _swapped(parts: Parts) -> Parts:
     certificate = parts.certificate
     other = {"x": "y", "y": "x", "xy": "yx", "yx": "xy"}
@@ -292,17 +275,6 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
     return both[(both >= 0).all(1)]
 
 
-def _memberships(state: _State, sides: Sides) -> tuple[np.ndarray, np.ndarray]:
-    """Of X on Y drawn onto it, and of Y drawn onto X."""
-    y, moved, x = sides.y.mesh, state.drawn.moved, state.x
-    on_x = sides.sign * vertex_normals(moved, y.faces)
-    bent = target(wound(Mesh(moved, y.faces), sides.sign), sides.settings)
-    return (
-        membership(bent, x.mesh.vertices, x.normal, from_rim(y)),
-        membership(x, moved, on_x, from_rim(x.mesh)),
-    )
-
-
 def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     gap = np.asarray(margin, certificate.gap.dtype)
@@ -312,7 +284,7 @@ def _result(state: _State, sides: Sides, margin: float) -> Parts:
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
-        *_memberships(state, sides),
+        *memberships(state.x, sides.y.mesh, state.drawn.moved, sides.sign),
         certificate,
         state.scale,
     )

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse.csgraph import dijkstra
 
 from jfsf.mesh import boundary_edges, edge_graph
-from jfsf.parts._region import Target
+from jfsf.parts._region import Target, target, wound
 from jfsf.types import Mesh
 
 
@@ -42,6 +42,24 @@ def membership(
     width, reach = settings.rim_width, settings.cover_distance
     odds = (away / reach) ** 4 + np.exp(np.minimum(beyond / width, 50))
     return 1 / (1 + odds)
+
+
+def memberships(
+    x: Target, y: Mesh, moved: np.ndarray, sign: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the vertices of X, and of those of Y.
+
+    Args:
+        x: one surface, with the settings.
+        y: the other at rest.
+        moved: positions of Y, drawn onto X.
+        sign: -1 for a map that mirrors.
+    """
+    bent = target(wound(Mesh(moved, y.faces), sign), x.settings)
+    return (
+        membership(bent, x.mesh.vertices, x.normal, from_rim(y)),
+        membership(x, moved, bent.normal, from_rim(x.mesh)),
+    )
 
 
 def from_rim(mesh: Mesh) -> np.ndarray:

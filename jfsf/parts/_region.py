@@ -167,6 +167,22 @@ def dense_map(
     return out
 
 
+def sizes_of_refinement(
+    ks: tuple[int, ...], *, settings: PartSettings = PartSettings()
+) -> tuple[int, ...]:
+    """Sizes of the basis in which the map between two regions is refined.
+
+    The largest only. Few functions of a region say most of where it ends, and that is
+    not known exactly: refined from 30 functions on, maps that were drawn with a mean
+    error of 0.06 came back with 0.06 to 0.14.
+
+    Args:
+        ks: `Settings.ks`, for whole shapes.
+        settings: how many of these, the last.
+    """
+    return ks[-settings.refined_sizes :]
+
+
 def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
     """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
 
