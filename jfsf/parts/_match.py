@@ -255,6 +255,10 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
+    motion = np.linalg.norm(y.vertices[T_xy] - y.vertices[drawn.T_xy], axis=1)
+    if motion[part_x.index].mean() > sides.settings.max_refined_motion:
+        # It slid along where the regions end in different places.
+        return state._replace(match=match)
     after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
     T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]

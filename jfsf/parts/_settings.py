@@ -146,6 +146,9 @@ class PartSettings:
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
     refined_sizes: of the basis in that refinement, the last of `Settings.ks`, so many.
+    max_refined_motion: mean distance by which that refinement may move a map; one that
+        it moves further stays as it was drawn, and has the refined map's evidence. Of
+        the first maps of `becos_pf` those that it moved far became worse.
     refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
@@ -214,6 +217,7 @@ class PartSettings:
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
     refined_sizes: int = 2
+    max_refined_motion: float = 0.04
     refinements: int = 2
     min_vertices: int = 160
 
@@ -233,7 +237,13 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("rim_width", "uncovered_weight", "first_reach", "max_landmark_distance"),
+            *(
+                "rim_width",
+                "max_refined_motion",
+                "uncovered_weight",
+                "first_reach",
+                "max_landmark_distance",
+            ),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(
