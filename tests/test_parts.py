@@ -465,6 +465,7 @@ def test_a_whole_that_is_beside_its_place_slides_to_it():
     few = PartSettings(
         reaches=(0.4,),
         first_updates=2,
+        settle_rounds=3,
         settle_reaches=(0.1, 0.05),
         settle_widths=(0.15, 0.1),
     )

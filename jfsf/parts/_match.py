@@ -9,7 +9,7 @@ whole shapes. So the work is to find that region.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
    each of them (`_register`). What is left apart, and the energy, rank these starts
    (`_starts`).
-3. Of the best few the copy slides to its place (`_settle`), then all of Y is drawn onto
+3. Of the best few the copy may slide to its place (`_settle`); all of Y is drawn onto
    X (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
    these maps that of the best evidence is kept: before the refinement, and after it
