@@ -220,7 +220,7 @@ class PartSettings:
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
     refined_sizes: int = 8
-    max_refined_motion: float = np.inf
+    max_refined_motion: float = 10.0
     refinements: int = 2
     min_vertices: int = 160
 
