@@ -34,6 +34,18 @@ def ball(sample: Sample, keep: float, rng: np.random.Generator) -> Submesh:
     return _below(sample, geodesics(sample.mesh, centre)[0], keep)
 
 
+def rest_of_ball(sample: Sample, point: int, keep: float) -> Submesh:
+    """What lies far from a template point, so much of the area."""
+    centre = sample.template_to_vertex[[point]]
+    return _below(sample, -geodesics(sample.mesh, centre)[0], keep)
+
+
+def ball_around(sample: Sample, point: int, keep: float) -> Submesh:
+    """A geodesic ball around a template point."""
+    centre = sample.template_to_vertex[[point]]
+    return _below(sample, geodesics(sample.mesh, centre)[0], keep)
+
+
 def _below(sample: Sample, height: np.ndarray, keep: float) -> Submesh:
     """The largest piece of lowest vertices with a share of the area, by bisection."""
     order, wanted = np.argsort(height), keep * surface_area(sample.mesh)
@@ -62,6 +74,17 @@ def truth(x: Sample, part: Submesh, y: Sample) -> Truth:
     points = KDTree(y.mesh.vertices[y.template_to_vertex])
     nearest = points.query(y.mesh.vertices)[1]
     return Truth(at_x[there], y.template_to_vertex[there], there[nearest])
+
+
+def truth_of_parts(x: Sample, part_x: Submesh, y: Sample, part_y: Submesh) -> Truth:
+    """Of a part of X, and a part of Y; the partners and the region are of that."""
+    found = truth(x, part_x, y)
+    place = np.full(len(y.mesh.vertices), -1)
+    place[part_y.index] = np.arange(len(part_y.index))
+    at_y = place[found.at_y]
+    there = at_y >= 0
+    inside = found.inside_y[part_y.index]
+    return Truth(found.at_x[there], at_y[there], inside)
 
 
 def near_truth(mesh: Mesh, at: np.ndarray, reach: float) -> np.ndarray:

@@ -30,9 +30,9 @@ from scipy.optimize import minimize
 import jfsf
 from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import surface_area
-from jfsf.parts import PartSettings, RegisterWeights
+from jfsf.parts import PartSettings, RegisterWeights, sizes_of_refinement
 from jfsf.parts import _match as parts
-from jfsf.parts._starts import both_sides, starts
+from jfsf.parts._starts import both_sides, settled, starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 SETTINGS = PartSettings()
@@ -97,7 +97,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     begin = sorted(starts(sides), key=lambda start: start.rank)
     found, refined = [], []
     for start in begin:
-        state = parts._drawn(sides, start)
+        state = parts._drawn(sides, settled(sides, start))
         figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
         found.append({"error": error(state.T_xy), **figures})
         if len(refined) < SETTINGS.refined:
@@ -110,7 +110,8 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
 
 def refine(part_x, part_y, T_xy):
     """As `match(partial=True)` refines the map between two regions."""
-    settings = jfsf.Settings(retry_below=0)
+    ks = sizes_of_refinement(jfsf.Settings().ks, settings=SETTINGS)
+    settings = jfsf.Settings(retry_below=0, ks=ks)
     return jfsf.match(part_x, part_y, initial=T_xy, settings=settings)
 
 
@@ -179,7 +180,8 @@ def right(rows: list[dict]) -> dict[str, dict]:
 
 def stops(rows: list[dict]) -> dict[str, dict]:
     """By log odds that are enough: right maps of each set, and maps refined a pair."""
-    weights = np.array(list(shipped().values()))
+    names = *FIGURES, "log_odds"
+    weights = np.array([shipped()[name] for name in names])
     found: dict[str, dict] = {}
     for enough in ENOUGH:
         own = found[str(enough)] = {}
@@ -189,7 +191,7 @@ def stops(rows: list[dict]) -> dict[str, dict]:
                 first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
                 some = maps[: first[0] + 1] if first else maps
                 if some:
-                    score = columns(some, (*FIGURES, "log_odds")) @ weights
+                    score = columns(some, names) @ weights
                     chosen.append(some[score.argmin()]["error"])
                 tried.append(len(some))
             own[name] = {

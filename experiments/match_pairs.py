@@ -19,6 +19,8 @@ map so far. Further starts are attempted only for pairs in doubt; --exhaustive a
 them for all, so that there are wrong maps to learn from, and writes
 results/match_SET_exhaustive.json.
 
+`changes.py` says what may be done to X first: a rotation, another size, fewer vertices.
+
 Parts are matched as such, once, and the regions that are found are compared with the
 true ones. They have no confidence: sure and unsure are counted for wholes only.
 """
@@ -29,6 +31,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import changes
 import cuts
 import datasets
 import jax
@@ -69,6 +72,7 @@ def main() -> None:
     attempts.add_argument(
         "--exhaustive", action="store_true", help="further attempts for every pair"
     )
+    changes.add_arguments(parser)
     parser.add_argument("--out", type=Path, help="JSON, or of sets their folder")
     args = parser.parse_args()
     if args.sets:
@@ -111,14 +115,17 @@ def _run(
     how = {
         **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},
         **{"points": points, "exact": args.exact, "exhaustive": args.exhaustive},
+        "changes": changes.asked(args)._asdict(),
         "match_settings": settings.as_record(),
     }
     with_role = [(pair, data_set.role(i)) for i, pair in enumerate(pairs)]
     with_role = datasets.spread(with_role[:: args.step], args.spread)
     rows, summary = [], {}
     print(f"{data_set.name}: {len(with_role)} pairs", flush=True)
-    for pair, role in with_role:
+    for number, (pair, role) in enumerate(with_role):
         x, y = datasets.load_pair_of(data_set, pair)
+        own = changes.changed(x.mesh, changes.asked(args), number)
+        x = x._replace(mesh=own.mesh, truth=own.near[x.truth])
         if args.identity:
             y = datasets.posed(x, y)
         row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}

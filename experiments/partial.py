@@ -6,6 +6,10 @@ in the found and the true region, over that in either. `whole` is `jfsf.match` b
 the cut. ZoomOut starts from a fit to descriptors, as pyFM does; the region of both is
 what the map hits, spread to near vertices.
 
+With --both Y is cut too: X is a ball around a template point, and Y what lies far from
+it, so that a share of the body is in both: 0.4 by `--keep 0.7`. With `--keep 1` nothing
+is cut. `changes.py` says what else may be done to X.
+
 Each row goes to OUT.jsonl at once, so that a killed run can go on; OUT.json has the
 means and all rows.
 
@@ -16,7 +20,9 @@ import argparse
 import json
 import time
 from pathlib import Path
+from typing import NamedTuple
 
+import changes
 import cuts
 import jax
 import jax.numpy as jnp
@@ -47,9 +53,12 @@ def main() -> None:
     parser.add_argument("--keep", type=float, nargs="+", default=[0.7, 0.5])
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=["jfsf"])
+    parser.add_argument("--both", action="store_true", help="cut Y too")
     parser.add_argument("--every", type=int, default=20, help="points of truth: 1 in N")
     parser.add_argument("--out", type=Path, required=True)
+    changes.add_arguments(parser)
     args = parser.parse_args()
+    change = changes.asked(args)
     lines = args.out.with_suffix(".jsonl")
     rows = [json.loads(line) for line in _lines(lines)]
     done = {(r["method"], r["keep"], r["pair"]) for r in rows}
@@ -62,12 +71,14 @@ def main() -> None:
                 done.add((method, share, pair))
                 row = {"method": method, "keep": share, "pair": pair}
                 row |= {"x": name_x, "y": name_y}
-                row |= measure(method, name_x, name_y, share, pair, args.every)
+                pair_of = Cut(name_x, name_y, share, pair, args.both)
+                row |= measure(method, pair_of, change, args.every)
                 rows.append(row)
                 with lines.open("a") as file:
                     file.write(json.dumps(row) + "\n")
                 print(row, flush=True)
-    settings = {"every": args.every, "near": NEAR}
+    settings = {"every": args.every, "near": NEAR, "both cut": args.both}
+    settings["changes"] = change._asdict()
     results_file.write(args.out, settings=settings, summary=summary(rows), rows=rows)
 
 
@@ -79,28 +90,50 @@ def pairs(number: int) -> list[tuple[str, str]]:
     return [all_pairs[i] for i in order[:number]]
 
 
+class Cut(NamedTuple):
+    """A pair of shapes, of which X is cut to a share of its area, or both are."""
+
+    x: str
+    y: str
+    keep: float
+    number: int
+    both: bool = False
+
+
 def part_of(name: str, keep: float, pair: int):
     """The cut of a pair: by a plane if its number is even, else by a ball."""
     kind = (cuts.plane, cuts.ball)[pair % 2]
     return kind(data.load(name), keep, np.random.default_rng(pair))
 
 
-def measure(method, name_x, name_y, keep, pair, every) -> dict:
+def parts_of(pair: Cut) -> tuple[jfsf.mesh.Submesh, jfsf.mesh.Submesh]:
+    """Both shapes; what is not cut is whole."""
+    x, y = data.load(pair.x), data.load(pair.y)
+    if pair.both:
+        rng = np.random.default_rng(pair.number)
+        point = int(rng.integers(len(x.template_to_vertex)))
+        one = cuts.ball_around(x, point, pair.keep)
+        return one, cuts.rest_of_ball(y, point, pair.keep)
+    whole = [jfsf.mesh.Submesh(s.mesh, np.arange(len(s.mesh.vertices))) for s in (x, y)]
+    one = whole[0] if pair.keep == 1 else part_of(pair.x, pair.keep, pair.number)
+    return one, whole[1]
+
+
+def measure(method: str, pair: Cut, change: changes.Changes, every: int) -> dict:
     """One row: the error, the regions, the evidence, the seconds."""
-    x, y = data.load(name_x), data.load(name_y)
-    if method == "whole":
-        n = len(x.mesh.vertices)
-        part = jfsf.mesh.Submesh(x.mesh, np.arange(n))
-    else:
-        part = part_of(name_x, keep, pair)
-    truth = cuts.truth(x, part, y)
+    x, y = data.load(pair.x), data.load(pair.y)
+    part_x, part_y = parts_of(pair)
+    truth = cuts.truth_of_parts(x, part_x, y, part_y)
+    own = changes.changed(part_x.mesh, change, pair.number)
     start = time.perf_counter()
-    T_xy, inside, extra = _run(method, part.mesh, y.mesh)
+    T_xy, inside, extra = _run(method, own.mesh, part_y.mesh)
     seconds = time.perf_counter() - start
-    away = pair_distances(y.mesh, T_xy[truth.at_x[::every]], truth.at_y[::every])
+    images = T_xy[own.near[truth.at_x[::every]]]
+    away = pair_distances(part_y.mesh, images, truth.at_y[::every])
     return {
-        "error": float(away.mean() / np.sqrt(surface_area(y.mesh))),
-        "iou": cuts.overlap(y.mesh, inside, truth.inside_y),
+        "error": float(away.mean() / np.sqrt(surface_area(part_y.mesh))),
+        "iou": cuts.overlap(part_y.mesh, inside, truth.inside_y),
+        "scale": own.scale,
         "seconds": seconds,
         **extra,
     }
@@ -114,7 +147,9 @@ def _run(method, x, y):
         extra = {"confidence": float(found.certificate.confidence)}
         if method == "jfsf":
             inside = np.asarray(found.matched_y)
-            extra["iou_x"] = float(np.mean(found.matched_x))
+            # Where only X is cut, all of it has a partner.
+            extra["matched_x"] = float(np.mean(found.matched_x))
+            extra["log_odds"] = float(found.certificate.log_odds)
             extra["gap"] = min(float(found.certificate.gap), 1e3)
         return np.asarray(found.T_xy), inside, extra
     T_xy = np.asarray(recipe(x, y)[0] if method == "pyfm" else _zoomout(x, y))

@@ -330,6 +330,11 @@ class Match(NamedTuple):
         within 0.05 of its true partner, geodesically, in sqrt(area)
         (`jfsf.evidence.vertex_confidence`); nan where the shapes were not bent onto
         each other, 0 on padding. None for parts.
+    membership_x, membership_y: of parts, how clearly each vertex is in the region that
+        both share, in [0, 1]; matched_x and matched_y are where it is above one half.
+        It falls with the distance of the surfaces after bending, and across their
+        rims. It is no probability. None if the shapes were matched as wholes.
+    overlap_x, overlap_y: the share of the area of each shape that is matched, likewise.
     info: which starts were attempted, and how long it took; None for a single attempt
         (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
         stack matches, leave it out (`_replace(info=None)`).
@@ -343,13 +348,17 @@ class Match(NamedTuple):
     matched_y: Bool[Array, " n_y"] | None = None
     confidence_x: Float[Array, " n_x"] | None = None
     confidence_y: Float[Array, " n_y"] | None = None
+    membership_x: Float[Array, " n_x"] | None = None
+    membership_y: Float[Array, " n_y"] | None = None
+    overlap_x: Float[Array, ""] | None = None
+    overlap_y: Float[Array, ""] | None = None
     info: MatchInfo | None = None
 
     def without_padding(self, n_x: int, n_y: int) -> "Match":
         """That of the first n_x vertices of X and n_y of Y."""
         sizes = {
-            **dict.fromkeys(("T_xy", "matched_x", "confidence_x"), n_x),
-            **dict.fromkeys(("T_yx", "matched_y", "confidence_y"), n_y),
+            **dict.fromkeys(("T_xy", "matched_x", "confidence_x", "membership_x"), n_x),
+            **dict.fromkeys(("T_yx", "matched_y", "confidence_y", "membership_y"), n_y),
         }
         known = [name for name in sizes if getattr(self, name) is not None]
         return self._replace(**{n: getattr(self, n)[: sizes[n]] for n in known})

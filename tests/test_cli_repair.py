@@ -100,9 +100,10 @@ def test_a_match_is_read_as_it_wkept_match(folder):
     x, y = (matchable(folder / f"{name}_broken.ply", False, True) for name in "xy")
     there, inside = (np.arange(N) + 5) % N, np.arange(N) < 50
     found = Match(there, np.argsort(there), jnp.eye(3), GOOD, inside, ~inside)
+    found = found._replace(membership_x=np.where(inside, 0.9, 0.2))
     write_found(folder / "map.npz", found, x, y)
     read_back = kept_match(read_match(folder / "map.npz"), x, y)
-    for name in ("T_xy", "T_yx", "matched_x", "matched_y"):
+    for name in ("T_xy", "T_yx", "matched_x", "matched_y", "membership_x"):
         assert np.array_equal(getattr(read_back, name), getattr(found, name)), name
     assert read_back.confidence_x is None
 

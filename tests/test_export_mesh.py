@@ -213,6 +213,14 @@ def test_the_confidence_is_an_attribute_of_the_vertices(tmp_path):
             export_mesh(tmp_path / "bad.ply", X, confidence=bad)
 
 
+def test_the_membership_is_an_attribute_of_the_vertices(tmp_path):
+    own = np.random.default_rng(1).uniform(size=N_X).astype("f4")
+    export_map(tmp_path / "x.ply", X, Y, T_XY, membership=own)
+    found = meshio.read(tmp_path / "x.ply").point_data
+    np.testing.assert_array_equal(found["membership"], own)
+    assert "confidence" not in found
+
+
 def test_own_texture_coordinates_are_carried(tmp_path):
     uv_y = np.random.default_rng(1).uniform(size=(N_Y, 2))
     export_map(tmp_path / "x.glb", X, Y, T_XY, uv_y=uv_y)

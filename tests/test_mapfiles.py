@@ -144,6 +144,28 @@ def test_the_confidence_of_vertices_is_written_and_read(tmp_path):
             read_match(path)
 
 
+def test_the_region_of_parts_is_written_and_read(tmp_path):
+    path = tmp_path / "match.npz"
+    write_match(path, match())
+    read = read_match(path)
+    assert read.membership_x is None and read.overlap_x is None
+    known = {
+        "membership_x": jnp.linspace(0, 1, 6, dtype="f4"),
+        "membership_y": jnp.array([0.1, 0.9, 0.3, 1]),
+        "overlap_x": jnp.asarray(0.4),
+        "overlap_y": jnp.asarray(0.9),
+    }
+    write_match(path, match(**known))
+    read = read_match(path)
+    for name, values in known.items():
+        np.testing.assert_array_equal(getattr(read, name), values)
+    wrong = {"membership_x": 2 * known["membership_x"]}, {"overlap_x": jnp.ones(3)}
+    for bad, sentence in zip(wrong, ("memberships from 0", "a number"), strict=True):
+        write_match(path, match(**bad))
+        with refused(sentence):
+            read_match(path)
+
+
 def test_match_round_trip(tmp_path):
     path = tmp_path / "match.npz"
     write_match(path, match())

@@ -32,6 +32,7 @@ from jfsf.parts import (
 from jfsf.parts import _match as parts_match
 from jfsf.parts._ball_descriptors import ball_descriptors, descriptor_unlikeness
 from jfsf.parts._beam import assign
+from jfsf.parts._membership import from_rim, membership
 from jfsf.parts._region import (
     covered_by,
     draw_onto,
@@ -41,6 +42,7 @@ from jfsf.parts._region import (
     turned_round,
 )
 from jfsf.parts._register import register, whole_at_rest
+from jfsf.parts._settle import settle
 from jfsf.parts._shape import part_samples
 from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts
 from jfsf.refine import ArapSettings
@@ -103,6 +105,14 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
     # It is fitted to whole shapes.
     assert np.isnan(found.certificate.confidence)
     assert found.confidence_x is None
+    for side, mesh in (("x", turned(PART.mesh)), ("y", WHOLE)):
+        member = np.asarray(getattr(found, f"membership_{side}"))
+        matched = np.asarray(getattr(found, f"matched_{side}"))
+        assert member.min() >= 0 and member.max() <= 1
+        np.testing.assert_array_equal(matched, member > 0.5)
+        mass = vertex_areas(*mesh)
+        share = getattr(found, f"overlap_{side}")
+        assert share == pytest.approx(mass[matched].sum() / mass.sum(), rel=1e-5)
 
 
 def test_a_swap_of_the_shapes_swaps_the_maps(found):
@@ -110,6 +120,8 @@ def test_a_swap_of_the_shapes_swaps_the_maps(found):
     np.testing.assert_array_equal(other.T_yx, found.T_xy)
     np.testing.assert_array_equal(other.matched_x, found.matched_y)
     np.testing.assert_array_equal(other.matched_y, found.matched_x)
+    np.testing.assert_array_equal(other.membership_x, found.membership_y)
+    assert other.overlap_x == found.overlap_y
     named = "coverage_xy", "bijectivity_x"
     for a, b in zip(named, ("coverage_yx", "bijectivity_y"), strict=True):
         assert getattr(other.certificate, a) == getattr(found.certificate, b)
@@ -193,6 +205,8 @@ def test_two_closed_shapes_share_all(found, monkeypatch):
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)
     np.testing.assert_array_equal(closed.matched_x, np.ones(n, bool))
     np.testing.assert_array_equal(closed.matched_y, np.ones(n, bool))
+    np.testing.assert_array_equal(closed.membership_x, np.ones(n))
+    assert closed.overlap_x == 1
 
 
 def test_a_match_file_keeps_what_is_matched(found, tmp_path):
@@ -264,6 +278,25 @@ def test_the_beam_finds_the_scale():
     best = assign(x, y, settings=PartSettings(anchors=10, beam=400))
     assert abs(np.log(best.scale[0] / 1.25)) < 0.11
     assert (np.diff(best.cost) >= 0).all()
+
+
+def test_a_scale_far_from_one_is_found_where_units_may_differ():
+    small = Mesh(PART.mesh.vertices / 2.2, PART.mesh.faces)
+    settings = PartSettings(
+        anchors=10, beam=400, samples_of_part=60, samples_of_whole=150
+    )
+    sides = both_sides(small, WHOLE, same_unit=False, settings=settings)
+    found = assign(sides.x, sides.y, settings=sides.settings)
+    assert abs(np.log(found.scale[0] / 2.2)) < 0.11
+    assert (np.diff(found.cost) >= 0).all()
+    # Each band of scales keeps its share.
+    bands = np.digitize(np.log(found.scale), (-0.6, 0, 0.7))
+    assert set(bands) == {0, 1, 2, 3}
+    assert np.bincount(bands).max() <= settings.assignments // 4
+    start = start_of(sides, PART.index)
+    narrow = start_of(sides._replace(same_unit=True), PART.index)
+    size = settings.register_weights.size * np.log(start.scale)
+    assert start.rank == pytest.approx(narrow.rank + size, abs=0.2)
 
 
 LANDMARKS = np.stack([PART.index, np.arange(len(PART.index))], 1)[[7, 90, 240], ::-1]
@@ -356,6 +389,34 @@ def test_a_part_in_place_covers_its_region():
     assert matched.all()
 
 
+def test_membership_falls_across_a_rim_and_away_from_the_surface():
+    settings, part = PartSettings(), in_unit(PART.mesh)
+    onto, inside = target(part), from_rim(part)
+    assert (inside[np.unique(boundary_edges(part.faces))] == 0).all()
+    at_rim = inside == 0
+    own = membership(onto, part.vertices, onto.normal, inside)
+    np.testing.assert_allclose(own[at_rim], 0.5)
+    assert own[inside > 5 * settings.rim_width].min() > 0.99
+    whole = in_unit(WHOLE)
+    normal = vertex_normals(*whole)
+    found = membership(onto, whole.vertices, normal, inside)
+    # What the part lacks is beyond its rim.
+    lost = np.setdiff1d(np.arange(N), PART.index)
+    assert found[lost].max() < 0.5
+    height = np.linspace(0, 0.3, 20)
+    top = int(np.argmax(inside))
+    up = part.vertices[top] + height[:, None] * onto.normal[top]
+    above = membership(onto, up, np.repeat(onto.normal[top : top + 1], 20, 0), inside)
+    assert (np.diff(above) <= 0).all()
+    reached = height[above > 0.5].max()
+    assert reached == pytest.approx(settings.cover_distance, abs=0.03)
+    # A closed surface has no rim.
+    assert np.isinf(from_rim(whole)).all()
+    np.testing.assert_allclose(
+        membership(target(whole), whole.vertices, normal, from_rim(whole)), 1
+    )
+
+
 def in_unit(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices / np.sqrt(AREA), mesh.faces)
 
@@ -397,6 +458,22 @@ def test_a_whole_in_place_stays_there_and_costs_nothing():
     np.testing.assert_allclose(found.moved, whole.vertices, atol=2e-3)
     assert found.residual < 3e-3 and found.energy < 1e-4
     assert np.abs(found.rotation - np.eye(3)).max() < 0.05
+
+
+def test_a_whole_that_is_beside_its_place_slides_to_it():
+    whole, part = at_rest(in_unit(WHOLE)), in_unit(PART.mesh)
+    few = PartSettings(
+        reaches=(0.4,),
+        first_updates=2,
+        settle_rounds=3,
+        settle_reaches=(0.1, 0.05),
+        settle_widths=(0.15, 0.1),
+    )
+    begin = register(whole, part, shifted(0.15), settings=few)
+    found = settle(whole, part, begin, settings=few)
+    far = [away(whole.mesh.vertices[one.T], part.vertices) for one in (begin, found)]
+    assert far[0] > 0.03 and far[1] < far[0] / 2
+    assert found.residual < begin.residual
 
 
 def test_a_whole_is_registered_in_any_pose_and_size():
@@ -444,6 +521,7 @@ QUICK = PartSettings(
     assignments=4,
     first_updates=5,
     reaches=(0.2, 0.1),
+    settle_rounds=1,
     bend_rounds=1,
     refinements=1,
 )
@@ -505,7 +583,7 @@ def test_equal_settings_find_equal_regions(matched_with):
     first, second = matched_with(QUICK), matched_with(replace(QUICK))
     assert same_maps(first, second)
     other = matched_with(QUICK, (WHOLE, turned(PART.mesh)))
-    swapped = (other.T_yx, other.T_xy, other.matched_y, other.matched_x)
+    swapped = (other.T_yx, other.T_xy, other.membership_y, other.membership_x)
     assert all(np.array_equal(a, b) for a, b in zip(first[:4], swapped, strict=True))
     assert other.scale == 1 / first.scale
 
@@ -557,6 +635,7 @@ def test_every_number_is_read():
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
+        ({"settle_widths": (0.1,)}, r"settle_reaches is \(0.1, .*; give as many"),
         ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
         ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
         ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),

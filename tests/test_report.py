@@ -254,6 +254,7 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
         certificate=GOOD._replace(confidence=nan, log_odds=jnp.asarray(-1.5)),
         matched_x=inside[0],
         matched_y=inside[1],
+        membership_x=np.where(inside[0], 0.9, 0.1),
         confidence_x=None,
         confidence_y=None,
     )
@@ -266,7 +267,8 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     for side, wanted in zip("xy", greys, strict=True):
         packed = unpacked(record["scene"][side]["colours"], "u1").reshape(-1, 3)
         assert np.array_equal(packed, np.rint(255 * wanted))
-    (back,) = record["scene"]["figures"]
+    back, outside = record["scene"]["figures"]
+    assert outside["name"] == "not shared" and 0.85 < outside["top"] < 0.95
     assert np.array_equal(unpacked(back["steps"], "u1") < 255, inside[0])
     rows = {name: value for name, value, _ in record["figures"]}
     assert 30 < float(rows["matched of X"][:-1]) < 70 and "matched of Y" in rows

@@ -22,6 +22,7 @@ from jfsf.cli._evaluate import evaluate
 from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw
 from jfsf.cli._exports import export as exported
 from jfsf.cli._files import (
+    AnyUnitOption,
     BaseOption,
     MeshX,
     MeshY,
@@ -163,7 +164,8 @@ def match(
             metavar="FILE",
             help="X in the colours of Y, those of its file if it has any, for MeshLab, "
             "Blender and the like: .ply, .obj or .glb. PLY and GLB hold the confidence "
-            "of each vertex too. May be given several times.",
+            "of each vertex too, or of parts the membership. May be given several "
+            "times.",
         ),
     ] = None,
     checker: CheckerOption = False,
@@ -219,11 +221,13 @@ def match(
         bool,
         typer.Option(
             "--partial",
-            help="One shape is a part of the other, or both overlap; both in one unit. "
-            "The file then has matched_x and matched_y, the vertices that both have. "
+            help="One shape is a part of the other, or both overlap. "
+            "The file then has matched_x and matched_y, the vertices that both have, "
+            "membership_x and membership_y, how clearly, and the shares of the areas. "
             "Pictures, pages and exported meshes show the others in grey.",
         ),
     ] = False,
+    any_unit: AnyUnitOption = False,
     repair: Annotated[
         bool,
         typer.Option(
@@ -258,6 +262,8 @@ def match(
     if warped is not None:
         can_export([warped], False, (x, y))
     can_report(report, gt_x, gt_y)
+    if any_unit and not partial:
+        raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
     files = LandmarkFiles(landmarks, landmarks_x, landmarks_y)
     check_landmark_options(files)
     shape_x, shape_y = (matchable(path, largest_component, repair) for path in (x, y))
@@ -275,6 +281,7 @@ def match(
             orientation=orientation.value,
             landmarks=None if known is None else known.rows,  # type: ignore
             partial=partial,
+            same_unit=not any_unit,
             cache=not no_cache,
             progress=stage,
         )
@@ -306,6 +313,9 @@ def match(
                 progress=lambda name: stage(f"report: {name}"),
             )
     console.print(certificate_table(matched.certificate))
+    if matched.overlap_x is not None and matched.overlap_y is not None:
+        shares = float(matched.overlap_x), float(matched.overlap_y)
+        console.print(f"matched: {shares[0]:.0%} of X's area, {shares[1]:.0%} of Y's")
     if matched.info is not None:
         console.print(attempts(matched.info), soft_wrap=True, markup=False)
     if on_y is not None:

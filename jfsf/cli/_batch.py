@@ -28,6 +28,7 @@ from jfsf.cli._exports import (
     export,
 )
 from jfsf.cli._files import (
+    AnyUnitOption,
     BaseOption,
     Orientation,
     OrientationOption,
@@ -112,6 +113,7 @@ def batch(
             "match.",
         ),
     ] = False,
+    any_unit: AnyUnitOption = False,
     repair: Annotated[
         bool, typer.Option("--repair", help="Repair all meshes first; see match.")
     ] = False,
@@ -175,6 +177,8 @@ def batch(
         landmarks_y=landmarks_y,
     )
     options = options_of_pairs(pairs, listed, usual, pages=report)
+    if any_unit and not any(own.partial for own in options.values()):
+        raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
     can_write_in(out)
     jobs = [
         # Absolute, because each worker has its own working folder.
@@ -190,7 +194,7 @@ def batch(
     wanted = {"report": report, "png": png, "suffixes": suffixes}
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
-        begin(out, settings)
+        begin(out, settings | ({"same_unit": False} if any_unit else {}))
         forget_outdated(out, options, PairOptions(**settings))
         with bars() as shown:
             shapes = shown.add_task("spectra", total=None)
@@ -205,7 +209,12 @@ def batch(
                     cache=not no_cache,
                 ),
                 work=functools.partial(
-                    work, looks=looks, base=base, cache=not no_cache, **wanted
+                    work,
+                    looks=looks,
+                    base=base,
+                    cache=not no_cache,
+                    same_unit=not any_unit,
+                    **wanted,
                 ),
                 done=functools.partial(_is_complete, **wanted),
                 progress=lambda n, total: shown.update(
@@ -281,6 +290,7 @@ def work(
     suffixes: tuple[str, ...] = (),
     base: int | None = None,
     cache: bool = True,
+    same_unit: bool = True,
 ) -> None:
     """Match a pair and write it, its page and its pictures, as `jfsf match` does."""
     from jfsf.mapfiles import read_match
@@ -303,6 +313,8 @@ def work(
             "partial": given.partial,
             "cache": cache,
         }
+        if given.partial and not same_unit:
+            options["same_unit"] = False
         if known is not None:
             options["landmarks"] = known.rows
         result = match(x.mesh, y.mesh, **options)

@@ -110,6 +110,7 @@ def export(
             checker=looks.checker,
             confidence=known_confidence(found),
             matched_x=found.matched_x,
+            membership=found.membership_x,
             colours_y=colours,
         )
     if colours is None:

@@ -36,6 +36,14 @@ BaseOption = Annotated[
         min=0, max=1, help="First index in text files that break the convention."
     ),
 ]
+AnyUnitOption = Annotated[
+    bool,
+    typer.Option(
+        "--any-unit/--same-unit",
+        help="With --partial: the files may have different units, and sizes from a "
+        "third to three times are tried.",
+    ),
+]
 
 FORMATS = (
     "OFF, OBJ, PLY, STL, GLB, glTF, VTK (.vtk, .vtp), GIFTI (.gii), .xyz or .npy file; "
@@ -245,7 +253,8 @@ def _repaired(shape: Shape):
 
 def _values_at(match: Match, at_x, at_y) -> Match:
     """The values of vertices, where there are any, at these vertices of X and of Y."""
-    names = [f"{name}_{side}" for name in ("matched", "confidence") for side in "xy"]
+    kinds = "matched", "confidence", "membership"
+    names = [f"{name}_{side}" for name in kinds for side in "xy"]
     known = [name for name in names if getattr(match, name) is not None]
     at = {"x": at_x, "y": at_y}
     return match._replace(

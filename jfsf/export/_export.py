@@ -41,6 +41,7 @@ def export_map(
     confidence: Float[ArrayLike, " n_x"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
     colours_y: Float[ArrayLike, "n_y 3"] | None = None,
+    membership: Float[ArrayLike, " n_x"] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
@@ -63,6 +64,8 @@ def export_map(
         colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
             (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
             place.
+        membership: likewise, `Match.membership_x`, for other programs to read: written
+            as the confidence is, under the name `membership`.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -98,7 +101,10 @@ def export_map(
                 f"{np.shape(uv_y)}"
             )
         uv = pull_back(uv_y, T_xy)
-    export_mesh(path, mesh_x, colours=colours, uv=uv, confidence=confidence)
+    values = None if membership is None else {"membership": membership}
+    export_mesh(
+        path, mesh_x, colours=colours, uv=uv, confidence=confidence, values=values
+    )
 
 
 def export_mesh(

@@ -10,7 +10,10 @@ from jfsf.types import Certificate
 BASE = {".vts": 1, ".map": 1, ".mat": 1, ".npz": 0}
 # Keys of a match file: the fields of the records.
 MATCHED_KEYS = ["matched_x", "matched_y"]  # of a partial match only
-VERTEX_KEYS = ["confidence_x", "confidence_y"]  # where the match has them
+# In [0, 1] a vertex, where the match has them.
+VERTEX_KEYS = ["confidence_x", "confidence_y"]
+MEMBERSHIP_KEYS = ["membership_x", "membership_y"]
+OVERLAP_KEYS = ["overlap_x", "overlap_y"]  # of a partial match only
 # Those of its info, where it is known.
 INFO_KEYS = [
     *("info_sources", "info_confidence", "info_won", "info_stages", "info_seconds")

@@ -12,7 +12,9 @@ from jfsf.mapfiles._formats import (
     LATER_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    MEMBERSHIP_KEYS,
     NOTES_KEY,
+    OVERLAP_KEYS,
     VERTEX_KEYS,
     Arrays,
     MapFileError,
@@ -122,11 +124,18 @@ def read_match(path: str | Path) -> Match:
         fields[name] = to_indices(
             f"{path}[{name}]", fields[name], None, sizes[other], 0
         )
-    for keys, checked in ((MATCHED_KEYS, _matched), (VERTEX_KEYS, _confidence)):
+    for keys, checked in (
+        (MATCHED_KEYS, _matched),
+        (VERTEX_KEYS, _confidence),
+        (MEMBERSHIP_KEYS, _membership),
+    ):
         for name, map_name in zip(keys, ("T_xy", "T_yx"), strict=True):
             if name in arrays:
                 where, values = f"{path}[{name}]", arrays[name]()
                 fields[name] = checked(where, values, sizes[map_name])
+    for name in OVERLAP_KEYS:
+        if name in arrays:
+            fields[name] = to_figures(f"{path}[{name}]", arrays[name](), 0)
     fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
     for key, before in LATER_KEYS.items():
         unknown = lambda: np.asarray(np.nan)
@@ -194,15 +203,23 @@ def _matched(where: str, values, n: int) -> np.ndarray:
 
 
 def _confidence(where: str, values, n: int) -> np.ndarray:
+    return _from_0_to_1(where, values, n, "probabilities")
+
+
+def _membership(where: str, values, n: int) -> np.ndarray:
+    return _from_0_to_1(where, values, n, "memberships")
+
+
+def _from_0_to_1(where: str, values, n: int, kind: str) -> np.ndarray:
     if values.dtype.kind != "f" or values.shape != (n,):
         raise MapFileError(
-            f"{where}: is {values.dtype} {values.shape}, expected probabilities "
-            f"({n},); write it with write_match"
+            f"{where}: is {values.dtype} {values.shape}, expected {kind} ({n},); write "
+            "it with write_match"
         )
     if ((values < 0) | (values > 1)).any():
         raise MapFileError(
             f"{where}: runs from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}, "
-            "and probabilities from 0 to 1; match the pair again"
+            f"and {kind} from 0 to 1; match the pair again"
         )
     return values
 

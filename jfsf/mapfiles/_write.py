@@ -12,7 +12,9 @@ from jfsf.mapfiles._formats import (
     INFO_KEYS,
     MATCH_KEYS,
     MATCHED_KEYS,
+    MEMBERSHIP_KEYS,
     NOTES_KEY,
+    OVERLAP_KEYS,
     VERTEX_KEYS,
     MapFileError,
     first_index,
@@ -85,8 +87,9 @@ def write_match(
 
     Where the match has `info`, the file has info_sources and info_stages (names),
     info_confidence, info_won and info_seconds; likewise confidence_x and confidence_y,
-    a probability a vertex. A partial match has matched_x and matched_y (bool). The file
-    appears complete or not at all.
+    a probability a vertex. A partial match has matched_x and matched_y (bool),
+    membership_x and membership_y (a number in [0, 1] a vertex), and overlap_x and
+    overlap_y (shares of the areas). The file appears complete or not at all.
 
     Args:
         path: `.npz`.
@@ -117,7 +120,7 @@ def write_match(
                 f"write_match: {name} is {arrays[name].shape}, expected one match (n,)"
             )
         arrays[name] = arrays[name].astype(np.int32)
-    for name in (*MATCHED_KEYS, *VERTEX_KEYS):
+    for name in (*MATCHED_KEYS, *VERTEX_KEYS, *MEMBERSHIP_KEYS, *OVERLAP_KEYS):
         if (values := getattr(match, name)) is not None:
             arrays[name] = np.asarray(values)
     if (info := match.info) is not None:

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Array, Float, Int
 from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import (
@@ -35,9 +35,10 @@ from jfsf.mesh import (
     reconstruct,
     unclear_winding,
     validate,
+    vertex_areas,
     without_holes,
 )
-from jfsf.parts import match_parts
+from jfsf.parts import match_parts, sizes_of_refinement
 from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import EvidenceSettings, Settings
@@ -57,6 +58,7 @@ def match(
         None
     ),
     partial: bool = False,
+    same_unit: bool = True,
     settings: Settings = Settings(),
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
@@ -82,14 +84,18 @@ def match(
             the leading block of `Settings.ks[0]` functions counts: 30 by default. The
             map is kept, but others are tried on coarse copies: one that fits as well
             makes it less sure. `Settings(retry_below=0)` leaves that out.
-        partial: one shape is a part of the other, or both overlap. Both are meshes in
-            one unit; bodies may differ in size by a factor of 1.5. Landmarks and
-            descriptors guide the search for the region; the map within it is refined
-            without the descriptors. An initial map replaces that search: it is turned
-            into a T_xy, its scale is read from it, and no other is tried. Cuts change
-            the sizes of arrays, so it runs on the host, with `match` of the cuts
-            inside: it cannot be traced. It takes some ten times as long. Two closed
-            surfaces share all. There is no confidence for parts.
+        partial: one shape is a part of the other, or both overlap. Both are meshes;
+            see `same_unit` for their sizes. Landmarks and descriptors guide the search
+            for the region; the map within it is refined without the descriptors. An
+            initial map replaces that search: it is turned into a T_xy, its scale is
+            read from it, and no other is tried. Cuts change the sizes of arrays, so it
+            runs on the host, with `match` of the cuts inside: it cannot be traced. It
+            takes some ten times as long. Two closed surfaces share all. There is no
+            confidence for parts.
+        same_unit: with `partial`, whether both are in one unit. Then bodies may differ
+            in size by a factor of 1.5. Else a size between 0.3 and 3 times that of the
+            file is looked for, which takes longer and is less certain. Sizes of whole
+            shapes never matter.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.
@@ -97,10 +103,11 @@ def match(
     Returns:
         T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
-        With `partial` matched_x and matched_y in place of the last two; the certificate
-        is that of the overlap, without a confidence; its gap counts the rivals that
-        were found. A vertex that is not matched has the image nearest to it after
-        bending.
+        With `partial` membership_x, membership_y, matched_x and matched_y of each
+        vertex in place of the last two, and the shares of the areas that are matched;
+        the certificate is that of the overlap, without a confidence; its gap counts the
+        rivals that were found. A vertex that is not matched has the image nearest to it
+        after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -113,7 +120,7 @@ def match(
     if partial:
         inputs = _inputs(meshes, orientation, landmarks, descriptors, initial)
         T_yx = getattr(initial, "T_yx", None)
-        return _partial(meshes, inputs, T_yx, settings, host)
+        return _partial(meshes, inputs, T_yx, same_unit, settings, host)
     given = _given(meshes, orientation, landmarks, descriptors, initial)
     return _match(*given, settings, host)
 
@@ -406,6 +413,7 @@ def _partial(
     meshes: Mapping[str, Mesh],
     inputs: MatchInputs,
     T_yx: Any,
+    same_unit: bool,
     settings: Settings,
     host: _Host,
 ) -> Match:
@@ -418,8 +426,11 @@ def _partial(
     if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
         shapes = {name: _Shape(mesh) for name, mesh in meshes.items()}
         match = _match(shapes, inputs, settings, host)
-        all_x, all_y = (jnp.ones(len(mesh.vertices), bool) for mesh in meshes.values())
-        return match._replace(matched_x=all_x, matched_y=all_y)
+        ones = (jnp.ones(len(mesh.vertices)) for mesh in meshes.values())
+        return _with_region(match, meshes, *ones)
+
+    ks = sizes_of_refinement(settings.ks, settings=settings.parts)
+    of_regions = replace(settings, retry_below=0.0, ks=ks)
 
     # A map tells the scale itself.
     if inputs.initial is None:
@@ -436,7 +447,7 @@ def _partial(
         parts = {"part of mesh_x": _Shape(part_x), "part of mesh_y": _Shape(part_y)}
         # The spectra of cuts on the way are never asked for again.
         quiet = host._replace(keep_spectra=False, progress=None)
-        return _match(parts, own, replace(settings, retry_below=0.0), quiet)
+        return _match(parts, own, of_regions, quiet)
 
     host.say("spectra")
     x, y = meshes.values()
@@ -464,10 +475,11 @@ def _partial(
         T_yx=T_yx,
         landmarks=rows,
         descriptors=inputs.descriptors,
+        same_unit=same_unit,
         settings=settings.parts,
         progress=host.progress,
     )
-    T_xy, T_yx, matched_x, matched_y = map(jnp.asarray, parts[:4])
+    T_xy, T_yx, member_x, member_y = map(jnp.asarray, parts[:4])
     C_yx = functional_map(T_xy, spec_x, spec_y)
     certificate = jax.tree.map(jnp.asarray, parts.certificate)
     if inputs.landmarks is not None:
@@ -476,4 +488,25 @@ def _partial(
         pairs = settings.distance_pairs
         away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
         certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
-    return Match(T_xy, T_yx, C_yx, certificate, matched_x, matched_y)
+    match = Match(T_xy, T_yx, C_yx, certificate)
+    return _with_region(match, meshes, member_x, member_y)
+
+
+def _with_region(
+    match: Match, meshes: Mapping[str, Mesh], member_x: Array, member_y: Array
+) -> Match:
+    """The match with what both shapes share, from the membership of each vertex."""
+    inside = member_x > 0.5, member_y > 0.5
+    areas = (jnp.asarray(vertex_areas(*mesh)) for mesh in meshes.values())
+    share_x, share_y = (
+        jnp.sum(jnp.where(own, area, 0)) / jnp.sum(area)
+        for area, own in zip(areas, inside, strict=True)
+    )
+    return match._replace(
+        matched_x=inside[0],
+        matched_y=inside[1],
+        membership_x=member_x,
+        membership_y=member_y,
+        overlap_x=share_x,
+        overlap_y=share_y,
+    )

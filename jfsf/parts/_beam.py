@@ -74,6 +74,7 @@ def assign(
     )
     # Near partners of the first samples make one group; the last cell is no partner.
     cell = np.append(np.argmin(pair.between_y[: settings.cells], 0), -1)
+    band = np.arange(len(scale)) * settings.scale_bands // len(scale)
     closed = np.isinf(y.to_boundary).all()
     lonely = settings.unassigned_cost if closed else settings.unassigned_cost_open
     partners, beam = settings.partners, settings.beam
@@ -86,26 +87,37 @@ def assign(
         if partners < num:
             worse = np.argpartition(new, partners, axis=1)[:, partners:]
             np.put_along_axis(new, worse, np.inf, 1)
-        best = np.argsort(new.ravel())[: settings.beam_candidates * beam]
-        best = best[np.isfinite(new.ravel()[best])]
+        best = np.flatnonzero(np.isfinite(new))
+        best = best[np.argsort(new.ravel()[best])]
+        own = band[of_scale[best // (num + 1)]][:, None]
+        best = best[_first_of_groups(own, settings.beam_candidates * beam)]
         row, column = np.divmod(best, num + 1)
         added = np.where(column == num, -1, column)
         both = np.concatenate([partner[row], added[:, None]], 1)
         group = cell[both[:, : settings.grouped_anchors]]
-        kept = _first_of_groups(group, beam // settings.min_groups)[:beam]
+        own = band[of_scale[row]][:, None]
+        group = np.concatenate([group, own], 1)
+        kept = _first_of_groups(group, beam // settings.min_groups)
+        kept = kept[_first_of_groups(own[kept], beam // settings.scale_bands)]
         best, row, column, added = best[kept], row[kept], column[kept], added[kept]
         partner = np.concatenate([partner[row], added[:, None]], 1)
         of_scale, sign, cost = of_scale[row], sign[row], new.ravel()[best]
     order = np.argsort(cost)
     # Partners of landmarks are the same in all that obey them.
     free = ~np.isin(which, x.landmarks)
-    chosen = _different(
-        partner[order][:, free],
-        pair.between_y,
-        settings.assignments,
-        settings.min_partner_distance,
-    )
-    at = order[chosen]
+    most = -(-settings.assignments // settings.scale_bands)
+    chosen = []
+    for own in range(settings.scale_bands):
+        these = order[band[of_scale[order]] == own]
+        some = _different(
+            partner[these][:, free],
+            pair.between_y,
+            most,
+            settings.min_partner_distance,
+        )
+        chosen.append(these[some])
+    at = np.concatenate(chosen)
+    at = at[np.argsort(cost[at], kind="stable")]
     return Assigned(partner[at], which, scale[of_scale[at]], cost[at] / len(which))
 
 

@@ -9,10 +9,12 @@ whole shapes. So the work is to find that region.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
    each of them (`_register`). What is left apart, and the energy, rank these starts
    (`_starts`).
-3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
+3. Of the best few the copy may slide to its place (`_settle`); all of Y is drawn onto
+   X (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
    these maps that of the best evidence is kept: before the refinement, and after it
    (`Certificate.log_odds`).
+5. How clearly a vertex is in the region (`_membership`) is read from the last drawing.
 
 `PartSettings` holds the numbers of all of it.
 """
@@ -23,6 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from jfsf.parts._membership import memberships
 from jfsf.parts._region import (
     Drawn,
     Target,
@@ -38,7 +41,7 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import Sides, Start, both_sides, first_starts
+from jfsf.parts._starts import Sides, Start, both_sides, first_starts, settled
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
@@ -50,17 +53,27 @@ class Parts(NamedTuple):
     """Maps between shapes that share a region.
 
     T_xy, T_yx: of all vertices; outside of the region the nearest after bending.
-    matched_x, matched_y: whether a vertex is in the region.
+    membership_x, membership_y: how clearly a vertex is in the region, in [0, 1].
     certificate: of the map between the regions.
     scale: factor that brings X to the size of Y.
     """
 
     T_xy: np.ndarray
     T_yx: np.ndarray
-    matched_x: np.ndarray
-    matched_y: np.ndarray
+    membership_x: np.ndarray
+    membership_y: np.ndarray
     certificate: Certificate
     scale: float
+
+    @property
+    def matched_x(self) -> np.ndarray:
+        """Whether a vertex is in the region."""
+        return self.membership_x > 0.5
+
+    @property
+    def matched_y(self) -> np.ndarray:
+        """Likewise, of Y."""
+        return self.membership_y > 0.5
 
 
 class _State(NamedTuple):
@@ -102,14 +115,14 @@ def match_parts(
     T_yx: ArrayLike | None = None,
     landmarks: ArrayLike | None = None,
     descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    same_unit: bool = True,
     settings: PartSettings = PartSettings(),
     progress: Callable[[str], object] | None = None,
 ) -> Parts:
     """Find the region that two shapes share, and the maps.
 
     Args:
-        mesh_x, mesh_y: one connected piece each, with faces, in one unit: bodies may
-            differ in size by a factor of 1.57 either way, see `PartSettings.scales`.
+        mesh_x, mesh_y: one connected piece each, with faces.
         refine: makes a match of two meshes from a map between their vertices, and rows
             of landmarks if there are any (`Refine`).
         sign: 1 for a map that keeps left and right, -1 for its mirror image, 0 for the
@@ -120,6 +133,9 @@ def match_parts(
             `turned_round`.
         landmarks: rows (vertex of X, vertex of Y) that correspond.
         descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
+        same_unit: whether both are in one unit. Then bodies may differ in size by a
+            factor of 1.57 either way, see `PartSettings.scales`; else the size of X is
+            looked for in the wider range of `PartSettings.any_scales`.
         settings: the numbers of the search.
         progress: called with the name of each step as it begins.
 
@@ -127,7 +143,7 @@ def match_parts(
         ValueError: no region of enough vertices was found.
     """
     # The shape that is open, or the smaller one, is called X from here on.
-    if openness(mesh_x) < openness(mesh_y):
+    if openness(mesh_x, same_unit) < openness(mesh_y, same_unit):
         if T_xy is not None and T_yx is None:
             T_yx = turned_round(np.asarray(T_xy), mesh_y)
         other = match_parts(
@@ -138,17 +154,23 @@ def match_parts(
             T_xy=None if T_xy is None else T_yx,
             landmarks=None if landmarks is None else np.asarray(landmarks)[:, ::-1],
             descriptors=None if descriptors is None else descriptors[::-1],
+            same_unit=same_unit,
             settings=settings,
             progress=progress,
         )
         return _swapped(other)
     both = both_sides(
-        mesh_x, mesh_y, landmarks=landmarks, descriptors=descriptors, settings=settings
+        mesh_x,
+        mesh_y,
+        landmarks=landmarks,
+        descriptors=descriptors,
+        same_unit=same_unit,
+        settings=settings,
     )
     begin = first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:
-        state = _refined(_drawn(sides, start), sides, refine)
+        state = _refined(_drawn(sides, settled(sides, start)), sides, refine)
         found += [] if state is None else [(state, sides)]
         if state is not None and state.log_odds >= settings.sure:
             break
@@ -165,7 +187,7 @@ def match_parts(
         if again is None or again.log_odds <= state.log_odds:
             break
         state = again
-    return _result(state, margin)
+    return _result(state, sides, margin)
 
 
 def _swapped(parts: Parts) -> Parts:
@@ -179,8 +201,8 @@ def _swapped(parts: Parts) -> Parts:
     return Parts(
         parts.T_yx,
         parts.T_xy,
-        parts.matched_y,
-        parts.matched_x,
+        parts.membership_y,
+        parts.membership_x,
         certificate._replace(**both),
         1 / parts.scale,
     )
@@ -233,6 +255,10 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
+    motion = np.linalg.norm(y.vertices[T_xy] - y.vertices[drawn.T_xy], axis=1)
+    if motion[part_x.index].mean() > sides.settings.max_refined_motion:
+        # It slid along where the regions end in different places.
+        return state._replace(match=match)
     after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
     T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]
@@ -253,7 +279,7 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
     return both[(both >= 0).all(1)]
 
 
-def _result(state: _State, margin: float) -> Parts:
+def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     gap = np.asarray(margin, certificate.gap.dtype)
     # It is fitted to whole shapes.
@@ -262,8 +288,7 @@ def _result(state: _State, margin: float) -> Parts:
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
-        state.drawn.matched_x,
-        state.inside,
+        *memberships(state.x, sides.y.mesh, state.drawn.moved, sides.sign),
         certificate,
         state.scale,
     )

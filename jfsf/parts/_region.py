@@ -23,6 +23,7 @@ from jfsf.mesh import (
     vertex_areas,
     vertex_normals,
 )
+from jfsf.parts._hint import longest_loop
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples
 from jfsf.refine import deform
@@ -166,6 +167,21 @@ def dense_map(
     return out
 
 
+def sizes_of_refinement(
+    ks: tuple[int, ...], *, settings: PartSettings = PartSettings()
+) -> tuple[int, ...]:
+    """Sizes of the basis in which the map between two regions is refined.
+
+    Few functions of a region say most of where it ends, and that is not known exactly:
+    the largest sizes alone move a map less.
+
+    Args:
+        ks: `Settings.ks`, for whole shapes.
+        settings: how many of these, the last.
+    """
+    return ks[-settings.refined_sizes :]
+
+
 def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
     """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
 
@@ -179,9 +195,13 @@ def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
     return of_image[np.searchsorted(images, near)]
 
 
-def openness(mesh: Mesh) -> tuple[float, float]:
-    """Greater for a shape with a boundary, and for a smaller one."""
-    return len(boundary_edges(mesh.faces)) > 0, -surface_area(mesh)
+def openness(mesh: Mesh, same_unit: bool = True) -> tuple[bool, float]:
+    """Greater for a shape with a boundary, and for a smaller one.
+
+    Where units may differ sizes say nothing: there a long boundary counts.
+    """
+    small = -surface_area(mesh) if same_unit else longest_loop(mesh)
+    return len(boundary_edges(mesh.faces)) > 0, small
 
 
 def near_vertices(points: Mesh, queries: Mesh) -> np.ndarray:

@@ -7,8 +7,11 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
+SETTLE_REACHES = (0.1, 0.09, 0.08, 0.07, 0.06, 0.05)
+SETTLE_WIDTHS = (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
+ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
 
 
 class RegisterWeights(NamedTuple):
@@ -17,12 +20,16 @@ class RegisterWeights(NamedTuple):
     residual, energy, share: of the logarithms of what is read of a whole that was drawn
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
+    size: of the logarithm of the factor of the part's lengths, where both shapes may be
+        in different units. A small part leaves little apart, and bends little, wherever
+        it lies.
     """
 
     residual: float = 4.58
     energy: float = 1.0
     share: float = -0.65
     log_odds: float = -0.7
+    size: float = -6.58
 
 
 @dataclass(frozen=True)
@@ -63,8 +70,12 @@ class PartSettings:
     boundary_margin: distance from the boundary from which on a sample counts in full
         when anchors are chosen far apart.
     boundary_worth: how much one on the boundary counts.
-    scales: factors of the part's lengths that are tried. Their range bounds how much
-        bodies may differ in size.
+    scales: factors of the part's lengths that are tried where both are in one unit.
+        Their range bounds how much bodies may differ in size.
+    any_scales: those that are tried where units may differ.
+    scale_bands: into so many the factors fall, in their order; each keeps its share of
+        the assignments. A small part fits in many places, and would crowd out others.
+    any_scale_bands: the same where units may differ.
     distance_slack: length by which two distances differ that counts half,
     distance_share: beside this share of the distance in the part.
     shorter_weight: factor of that difference where the path in the part runs along the
@@ -72,7 +83,8 @@ class PartSettings:
     direction_weight: of the directions in which anchors see each other, beside the
         distances.
     ball_weight: of the difference of the balls, beside the distances.
-    scale_weight: cost of a scale e times as large or small, per anchor.
+    scale_weight: cost of a scale e times as large or small, per anchor, where both are
+        in one unit.
     partners: samples of the whole that an assignment is followed with for the next
         anchor.
     beam: assignments that are followed.
@@ -108,6 +120,19 @@ class PartSettings:
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
     register_weights: of what ranks the assignments.
 
+    Settling, where a start that is one of the best slides to its place:
+
+    settle_reaches: of the steps, as `reaches`.
+    settle_widths: distance of a pair of points, in each of them, from which on it
+        hardly counts: exp(-1) at that distance, normals counted.
+    settle_rounds: searches for the nearest points in each step; 0 leaves all out. With
+        3 the first maps of four pairs of `becos_pp` had errors of 0.05 to 0.07 in place
+        of 0.06 to 0.10, but the weights that choose among maps are fitted without it,
+        and chose worse ones.
+    settle_updates: deformations after each search.
+    settle_normal_weight: of normals in it.
+    settle_friction: pull along the surface, as a share of that along the normal.
+
     Region:
 
     refined: the best assignments, by which all of the whole is drawn onto the part, and
@@ -120,8 +145,13 @@ class PartSettings:
     bend_rounds: deformations, each with such a search.
     draw_steps: of conjugate gradients in each, at most.
     cover_distance: a surface further away covers nothing.
+    rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
+    refined_sizes: of the basis in that refinement, the last of `Settings.ks`, so many.
+    max_refined_motion: mean distance by which that refinement may move a map; one that
+        it moves further stays as it was drawn, and has the refined map's evidence. Of
+        the first maps of `becos_pf` those that it moved far became worse.
     refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
@@ -143,6 +173,9 @@ class PartSettings:
     boundary_margin: float = 0.15
     boundary_worth: float = 0.3
     scales: tuple[float, ...] = SCALES
+    any_scales: tuple[float, ...] = ANY_SCALES
+    scale_bands: int = 1
+    any_scale_bands: int = 4
     distance_slack: float = 0.03
     distance_share: float = 0.12
     shorter_weight: float = 0.4
@@ -171,6 +204,12 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
+    settle_reaches: tuple[float, ...] = SETTLE_REACHES
+    settle_widths: tuple[float, ...] = SETTLE_WIDTHS
+    settle_rounds: int = 0
+    settle_updates: int = 3
+    settle_normal_weight: float = 0.1
+    settle_friction: float = 0.01
     refined: int = 5
     sure: float = 2.5
     carried_by: int = 4
@@ -178,17 +217,21 @@ class PartSettings:
     bend_rounds: int = 6
     draw_steps: int = 150
     cover_distance: float = 0.1
+    rim_width: float = 0.02
     uncovered_weight: float = 1e-3
+    refined_sizes: int = 8
+    max_refined_motion: float = 10.0
     refinements: int = 2
     min_vertices: int = 160
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
         for name in (
+            *("scale_bands", "any_scale_bands"),
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
             *("first_updates", "updates", "bend_rounds", "draw_steps"),
-            *("carried_by", "refined", "refinements", "min_vertices"),
+            *("carried_by", "refined", "refined_sizes", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(
@@ -197,13 +240,19 @@ class PartSettings:
         for name in (
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
-            *("uncovered_weight", "first_reach", "max_landmark_distance"),
+            *(
+                "rim_width",
+                "max_refined_motion",
+                "uncovered_weight",
+                "first_reach",
+                "max_landmark_distance",
+            ),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
                 )
-        for name in ("ball_radii", "scales", "reaches"):
+        for name in ("ball_radii", "scales", "any_scales", "reaches"):
             values = getattr(self, name)
             if not values or min(values) <= 0:
                 raise ValueError(
@@ -219,6 +268,10 @@ class PartSettings:
             ),
             f"boundary_worth is {self.boundary_worth}; give 0 to 1": (
                 0 <= self.boundary_worth <= 1
+            ),
+            f"settle_reaches is {self.settle_reaches}, settle_widths "
+            f"{self.settle_widths}; give as many": (
+                len(self.settle_reaches) == len(self.settle_widths)
             ),
             f"beam is {self.beam}, min_groups {self.min_groups}; follow no fewer": (
                 self.beam >= self.min_groups

@@ -6,6 +6,7 @@ the share of Y that is used rank the starts.
 """
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from jfsf.parts._beam import anchors_of, assign
 from jfsf.parts._region import dense_map, near_vertices, outward, scaled
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
+from jfsf.parts._settle import settle
 from jfsf.parts._shape import PartSamples, along_cut, part_samples
 from jfsf.types import ArrayLike, Mesh
 
@@ -32,6 +34,8 @@ class Sides(NamedTuple):
     from_y: the vertex of the copy nearest to each of Y.
     on_y: the vertex of Y nearest to each of its copy.
     sign: -1 for maps that mirror, and the whole is mirrored.
+    settings: with the scales that are tried.
+    same_unit: whether both shapes were in one unit.
     """
 
     x: PartSamples
@@ -43,6 +47,7 @@ class Sides(NamedTuple):
     on_y: np.ndarray
     sign: int
     settings: PartSettings
+    same_unit: bool = True
 
 
 class Start(NamedTuple):
@@ -66,6 +71,7 @@ def both_sides(
     *,
     landmarks: ArrayLike | None = None,
     descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    same_unit: bool = True,
     settings: PartSettings,
 ) -> Sides:
     """For maps that keep left and right.
@@ -74,8 +80,16 @@ def both_sides(
         mesh_x, mesh_y: both shapes.
         landmarks: rows (vertex of X, vertex of Y).
         descriptors: of X and of Y, a row a vertex.
+        same_unit: whether both are in one unit; else any size of X is as likely.
         settings: how many samples, and the sizes of the copies.
     """
+    if not same_unit:
+        settings = replace(
+            settings,
+            scales=settings.any_scales,
+            scale_bands=settings.any_scale_bands,
+            scale_weight=0.0,
+        )
     unit = np.sqrt(surface_area(mesh_y))
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
     given = (None, None) if descriptors is None else descriptors
@@ -97,7 +111,8 @@ def both_sides(
     out = outward(coarse_y, vertex_normals(*coarse_y))
     whole = whole_at_rest(coarse_y, out)
     from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
-    return Sides(x, y, coarse_x, whole, on_x, from_y, on_y, 1, settings)
+    copies = coarse_x, whole, on_x, from_y, on_y
+    return Sides(x, y, *copies, 1, settings, same_unit)
 
 
 def mirrored(sides: Sides) -> Sides:
@@ -170,7 +185,19 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
     scale = scale_of(sides, T_xy) if scale is None else scale
     part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
     found = register(sides.whole, part, T, settings=settings)
-    return Start(scale, found, _rank(found, settings), _missed(sides, found))
+    rank = _rank(found, settings)
+    if not sides.same_unit:
+        rank += settings.register_weights.size * np.log(scale / found.scale)
+    return Start(scale, found, float(rank), _missed(sides, found))
+
+
+def settled(sides: Sides, start: Start) -> Start:
+    """A start that has slid to its place (`settle`); its rank stays."""
+    if sides.settings.settle_rounds < 1:
+        return start
+    part = scaled(sides.coarse_x, start.scale)
+    found = settle(sides.whole, part, start.registered, settings=sides.settings)
+    return start._replace(registered=found)
 
 
 def scale_of(sides: Sides, T_xy: np.ndarray) -> float:

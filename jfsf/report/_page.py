@@ -158,10 +158,12 @@ def write_report(
     if measured.reliability is not None:
         chart = draw_reliability({"the vertices": measured.reliability})
         pictures["reliability"] = data_url(chart, _LARGE)
+    member = found.membership_x
     figures = {
         "error": measured.error,
         "there and back": measured.back,
         "doubt": measured.doubt,
+        "not shared": None if member is None else 1 - np.asarray(member),
     }
     record = {
         "title": f"{x.name} to {y.name}",

@@ -175,7 +175,7 @@ def findings(
         ),
         (
             float(certificate.rivals) > 0,
-            f"several maps fit equally well: {_counted(certificate)} that differ were "
+            f"several maps fit equally well: {_number(certificate)} that differ were "
             "found, and there may be more; a landmark decides",
             "The shape has rotations, or parts that are alike. See the candidates, and "
             "`jfsf.alternatives` for the maps; one or two pairs of vertices that you "
@@ -255,7 +255,7 @@ def _other(orientation: str) -> str:
     return "preserve" if orientation == "reverse" else "reverse"
 
 
-def _counted(certificate: Certificate) -> int:
+def _number(certificate: Certificate) -> int:
     """All maps that fit equally well, the one at hand included."""
     return 1 + int(np.nan_to_num(float(certificate.rivals)))
 
@@ -313,7 +313,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     if not np.isnan(share := figure["share"]):
         sentences.append(_standing(share))
     if figure["rivals"] > 0:
-        number = _counted(certificate)
+        number = _number(certificate)
         sentences.append(f"It is one of {number} maps that fit equally well.")
     if figure["mirror_share"] > MIRRORED:
         sentences.append(

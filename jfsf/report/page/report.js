@@ -127,7 +127,8 @@ function startViewer() {
     byId("scale").hidden = !figure;
     if (figure) {
       byId("scale-top").textContent = figure.top.toPrecision(2);
-      const meaning = figure.name === "doubt" ? "1 − the confidence of a vertex" : "geodesic distance / √area";
+      const meanings = { doubt: "1 − the confidence of a vertex", "not shared": "1 − the membership of a vertex" };
+      const meaning = meanings[figure.name] ?? "geodesic distance / √area";
       byId("scale-name").textContent = `${figure.name}, on X: ${meaning}, of the map found`;
       const stops = [0, 63, 127, 190, 254].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
       byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;

@@ -1,0 +1,52 @@
+"""Changes of X in the experiments: what they keep, and where its vertices go."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jfsf import testing
+from jfsf.mesh import boundary_edges, surface_area
+
+MESH = testing.blob(3, subdivisions=3)
+N = len(MESH.vertices)
+
+
+@pytest.fixture
+def changes(monkeypatch):
+    folder = str(Path(__file__).parents[1] / "experiments")
+    monkeypatch.syspath_prepend(folder)
+    import changes
+
+    yield changes
+    sys.modules.pop("changes", None)
+
+
+def test_no_change_is_none(changes):
+    same = changes.changed(MESH, changes.Changes(), 0)
+    np.testing.assert_array_equal(same.mesh.vertices, MESH.vertices)
+    np.testing.assert_array_equal(same.near, np.arange(N))
+    assert same.scale == 1
+
+
+def test_a_turn_and_a_scale_keep_the_form(changes):
+    asked = changes.Changes(turn=True, scale=(0.3, 3.0))
+    first, again = (changes.changed(MESH, asked, seed) for seed in (1, 1))
+    np.testing.assert_array_equal(first.mesh.vertices, again.mesh.vertices)
+    area = surface_area(MESH)
+    assert surface_area(first.mesh) == pytest.approx(area * first.scale**2)
+    assert 0.3 <= first.scale <= 3 and first.scale != 1
+    apart = lambda v: np.linalg.norm(v - v[0], axis=1)
+    moved = apart(first.mesh.vertices) / first.scale
+    np.testing.assert_allclose(moved, apart(MESH.vertices), atol=1e-12)
+    assert np.abs(first.mesh.vertices - MESH.vertices).max() > 0.1
+
+
+def test_vertices_go_to_the_nearest_that_are_left(changes):
+    fewer = changes.changed(MESH, changes.Changes(holes=2, decimate=0.5), 0)
+    n = len(fewer.mesh.vertices)
+    assert 0.35 * N < n < 0.55 * N and len(boundary_edges(fewer.mesh.faces))
+    assert fewer.near.shape == (N,) and fewer.near.max() < n
+    away = np.linalg.norm(fewer.mesh.vertices[fewer.near] - MESH.vertices, axis=1)
+    assert np.median(away) < 0.05 * np.sqrt(surface_area(MESH))
