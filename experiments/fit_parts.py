@@ -30,9 +30,9 @@ from scipy.optimize import minimize
 import jfsf
 from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import surface_area
-from jfsf.parts import PartSettings, RegisterWeights, sizes_of_refinement
+from jfsf.parts import PartSettings, RegisterWeights
 from jfsf.parts import _match as parts
-from jfsf.parts._starts import both_sides, settled, starts
+from jfsf.parts._starts import both_sides, starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 SETTINGS = PartSettings()
@@ -97,7 +97,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     begin = sorted(starts(sides), key=lambda start: start.rank)
     found, refined = [], []
     for start in begin:
-        state = parts._drawn(sides, settled(sides, start))
+        state = parts._drawn(sides, start)
         figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
         found.append({"error": error(state.T_xy), **figures})
         if len(refined) < SETTINGS.refined:
@@ -110,8 +110,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
 
 def refine(part_x, part_y, T_xy):
     """As `match(partial=True)` refines the map between two regions."""
-    ks = sizes_of_refinement(jfsf.Settings().ks, settings=SETTINGS)
-    settings = jfsf.Settings(retry_below=0, ks=ks)
+    settings = jfsf.Settings(retry_below=0)
     return jfsf.match(part_x, part_y, initial=T_xy, settings=settings)
 
 

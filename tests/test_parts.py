@@ -42,7 +42,6 @@ from jfsf.parts._region import (
     turned_round,
 )
 from jfsf.parts._register import register, whole_at_rest
-from jfsf.parts._settle import settle
 from jfsf.parts._shape import part_samples
 from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts
 from jfsf.refine import ArapSettings
@@ -460,22 +459,6 @@ def test_a_whole_in_place_stays_there_and_costs_nothing():
     assert np.abs(found.rotation - np.eye(3)).max() < 0.05
 
 
-def test_a_whole_that_is_beside_its_place_slides_to_it():
-    whole, part = at_rest(in_unit(WHOLE)), in_unit(PART.mesh)
-    few = PartSettings(
-        reaches=(0.4,),
-        first_updates=2,
-        settle_rounds=3,
-        settle_reaches=(0.1, 0.05),
-        settle_widths=(0.15, 0.1),
-    )
-    begin = register(whole, part, shifted(0.15), settings=few)
-    found = settle(whole, part, begin, settings=few)
-    far = [away(whole.mesh.vertices[one.T], part.vertices) for one in (begin, found)]
-    assert far[0] > 0.03 and far[1] < far[0] / 2
-    assert found.residual < begin.residual
-
-
 def test_a_whole_is_registered_in_any_pose_and_size():
     whole, part = in_unit(WHOLE), in_unit(PART.mesh)
     found = register(at_rest(whole), part, shifted(0.05))
@@ -521,7 +504,6 @@ QUICK = PartSettings(
     assignments=4,
     first_updates=5,
     reaches=(0.2, 0.1),
-    settle_rounds=1,
     bend_rounds=1,
     refinements=1,
 )
@@ -635,7 +617,6 @@ def test_every_number_is_read():
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
-        ({"settle_widths": (0.1,)}, r"settle_reaches is \(0.1, .*; give as many"),
         ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
         ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
         ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),

@@ -38,7 +38,7 @@ from jfsf.mesh import (
     vertex_areas,
     without_holes,
 )
-from jfsf.parts import match_parts, sizes_of_refinement
+from jfsf.parts import match_parts
 from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
 from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
 from jfsf.settings import EvidenceSettings, Settings
@@ -429,8 +429,7 @@ def _partial(
         ones = (jnp.ones(len(mesh.vertices)) for mesh in meshes.values())
         return _with_region(match, meshes, *ones)
 
-    ks = sizes_of_refinement(settings.ks, settings=settings.parts)
-    of_regions = replace(settings, retry_below=0.0, ks=ks)
+    of_regions = replace(settings, retry_below=0.0)
 
     # A map tells the scale itself.
     if inputs.initial is None:

@@ -8,7 +8,6 @@ Read in this order:
 - `_ball_descriptors`: what a point sees within some distances
 - `_beam`: assignments of a few samples
 - `_register`: a coarse copy of the whole, drawn onto the part from a start far off
-- `_settle`: that copy slides to its place
 - `_region`: the whole itself drawn onto the part; which part of it that covers
 - `_membership`: how clearly a vertex is in that region
 - `_starts`: coarse copies drawn by each of the assignments, ranked
@@ -17,7 +16,7 @@ Read in this order:
 
 from jfsf.parts._hint import likely_part, longest_loop
 from jfsf.parts._match import Parts, match_parts
-from jfsf.parts._region import cut, sizes_of_refinement
+from jfsf.parts._region import cut
 from jfsf.parts._settings import PartSettings, RegisterWeights
 
 __all__ = [
@@ -28,5 +27,4 @@ __all__ = [
     "likely_part",
     "longest_loop",
     "match_parts",
-    "sizes_of_refinement",
 ]

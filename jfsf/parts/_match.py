@@ -9,8 +9,7 @@ whole shapes. So the work is to find that region.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
    each of them (`_register`). What is left apart, and the energy, rank these starts
    (`_starts`).
-3. Of the best few the copy may slide to its place (`_settle`); all of Y is drawn onto
-   X (`_region`): this gives a map and a region.
+3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
    these maps that of the best evidence is kept: before the refinement, and after it
    (`Certificate.log_odds`).
@@ -41,7 +40,7 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import Sides, Start, both_sides, first_starts, settled
+from jfsf.parts._starts import Sides, Start, both_sides, first_starts
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
@@ -170,7 +169,7 @@ def match_parts(
     begin = first_starts(both, sign, T_xy, progress)
     found = []
     for sides, start in begin[: settings.refined]:
-        state = _refined(_drawn(sides, settled(sides, start)), sides, refine)
+        state = _refined(_drawn(sides, start), sides, refine)
         found += [] if state is None else [(state, sides)]
         if state is not None and state.log_odds >= settings.sure:
             break
@@ -255,10 +254,6 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
-    motion = np.linalg.norm(y.vertices[T_xy] - y.vertices[drawn.T_xy], axis=1)
-    if motion[part_x.index].mean() > sides.settings.max_refined_motion:
-        # It slid along where the regions end in different places.
-        return state._replace(match=match)
     after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
     T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]

@@ -167,21 +167,6 @@ def dense_map(
     return out
 
 
-def sizes_of_refinement(
-    ks: tuple[int, ...], *, settings: PartSettings = PartSettings()
-) -> tuple[int, ...]:
-    """Sizes of the basis in which the map between two regions is refined.
-
-    Few functions of a region say most of where it ends, and that is not known exactly:
-    the largest sizes alone move a map less.
-
-    Args:
-        ks: `Settings.ks`, for whole shapes.
-        settings: how many of these, the last.
-    """
-    return ks[-settings.refined_sizes :]
-
-
 def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
     """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
 

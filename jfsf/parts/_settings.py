@@ -7,8 +7,6 @@ import numpy as np
 
 from jfsf.refine import ArapSettings
 
-SETTLE_REACHES = (0.1, 0.09, 0.08, 0.07, 0.06, 0.05)
-SETTLE_WIDTHS = (0.12, 0.1, 0.08, 0.06, 0.05, 0.04)
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
@@ -120,19 +118,6 @@ class PartSettings:
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
     register_weights: of what ranks the assignments.
 
-    Settling, where a start that is one of the best slides to its place:
-
-    settle_reaches: of the steps, as `reaches`.
-    settle_widths: distance of a pair of points, in each of them, from which on it
-        hardly counts: exp(-1) at that distance, normals counted.
-    settle_rounds: searches for the nearest points in each step; 0 leaves all out. With
-        3 the first maps of four pairs of `becos_pp` had errors of 0.05 to 0.07 in place
-        of 0.06 to 0.10, but the weights that choose among maps are fitted without it,
-        and chose worse ones.
-    settle_updates: deformations after each search.
-    settle_normal_weight: of normals in it.
-    settle_friction: pull along the surface, as a share of that along the normal.
-
     Region:
 
     refined: the best assignments, by which all of the whole is drawn onto the part, and
@@ -148,10 +133,6 @@ class PartSettings:
     rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
-    refined_sizes: of the basis in that refinement, the last of `Settings.ks`, so many.
-    max_refined_motion: mean distance by which that refinement may move a map; one that
-        it moves further stays as it was drawn, and has the refined map's evidence. Of
-        the first maps of `becos_pf` those that it moved far became worse.
     refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
@@ -204,12 +185,6 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
-    settle_reaches: tuple[float, ...] = SETTLE_REACHES
-    settle_widths: tuple[float, ...] = SETTLE_WIDTHS
-    settle_rounds: int = 0
-    settle_updates: int = 3
-    settle_normal_weight: float = 0.1
-    settle_friction: float = 0.01
     refined: int = 5
     sure: float = 2.5
     carried_by: int = 4
@@ -219,8 +194,6 @@ class PartSettings:
     cover_distance: float = 0.1
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
-    refined_sizes: int = 8
-    max_refined_motion: float = 10.0
     refinements: int = 2
     min_vertices: int = 160
 
@@ -231,7 +204,7 @@ class PartSettings:
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
             *("first_updates", "updates", "bend_rounds", "draw_steps"),
-            *("carried_by", "refined", "refined_sizes", "refinements", "min_vertices"),
+            *("carried_by", "refined", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(
@@ -242,7 +215,6 @@ class PartSettings:
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
             *(
                 "rim_width",
-                "max_refined_motion",
                 "uncovered_weight",
                 "first_reach",
                 "max_landmark_distance",
@@ -268,10 +240,6 @@ class PartSettings:
             ),
             f"boundary_worth is {self.boundary_worth}; give 0 to 1": (
                 0 <= self.boundary_worth <= 1
-            ),
-            f"settle_reaches is {self.settle_reaches}, settle_widths "
-            f"{self.settle_widths}; give as many": (
-                len(self.settle_reaches) == len(self.settle_widths)
             ),
             f"beam is {self.beam}, min_groups {self.min_groups}; follow no fewer": (
                 self.beam >= self.min_groups

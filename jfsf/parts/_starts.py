@@ -17,7 +17,6 @@ from jfsf.parts._beam import anchors_of, assign
 from jfsf.parts._region import dense_map, near_vertices, outward, scaled
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._settle import settle
 from jfsf.parts._shape import PartSamples, along_cut, part_samples
 from jfsf.types import ArrayLike, Mesh
 
@@ -189,15 +188,6 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
     if not sides.same_unit:
         rank += settings.register_weights.size * np.log(scale / found.scale)
     return Start(scale, found, float(rank), _missed(sides, found))
-
-
-def settled(sides: Sides, start: Start) -> Start:
-    """A start that has slid to its place (`settle`); its rank stays."""
-    if sides.settings.settle_rounds < 1:
-        return start
-    part = scaled(sides.coarse_x, start.scale)
-    found = settle(sides.whole, part, start.registered, settings=sides.settings)
-    return start._replace(registered=found)
 
 
 def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
