@@ -332,7 +332,10 @@ def test_match_registers_on_request(folder, x, y, monkeypatch):
     on_y, own, scan = map(read, (warped, x, y))
     assert (on_y.faces == own.faces).all()
     assert closest(surface_tree(scan), on_y.vertices).distance.mean() < 0.01
-    assert "is an input" in refused(*args, x)
+    copy = folder / "registered_copy.ply"
+    export_mesh(copy, read(y))
+    args = "match", x, copy, "--out", folder / "m.npz", "--register"
+    assert "is an input" in refused(*args, copy)
 
 
 def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):

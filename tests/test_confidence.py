@@ -48,7 +48,8 @@ def test_the_factors_are_of_figures():
     assert set(NAMES) <= set(Certificate._fields) and len(NAMES) > 1
     assert set(RANK_FACTORS) <= set(Certificate._fields) and RANK_FACTORS
     assert np.isfinite([*FACTORS.values(), *RANK_FACTORS.values()]).all()
-    assert set(COMPARED) == {"scale", "most_margin", "constant", "log_odds", "margin"}
+    numbers = {"scale", "most_margin", "constant", "log_odds", "margin", "least_share"}
+    assert set(COMPARED) == numbers
 
 
 @BOTH

@@ -14,7 +14,6 @@ import jfsf
 from jfsf import testing
 from jfsf.batch import Job
 from jfsf.cli import app
-from jfsf.cli._batch import notes_of, prepare
 from jfsf.cli._collection import _meshes_in
 from jfsf.cli._collection_jobs import keep, kept
 from jfsf.cli._files import matchable
@@ -356,24 +355,6 @@ def test_what_the_largest_component_leaves_out_is_said(tmp_path):
     assert matchable(write(tmp_path / "d.off", BLOB), True).said == ()
     mended = matchable(path, True, mend=True).said
     assert "2 small components removed" in mended[0] and "11 vertices" in mended[0]
-
-
-def test_many_jobs_remember_what_was_said(tmp_path, monkeypatch):
-    path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
-    good = write(tmp_path / "good.off", BLOB)
-    asked = []
-    monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: asked.append(name))
-    notes = tmp_path / "notes"
-    for file in (path, good):
-        prepare(file, largest=True, notes=notes)
-    found = notes_of(notes, [path, good, path])
-    assert list(found) == [str(path)] and "1 other piece" in found[str(path)][0]
-    assert asked == [str(path), str(good)]
-    # A file that was mended has nothing to be said of it.
-    write(path, BLOB)
-    prepare(path, largest=True, notes=notes)
-    assert notes_of(notes, [path]) == {}
-    prepare(path, largest=True)
 
 
 def test_match_says_what_it_leaves_out_and_passes_over(tmp_path, monkeypatch):
