@@ -10,7 +10,7 @@ import numpy as np
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import check_search, given_start
 from jfsf.coarse import coarse_copy, padded_copies
-from jfsf.evidence import rivals_among, share_among
+from jfsf.evidence import COMPARED, rivals_among, share_among
 from jfsf.initial import Start, nonisometric_starts, search_starts
 from jfsf.policy._others import (
     disk_starts,
@@ -179,6 +179,10 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     # A near copy of the map so far ranks first: it is the same map, a little better.
     same = 0 if another else best
     pair.shares[pair.won], pair.rivals[pair.won] = float(share[same]), rivals[same]
+    # Two maps that cannot be told apart: the first stays, with both counted.
+    ahead = COMPARED["scale"] * float(rank[best] - rank[0])
+    if rivals[same] > 0 and ahead <= settings.evidence.tie:
+        return []
     number, chosen = settings.nonisometric_attempts - (not another), [0]
     for i in order:
         if all(differ[i, j] for j in chosen):
