@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree
 
 from jfsf import data
 from jfsf.geometry import geodesics
-from jfsf.mesh import boundary_edges, decimate, largest_component, surface_area
+from jfsf.mesh import boundary_edges, decimate, largest_component, rims, surface_area
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 
@@ -105,22 +105,11 @@ def _without_tongues(faces: np.ndarray) -> np.ndarray:
 
 def _capped(mesh: Mesh) -> Mesh:
     """All rims closed but the longest: an open mouth."""
-    after = {}
-    for a, b in boundary_edges(mesh.faces).tolist():
-        after.setdefault(a, b)
-    rims = []
-    while after:
-        first, vertex = after.popitem()
-        rim = [first]
-        while vertex in after:
-            rim.append(vertex)
-            vertex = after.pop(vertex)
-        rims.append(rim)
     points, faces = list(mesh.vertices), mesh.faces.tolist()
-    for rim in sorted(rims, key=len)[:-1]:
+    for rim in sorted(rims(mesh.faces), key=len)[:-1]:
         points.append(mesh.vertices[rim].mean(0))
         ends = zip(rim, [*rim[1:], rim[0]], strict=True)
-        faces += [(b, a, len(points) - 1) for a, b in ends]
+        faces += [(a, b, len(points) - 1) for a, b in ends]
     return Mesh(np.array(points), np.array(faces, np.int32))
 
 

@@ -86,6 +86,47 @@ def checked_landmarks(
     return at_x, at_y
 
 
+def checked_map(
+    T_xy: Any,
+    matched_x: Any,
+    sizes: tuple[int, int],
+    *,
+    caller: str,
+    called: tuple[str, str] = ("T_xy", "matched_x"),
+    names: tuple[str, str] = ("X", "Y"),
+) -> tuple[np.ndarray, np.ndarray]:
+    """A point-to-point map and where it counts, everywhere if `matched_x` is None.
+
+    Args:
+        T_xy, matched_x: of each vertex of X.
+        sizes: n_x and n_y.
+        caller, called, names: the function, its arguments, and both shapes, in errors.
+
+    Raises:
+        ValueError: they do not fit the shapes.
+    """
+    (n_x, n_y), (map_name, matched_name), (one, other) = sizes, called, names
+    T = np.asarray(T_xy)
+    if T.shape != (n_x,) or T.dtype.kind not in "iu":
+        raise ValueError(
+            f"{caller}: {map_name} is {T.dtype} {T.shape}; give ({n_x},) whole "
+            f"numbers, the vertex of {other} for each of {one}: does it run the other "
+            "way?"
+        )
+    if T.min() < 0 or T.max() >= n_y:
+        raise ValueError(
+            f"{caller}: {map_name} names vertices {T.min()} to {T.max()}, and {other} "
+            f"has {n_y}, from 0 on: does it run the other way?"
+        )
+    matched = np.ones(n_x, bool) if matched_x is None else np.asarray(matched_x)
+    if matched.shape != (n_x,) or matched.dtype != bool:
+        raise ValueError(
+            f"{caller}: {matched_name} is {matched.dtype} {matched.shape}; give "
+            f"({n_x},) bool"
+        )
+    return T, matched
+
+
 def doubtful_units(
     mesh_x: Mesh,
     mesh_y: Mesh,

@@ -230,8 +230,8 @@ class Certificate(NamedTuple):
         this one. Those that were found: of a sphere there are more. nan if none were
         compared.
     mirror_share: of the odds of the mirror image in those of both. Near 1 one of the
-        shapes may be mirrored. nan if it was not tried, as where `mirror_gap` does not
-        ask for it.
+        shapes may be mirrored. nan if it fits no better, or was not tried, as where
+        `mirror_gap` does not ask for it.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
         from log_odds and share (`jfsf.evidence.confidence`). With n rivals it is
         1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits

@@ -180,8 +180,8 @@ def test_the_rim_of_an_open_template_goes_to_that_of_the_scan():
 @pytest.mark.parametrize(
     "change, words",
     [
-        ({"T": T[:-1]}, "is it the map from the scan"),
-        ({"T": T.astype(float)}, "give .* integers"),
+        ({"T": T[:-1]}, "does it run the other way"),
+        ({"T": T.astype(float)}, "give .* whole numbers"),
         ({"T": T + len(SCAN.vertices)}, "names vertices"),
         ({"matched": np.ones(N)}, "bool"),
         ({"matched": np.zeros(N, bool)}, "must be matched"),

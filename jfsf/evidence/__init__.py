@@ -15,6 +15,7 @@ from jfsf.evidence._certificate import certify, spectrum_gap
 from jfsf.evidence._confidence import (
     COMPARED,
     FACTORS,
+    MIRRORED,
     RANK_FACTORS,
     UNLIKE,
     column,
@@ -29,7 +30,13 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
-from jfsf.evidence._rivals import Standing, map_distances, rivals_among, share_among
+from jfsf.evidence._rivals import (
+    Standing,
+    map_distances,
+    ranks,
+    rivals_among,
+    share_among,
+)
 from jfsf.evidence._vertices import (
     SURE,
     VERTEX_EVIDENCE,
@@ -42,6 +49,7 @@ from jfsf.evidence._vertices import (
 __all__ = [
     "COMPARED",
     "FACTORS",
+    "MIRRORED",
     "MISSED",
     "RANK_FACTORS",
     "SURE",
@@ -61,6 +69,7 @@ __all__ = [
     "map_distances",
     "of_certificate",
     "rank",
+    "ranks",
     "rivals_among",
     "share_among",
     "spectrum_gap",

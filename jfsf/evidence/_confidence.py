@@ -45,6 +45,9 @@ _AS_IT_IS = ("orientation", "nn_agreement")
 # limbs, the largest gaps are 1.09, 1.07, 0.99; a torus, a rod, an ellipsoid or a bent
 # one differ from bodies by 1.6 or more, and a rod from a torus or a box by 1.14.
 STEEP, UNLIKE = 30.0, 1.12
+# Share of a mirror image in the odds of both: above, one of the shapes may be mirrored.
+# Set by hand, as a and u are.
+MIRRORED = 0.8
 # Shares beyond this, and below 1 minus this, count as this.
 MOST_SHARE = 0.999
 

@@ -51,13 +51,8 @@ def share_among(
     """
     apart = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
     differ = apart > settings.evidence.distinct
-    figures = [match.certificate.figures() for match in matches]
-    # On the host: so few numbers are not worth a program.
-    ranks = np.nan_to_num([float(rank(np, **own)) for own in figures], nan=-np.inf)
-    limit = settings.evidence.missed
-    missed = np.array([_missed(match, limit) for match in matches])
-    ranks -= settings.evidence.missed_rank * missed
-    odds = COMPARED["scale"] * ranks
+    standing = ranks(matches, settings=settings)
+    odds = COMPARED["scale"] * standing
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
         rivals: list[int] = []
@@ -67,7 +62,21 @@ def share_among(
         known = np.isfinite(own) and len(rivals)
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin) if np.isfinite(own) else np.nan)
-    return Standing(np.array(shares), ranks, differ, apart)
+    return Standing(np.array(shares), standing, differ, apart)
+
+
+def ranks(matches: Sequence[Match], *, settings: Settings = Settings()) -> np.ndarray:
+    """The rank of each match of one pair (`jfsf.evidence.rank`), (m,).
+
+    -inf where it is unknown. One that misses landmarks ranks lower, by
+    `EvidenceSettings.missed_rank` if it misses all.
+    """
+    figures = [match.certificate.figures() for match in matches]
+    # On the host: so few numbers are not worth a program.
+    found = np.nan_to_num([float(rank(np, **own)) for own in figures], nan=-np.inf)
+    limit = settings.evidence.missed
+    missed = np.array([_missed(match, limit) for match in matches])
+    return found - settings.evidence.missed_rank * missed
 
 
 def rivals_among(

@@ -59,7 +59,7 @@ from jfsf.mesh._geometry import (
     vertex_components,
     vertex_normals,
 )
-from jfsf.mesh._holes import without_holes
+from jfsf.mesh._holes import rims, without_holes
 from jfsf.mesh._partners import (
     Repaired,
     map_of_originals,
@@ -129,6 +129,7 @@ __all__ = [
     "read_uv",
     "reconstruct",
     "repair",
+    "rims",
     "rounding",
     "spikes",
     "stem_of",

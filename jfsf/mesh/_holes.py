@@ -32,7 +32,7 @@ def without_holes(mesh: Mesh) -> Mesh:
     area = np.bincount(component[faces[:, 0]], face_areas(vertices, faces))
     limit = LONGEST * np.sqrt(area)
     new: list = []
-    for rim in _rims(faces, len(vertices)):
+    for rim in rims(faces):
         points = vertices[rim]
         sides = np.linalg.norm(points - np.roll(points, -1, axis=0), axis=1)
         if sides.sum() <= limit[component[rim[0]]]:
@@ -42,13 +42,22 @@ def without_holes(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices, np.concatenate([faces, np.array(new, faces.dtype)]))
 
 
-def _rims(faces: ArrayLike, n: int) -> list[list[int]]:
-    """Closed chains of boundary edges, against the winding of the faces beside them."""
+def rims(faces: ArrayLike) -> list[list[int]]:
+    """The closed rims of a mesh: chains of vertices along its boundary.
+
+    Args:
+        faces: (m, 3), wound consistently.
+
+    Returns:
+        The vertices of each rim in their order, against the winding of the faces beside
+        it. Rims that touch another or themselves are left out.
+    """
     ends = boundary_edges(faces).T[::-1]
+    n = int(ends.max(initial=-1)) + 1
     starts, stops = (np.bincount(one, minlength=n) for one in ends)
     simple = (starts == 1) & (stops == 1)
     after = {a: b for a, b in ends.T.tolist() if simple[a] and simple[b]}
-    rims = []
+    found = []
     while after:
         first, vertex = after.popitem()
         rim = [first]
@@ -56,8 +65,8 @@ def _rims(faces: ArrayLike, n: int) -> list[list[int]]:
             rim.append(vertex)
             vertex = after.pop(vertex)
         if vertex == first and len(rim) > 2:
-            rims.append(rim)
-    return rims
+            found.append(rim)
+    return found
 
 
 def _triangles(rim: list[int]) -> list[tuple[int, int, int]]:

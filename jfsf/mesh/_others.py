@@ -132,7 +132,7 @@ def parse_gifti(data: bytes) -> Mesh:
             on a surface.
     """
     _need(".gii")
-    from nibabel.gifti import GiftiImage
+    from nibabel.gifti.gifti import GiftiImage
 
     image = GiftiImage.from_bytes(data)
     points, faces = (

@@ -14,7 +14,8 @@ from jaxtyping import Float
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
-from jfsf.mesh import boundary_edges, edges
+from jfsf.mesh import boundary_edges, edges, rims
+from jfsf.refine import closest_rotations
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
@@ -111,11 +112,9 @@ def _few(disk: Disk) -> Disk:
 def _motion(x: Disk, images: np.ndarray, mirrors: bool):
     """The rigid motion that brings the points of X nearest to images (Kabsch 1976)."""
     centre_x, centre_y = x.share @ x.points, x.share @ images
-    left, _, right = np.linalg.svd(
-        (x.points - centre_x).T @ ((images - centre_y) * x.share[:, None])
-    )
-    side = np.sign(np.linalg.det(left @ right)) * (-1 if mirrors else 1)
-    turn = (left * [1, 1, side]) @ right
+    flip = np.array([-1 if mirrors else 1, 1, 1])
+    spread = ((x.points - centre_x) * flip).T @ ((images - centre_y) * x.share[:, None])
+    turn = flip[:, None] * closest_rotations(spread)
     return lambda points: (points - centre_x) @ turn + centre_y
 
 
@@ -124,30 +123,15 @@ def _surface_of(spec: Spectrum) -> tuple[np.ndarray, np.ndarray, list[int]]:
     n = int(np.sum(np.asarray(spec.mass) > 0))
     points, faces = np.asarray(spec.vertices, float)[:n], np.asarray(spec.faces)
     faces = faces[(faces[:, 0] != faces[:, 1]) | (faces[:, 1] != faces[:, 2])]
-    ends = boundary_edges(faces)
-    if (
-        len(ends) == 0 or np.bincount(ends[:, 0]).max() > 1
-    ):  # closed, or rims that touch
+    # Along the winding.
+    closed = [rim[::-1] for rim in rims(faces)]
+    if sum(map(len, closed)) < len(boundary_edges(faces)):  # rims touch
         return points, faces, []
-    rims = sorted(_rims(ends), key=lambda rim: -_sides(points, rim).sum())
-    long_rims = [rim for rim in rims if _sides(points, rim).sum() >= LEAST_RIM]
+    long_rims = [rim for rim in closed if _sides(points, rim).sum() >= LEAST_RIM]
     # With all rims closed a disk is a sphere.
-    euler = n - len(edges(faces).ends) + len(faces) + len(rims)
-    return points, faces, rims[0] if euler == 2 and len(long_rims) == 1 else []
-
-
-def _rims(ends: np.ndarray) -> list[list[int]]:
-    """Chains of boundary vertices, along the winding; no two share a vertex."""
-    after = dict(ends.tolist())
-    rims = []
-    while after:
-        first, vertex = after.popitem()
-        rim = [first]
-        while vertex in after:
-            rim.append(vertex)
-            vertex = after.pop(vertex)
-        rims.append(rim)
-    return rims
+    euler = n - len(edges(faces).ends) + len(faces) + len(closed)
+    is_one = euler == 2 and len(long_rims) == 1
+    return points, faces, long_rims[0] if is_one else []
 
 
 def _sides(points: np.ndarray, rim: list[int]) -> np.ndarray:

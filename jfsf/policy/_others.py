@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from scipy.special import expit
 
-from jfsf.evidence import share_among
+from jfsf.evidence import MIRRORED, ranks, share_among
 from jfsf.initial import Start
 from jfsf.policy._disks import as_disk, is_disk, turned_maps
 from jfsf.policy._pairs import PairState
@@ -22,8 +22,8 @@ from jfsf.settings import Settings
 # 0.008 for bodies.
 ROUND = 0.004
 # A mirror image fits clearly better if its share is this much, or if it leaves so many
-# times less apart. Of bodies, which are symmetric, it fits alike: the largest share of
-# 48 pairs is 0.89, with 2.6 times less apart. Of bones it is 0.85, with nothing apart.
+# times less apart. Set by hand: of 48 pairs of bodies, which are symmetric, the largest
+# share is 0.89, with 2.6 times less apart; of bones it is 0.85, with nothing apart.
 CLEAR_SHARE, LESS_APART = 0.9, 4.0
 # Eigenvalues repeat if the next is larger by no more than this share; of the first 12
 # of bodies at most 2 do, of shapes that turn about an axis 4 to 6.
@@ -115,12 +115,12 @@ def mirror_share(copy: PairState, mirror: PairState, settings: Settings) -> floa
     if not expit(odds) >= settings.retry_below:
         return np.nan
     own = [attempt.match for attempt in copy.attempts]
-    rank = share_among(own, copy.spectra, settings=settings).rank
-    both = [own[int(np.argmax(rank))], mirror.best]
+    both = [own[int(np.argmax(ranks(own, settings=settings)))], mirror.best]
     standing = share_among(both, copy.spectra, settings=settings)
     share = float(standing.share[1])
     apart, least = (float(match.certificate.residual) for match in both)
-    clear = share >= CLEAR_SHARE or apart > LESS_APART * least
+    less = share > MIRRORED and apart > LESS_APART * least
+    clear = share >= CLEAR_SHARE or less
     return share if clear and standing.differ[0, 1] else np.nan
 
 

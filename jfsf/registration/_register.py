@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jfsf.arguments import checked_map
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
@@ -97,7 +98,18 @@ def register(
                 f"{name}: has no faces, and registration needs a surface; triangulate "
                 "it (jfsf.mesh.reconstruct)"
             )
-    T, matched = _checked(T, matched, len(template.vertices), len(scan.vertices))
+    T, matched = checked_map(
+        T,
+        matched,
+        (len(template.vertices), len(scan.vertices)),
+        caller="register",
+        called=("T", "matched"),
+        names=("the template", "the scan"),
+    )
+    if matched.sum() < 4:
+        raise ValueError(
+            f"register: T counts at {matched.sum()} vertices; more must be matched"
+        )
     if orientation_sign not in (None, 1, -1):
         raise ValueError(
             f"register: orientation_sign is {orientation_sign!r}; give 1, -1 or None"
@@ -143,28 +155,3 @@ def _in_own_unit(mesh: Mesh) -> tuple[Mesh, _Place]:
     middle = weight @ vertices / weight.sum()
     unit = np.sqrt(surface_area(Mesh(vertices, faces)))
     return Mesh((vertices - middle) / unit, faces), _Place(float(unit), middle)
-
-
-def _checked(T, matched, n: int, n_scan: int):
-    """The map, and where it counts."""
-    T = np.asarray(T)
-    if T.shape != (n,) or T.dtype.kind not in "iu":
-        raise ValueError(
-            f"register: T is {T.dtype} {T.shape}; give ({n},) integers, a vertex of "
-            "the scan for each of the template: is it the map from the scan?"
-        )
-    if T.min() < 0 or T.max() >= n_scan:
-        raise ValueError(
-            f"register: T names vertices {T.min()} to {T.max()} of the scan, which has "
-            f"vertices 0 to {n_scan - 1}: is it the map from the scan?"
-        )
-    matched = np.ones(n, bool) if matched is None else np.asarray(matched)
-    if matched.shape != (n,) or matched.dtype != bool:
-        raise ValueError(
-            f"register: matched is {matched.dtype} {matched.shape}; give ({n},) bool"
-        )
-    if matched.sum() < 4:
-        raise ValueError(
-            f"register: T counts at {matched.sum()} vertices; more must be matched"
-        )
-    return T, matched

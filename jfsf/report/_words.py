@@ -8,7 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.evidence import MISSED, UNLIKE  # whatever settings the map was made with
+from jfsf.evidence import (  # whatever settings the map was made with
+    MIRRORED,
+    MISSED,
+    UNLIKE,
+)
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning.
@@ -33,9 +37,6 @@ MIN_RECALL = 0.9
 SMALL_GAP = 0.1
 # Of the odds of all maps that were compared: below, another one fits better.
 MIN_SHARE = 0.5
-# Share of the mirror image in the odds of both: above, one of the shapes may be
-# mirrored. Of bodies, which are symmetric, both fit alike.
-MIRRORED = 0.8
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
 # Of figures that are nan: a word in place of the number, and why.
@@ -46,7 +47,7 @@ _WHY_UNKNOWN = {
     "share": ("not compared", "no other map was tried"),
     "rivals": ("not compared", "no other map was tried"),
     "mirror_gap": ("not known", "no orientation was asked for, or no search was made"),
-    "mirror_share": ("not compared", "the search saw no reason to try it"),
+    "mirror_share": ("not compared", "it was not tried, or fits no better"),
     "spectrum_gap": ("not measured", "an older version made the file"),
     **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
     **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),

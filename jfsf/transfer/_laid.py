@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
+from jfsf.arguments import checked_map
 from jfsf.mesh import MAX_UNCLEAR, checked_mesh, unclear_winding
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.types import ArrayLike, Mesh
@@ -64,23 +65,8 @@ def lay(
         ValueError: T_xy or matched_x do not fit the meshes.
     """
     mesh_x, mesh_y = checked_mesh(mesh_x, "X"), checked_mesh(mesh_y, "Y")
-    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
-    T_xy = np.asarray(T_xy)
-    if T_xy.shape != (n_x,) or T_xy.dtype.kind not in "iu":
-        raise ValueError(
-            f"lay: T_xy is {T_xy.dtype} {T_xy.shape}; give ({n_x},) whole numbers, the "
-            "vertex of Y for each of X: does it run the other way?"
-        )
-    if T_xy.min() < 0 or T_xy.max() >= n_y:
-        raise ValueError(
-            f"lay: T_xy names vertices {T_xy.min()} to {T_xy.max()}, and Y has {n_y}, "
-            "from 0 on: does it run the other way?"
-        )
-    known = np.ones(n_x, bool) if matched_x is None else np.asarray(matched_x)
-    if known.shape != (n_x,) or known.dtype != bool:
-        raise ValueError(
-            f"lay: matched_x is {known.dtype} {known.shape}; give ({n_x},) bool"
-        )
+    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
+    T_xy, known = checked_map(T_xy, matched_x, sizes, caller="lay")
     if len(mesh_x.faces) and len(mesh_y.faces):
         found = register(mesh_x, mesh_y, T_xy, matched=known, settings=settings)
         at_x, sign = found.vertices, int(found.orientation_sign)

@@ -102,18 +102,10 @@ function startViewer() {
   const pane = makePane("x", record.models[0].shape);
   const loaded = [];
   let current = null;
-  for (const mode of ["colours", "distance"]) {
-    const button = element("button", mode === "colours" ? "Colours" : "Distance from the mean");
-    button.type = "button";
-    button.dataset.mode = mode;
-    button.onclick = () => {
-      state.mode = mode;
-      press(byId("modes").children, button);
-      paint();
-    };
-    byId("modes").append(button);
-  }
-  press(byId("modes").children, byId("modes").firstChild);
+  modeButtons({ colours: "Colours", distance: "Distance from the mean" }, (mode) => {
+    state.mode = mode;
+    paint();
+  });
   const stops = [0, 64, 128, 191, 255].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
   byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;
   linkCameras({ x: pane }, record.models[0].turn, 1.2);

@@ -191,18 +191,11 @@ function startViewer() {
 
   function makeControls() {
     const modes = ["colours", "checker", ...figures.map(({ name }) => name)];
-    for (const mode of modes) {
-      const button = element("button", mode[0].toUpperCase() + mode.slice(1));
-      button.type = "button";
-      button.dataset.mode = mode;
-      button.onclick = () => {
-        state.mode = mode;
-        press(byId("modes").children, button);
-        paint();
-      };
-      byId("modes").append(button);
-    }
-    press(byId("modes").children, byId("modes").firstChild);
+    const texts = modes.map((mode) => [mode, mode[0].toUpperCase() + mode.slice(1)]);
+    modeButtons(Object.fromEntries(texts), (mode) => {
+      state.mode = mode;
+      paint();
+    });
     const choose = (index) => {
       state.map = index;
       byId("map").selectedIndex = index;

@@ -32,6 +32,21 @@ function press(buttons, pressed) {
   for (const button of buttons) button.setAttribute("aria-pressed", button === pressed);
 }
 
+// A button for each way to colour the shapes, { mode: text }; the first is pressed.
+function modeButtons(texts, chosen) {
+  for (const [mode, text] of Object.entries(texts)) {
+    const button = element("button", text);
+    button.type = "button";
+    button.dataset.mode = mode;
+    button.onclick = () => {
+      press(byId("modes").children, button);
+      chosen(mode);
+    };
+    byId("modes").append(button);
+  }
+  press(byId("modes").children, byId("modes").firstChild);
+}
+
 // ---------------------------------------------------------------- arrays
 
 function unpacked(text, Kind) {
