@@ -192,17 +192,11 @@ def left_out(mesh: Mesh, index) -> str:
         mesh: all of the file.
         index: the vertices of the component.
     """
-    from jfsf.mesh import face_areas, vertex_components
-
-    n, faces = len(mesh.vertices), np.asarray(mesh.faces)
+    n = len(mesh.vertices)
     if len(index) == n:
         return ""
-    kept = np.zeros(n, bool)
-    kept[index] = True
-    outside = ~kept[faces[:, 0]]
-    area = face_areas(np.asarray(mesh.vertices), faces)
-    pieces = len(np.unique(vertex_components(faces, n)[faces[outside]]))
-    share = area[outside].sum() / area.sum() if area.any() else 0.0
+    counts, share = pieces_beside(mesh, index)
+    pieces = len(counts)
     words = f"{n - len(index)} vertices"
     if pieces:
         counted = "1 other piece" if pieces == 1 else f"{pieces} other pieces"
@@ -210,6 +204,23 @@ def left_out(mesh: Mesh, index) -> str:
     else:
         words += " without a face"
     return f"--largest-component leaves out {words}"
+
+
+def pieces_beside(mesh: Mesh, index) -> tuple[np.ndarray, float]:
+    """The faces of each piece beside the largest, and their share of the area.
+
+    Args:
+        mesh: with faces or without.
+        index: the vertices of the component.
+    """
+    from jfsf.mesh import face_areas, vertex_components
+
+    n, faces = len(mesh.vertices), np.asarray(mesh.faces)
+    outside = ~np.isin(faces[:, 0], index)
+    owner = vertex_components(faces, n)[faces[outside, 0]]
+    area = face_areas(np.asarray(mesh.vertices), faces)
+    share = area[outside].sum() / area.sum() if area.any() else 0.0
+    return np.unique(owner, return_counts=True)[1], float(share)
 
 
 def write_found(

@@ -8,7 +8,13 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from jfsf.cli._files import FORMATS, can_export, check_mesh, sides_in_doubt
+from jfsf.cli._files import (
+    FORMATS,
+    can_export,
+    check_mesh,
+    pieces_beside,
+    sides_in_doubt,
+)
 from jfsf.types import Mesh
 
 
@@ -104,21 +110,15 @@ def _not_finite(file: Mesh) -> list[str]:
 
 def _pieces(mesh: Mesh) -> list[str]:
     """What there is beside the largest component."""
-    from jfsf.mesh import face_areas, largest_component, vertex_components
+    from jfsf.mesh import largest_component
 
-    n, faces = len(mesh.vertices), np.asarray(mesh.faces)
-    if len(faces) == 0:
+    if len(mesh.faces) == 0:
         return []
-    owner = vertex_components(faces, n)[faces[:, 0]]
-    index = largest_component(mesh).index
-    outside = ~np.isin(faces[:, 0], index)
-    if not outside.any():
+    counts, share = pieces_beside(mesh, largest_component(mesh).index)
+    if len(counts) == 0:
         return []
-    counts = np.unique(owner[outside], return_counts=True)[1]
-    area = face_areas(np.asarray(mesh.vertices), faces)
     low, high = int(counts.min()), int(counts.max())
     size = f"{low} to {high} faces" if low < high else f"{low} face{'s' * (low > 1)}"
-    share = area[outside].sum() / area.sum() if area.any() else 0.0
     each = " each" * (low == high and len(counts) > 1)
     return [
         f"separate pieces: {len(counts)} beside the largest, of {size}{each}, "
