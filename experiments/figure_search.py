@@ -40,7 +40,8 @@ def main() -> None:
 
     maps, rows = {}, []
     some = slice(None, None, 20)
-    for C_yx, energy, orientation in zip(*found[:3], strict=True):
+    fields = found.C_yx, found.energy, found.orientation
+    for C_yx, energy, orientation in zip(*fields, strict=True):
         if not np.isfinite(energy):
             continue  # a copy of a better one
         embs = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")

@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 from shapes import small
 
 from jfsf.data import Sample, load
+from jfsf.initial import Candidates
 from jfsf.plot import body_colours, frame, matched_colours
 from jfsf.report import (
     Considered,
@@ -28,6 +29,7 @@ from jfsf.report import (
     write_index,
     write_report,
 )
+from jfsf.report._candidates import with_maps
 from jfsf.report._scene import scene, shown, shown_maps
 from jfsf.types import FIGURES, STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
@@ -309,6 +311,22 @@ def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
     listed = record_of(tmp_path / "index.html")["pairs"]
     assert [row["x"] for row in listed] == ["e", "c", "a", "g"]
     assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
+
+
+def test_candidates_have_maps_but_for_copies():
+    rng = np.random.default_rng(0)
+    evecs = np.linalg.qr(rng.normal(size=(40, 5)))[0]
+    flip = np.diag([1.0, 1, -1])
+    best = Candidates(
+        np.stack([np.eye(3), flip, flip]),
+        np.array([0.1, 0.3, np.inf]),  # the last is a copy
+        np.array([0.9, -0.9, -0.9]),
+        np.array(2.0),
+    )
+    one, two = with_maps(best, evecs, evecs)
+    np.testing.assert_array_equal(one.maps.T_xy, np.arange(40))
+    assert (two.maps.T_xy != np.arange(40)).any()
+    assert (two.energy, two.orientation) == (0.3, -0.9)
 
 
 @pytest.mark.slow

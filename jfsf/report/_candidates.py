@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.attempt import shape_samples
-from jfsf.initial import Orientation, candidates, orientation_sign
+from jfsf.initial import Candidates, Orientation, candidates, orientation_sign
 from jfsf.matching import basis
 from jfsf.runtime import OneByOne, padded_pair
 from jfsf.settings import Settings
@@ -72,8 +72,23 @@ def considered(
         np.asarray(spec.evecs)[np.asarray(rows)]
         for spec, rows in zip(pair, (at_x, at_y), strict=True)
     )
+    return with_maps(best, evecs_x, evecs_y)
+
+
+def with_maps(
+    best: Candidates,
+    evecs_x: Float[np.ndarray, "p k"],
+    evecs_y: Float[np.ndarray, "q k"],
+) -> list[Considered]:
+    """The candidates that are no copies of better ones, with maps between points.
+
+    Args:
+        best: of the search.
+        evecs_x, evecs_y: eigenfunctions at the points of each shape.
+    """
     made = []
-    for C_yx, energy, score in zip(*map(np.asarray, best), strict=True):
+    fields = map(np.asarray, (best.C_yx, best.energy, best.orientation))
+    for C_yx, energy, score in zip(*fields, strict=True):
         if np.isfinite(energy):  # inf: a copy of a better one
             k_x, k_y = C_yx.shape
             # The direct space, as in the search.
