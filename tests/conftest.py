@@ -1,9 +1,12 @@
 """Strict jax for every test: x64, no silent rank or dtype promotion."""
 
+import atexit
 import gc
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,7 +38,21 @@ def set_xla_flags(flags: str) -> None:
         os.environ["XLA_FLAGS"] = flags
 
 
+def share_programs() -> None:
+    """What one process of this run has compiled, the others load.
+
+    They are workers, and the commands and pages that tests start. The folder is a new
+    one, so nothing comes from an earlier run.
+    """
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # else of the run that started us
+        folder = tempfile.mkdtemp(prefix="jfsf-tests-")
+        atexit.register(shutil.rmtree, folder, ignore_errors=True)
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
+        jax.config.update("jax_compilation_cache_dir", folder)
+
+
 set_xla_flags(FAST_COMPILE)
+share_programs()
 
 # Tracing makes many objects and few cycles: to look for them takes 7 % of the time.
 gc.set_threshold(50_000, 20, 20)
