@@ -91,9 +91,8 @@ def pieces_of(
     lost: dict[str, LeftOut] = {}
 
     def leave(why: str, pieces: int, vertices: int, share: float):
-        before = lost.get(why, LeftOut(why, 0, 0, 0.0))
-        both = zip(before[1:], (pieces, vertices, share), strict=True)
-        lost[why] = LeftOut(why, *(a + b for a, b in both))
+        _, p, v, s = lost.get(why, LeftOut(why, 0, 0, 0.0))
+        lost[why] = LeftOut(why, p + pieces, v + vertices, s + share)
 
     parts = split_components(mesh)
     for part, index in parts:
