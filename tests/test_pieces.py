@@ -170,7 +170,12 @@ def test_candidates_are_the_nearest_and_an_assignment():
     # All like the first one: each piece has a partner all the same.
     chosen = candidates(np.tile([0.0, 1, 2], (3, 1)), np.zeros((3, 3)), nearest=1)
     assert chosen[:, 0].all() and chosen.any(0).all()
-    assert candidates(np.zeros((3, 5)), np.zeros((3, 5)), nearest=3).all()
+    # Of two pieces beside many only a few pairs, on either side.
+    unlike = np.abs(np.array([[2.2], [7.2]]) - np.arange(9))
+    few = candidates(unlike, np.zeros((2, 9)), nearest=3)
+    assert np.flatnonzero(few[0]).tolist() == [1, 2, 3] and few.sum() == 6
+    assert np.array_equal(candidates(unlike.T, np.zeros((9, 2)), nearest=3), few.T)
+    assert candidates(np.zeros((2, 4)), np.zeros((2, 4)), nearest=3).all()
     # Of equal pieces those that lie alike.
     places = 1 - np.eye(4)
     chosen = candidates(np.zeros((4, 4)), places, nearest=1)

@@ -46,9 +46,9 @@ def candidates(
 ) -> Bool[np.ndarray, "s t"]:
     """Which pairs are worth a match.
 
-    The `nearest` pieces that each piece is most like, on either side, and the pairs of
-    the assignment that is best by the signatures alone. So all pairs, if a shape has no
-    more than `nearest` pieces.
+    Each piece of the shape that has fewer with the `nearest` ones that it is most like,
+    and the pairs of the assignment that is best by the signatures alone. All pairs, if
+    there are no more than `nearest` squared.
 
     Args:
         unlike: of s pieces of X and t of Y (`jfsf.joint.unlikeness`).
@@ -56,12 +56,12 @@ def candidates(
         nearest: 1 or more.
     """
     score = np.asarray(unlike, float) + _PLACES * np.asarray(apart)
+    if score.size <= nearest**2:
+        return np.ones(score.shape, bool)
+    axis = 1 if score.shape[0] <= score.shape[1] else 0
+    order = np.argsort(score, axis=axis, kind="stable")
     chosen = np.zeros(score.shape, bool)
-    for axis in (0, 1):
-        first = np.argsort(score, axis=axis, kind="stable").take(
-            range(min(nearest, score.shape[axis])), axis=axis
-        )
-        np.put_along_axis(chosen, first, True, axis=axis)
+    np.put_along_axis(chosen, order.take(range(nearest), axis), True, axis)
     chosen[linear_sum_assignment(score)] = True
     return chosen
 

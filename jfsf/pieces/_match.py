@@ -90,9 +90,9 @@ def match_components(
             Without the cache a spectrum is computed again for each pair of its piece.
         min_share: of the area of a shape; smaller pieces are left out, and so are those
             of fewer than `Settings.min_vertices` vertices.
-        nearest: pairs that are matched for each piece: with those that it is most like
-            by the spectra alone (`jfsf.joint.unlikeness`). All pairs are matched where
-            a shape has no more pieces than this.
+        nearest: each piece of the shape that has fewer is matched with so many, those
+            that it is most like by the spectra alone (`jfsf.joint.unlikeness`). All
+            pairs are matched if there are no more than `nearest` squared.
 
     Returns:
         Maps both ways between all vertices, the pairs of pieces with their matches, and
@@ -113,7 +113,7 @@ def match_components(
     apart = places_apart(*([piece.place for piece in side.kept] for side in (x, y)))
     sizes, options = apart.shape, {"settings": settings, "cache": cache}
     chosen = np.ones(sizes, bool)
-    if min(sizes) > nearest:
+    if chosen.size > nearest**2:
         say("spectra of the pieces")
         rows = [
             sketch(basis(piece.mesh, **options)).signature
