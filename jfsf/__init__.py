@@ -40,6 +40,7 @@ only from those above its own:
 - `transfer`: values, labels, landmarks and textures carried along a map
 - `model`: statistical shape models of meshes in correspondence
 - `joint`: many shapes at once: maps that agree, and one topology for all
+- `pieces`: shapes of several connected pieces, matched piece to piece
 - `report`: pages to look at a map in a browser, and the confidence in words
 - `testing`: strategies and laws for property tests
 - `cli`: the command line
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
     from jfsf.parts import PartSettings
+    from jfsf.pieces import MatchedComponents, match_components
     from jfsf.refine import ArapSettings, ZoomOutSettings
     from jfsf.registration import Registration, RegistrationSettings, register
     from jfsf.settings import EvidenceSettings, Settings
@@ -72,6 +74,7 @@ __all__ = [
     "FeatureSettings",
     "Maps",
     "Match",
+    "MatchedComponents",
     "Mesh",
     "MeshError",
     "NeighbourSettings",
@@ -88,6 +91,7 @@ __all__ = [
     "check_matchable",
     "collection",
     "match",
+    "match_components",
     "match_spectra",
     "read",
     "register",
@@ -108,6 +112,7 @@ _HOMES = {
     "refine": ("ArapSettings", "ZoomOutSettings"),
     "registration": ("Registration", "RegistrationSettings", "register"),
     "parts": ("PartSettings",),
+    "pieces": ("MatchedComponents", "match_components"),
     "settings": ("EvidenceSettings", "Settings"),
     "spectral": ("FeatureSettings", "spectrum"),
     "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),

@@ -10,6 +10,7 @@ Read in this order:
 - `_notes`: what these two say of the meshes of a pair
 - `_exports`: what they draw and export
 - `_stages`: a bar that names the stage
+- `_components`: `jfsf match --components`
 - `_report`: the certificate as a table, and the figures of a map
 - `_summary`: the results of many pairs, as a table and as files
 - `_pages`: the reports of the commands

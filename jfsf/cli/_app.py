@@ -18,6 +18,7 @@ from typer.core import TyperGroup
 from jfsf.cli._batch import batch
 from jfsf.cli._cache import cache
 from jfsf.cli._collection import collection
+from jfsf.cli._components import check_components_options, match_pieces
 from jfsf.cli._evaluate import evaluate
 from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw
 from jfsf.cli._exports import export as exported
@@ -217,6 +218,15 @@ def match(
             "index_x and index_y in the file hold their numbers in X and Y.",
         ),
     ] = False,
+    components: Annotated[
+        bool,
+        typer.Option(
+            "--components",
+            help="Match all pieces of X to those of Y, the best assignment. Maps count "
+            "the vertices of the files, -1 where a vertex belongs to no piece with a "
+            "partner; the file has the pair and its confidence for each vertex.",
+        ),
+    ] = False,
     partial: Annotated[
         bool,
         typer.Option(
@@ -254,6 +264,16 @@ def match(
     from jfsf.matching import match as match_meshes
 
     can_write(out, ".npz")
+    if components:
+        options = {"--png": png, "--export": export, "--checker": checker}
+        options |= {"--by-place": by_place, "--register": warped, "--report": report}
+        options |= {"--gt-x": gt_x, "--gt-y": gt_y, "--base": base}
+        options |= {"--landmarks": landmarks, "--landmarks-x": landmarks_x}
+        options |= {"--landmarks-y": landmarks_y, "--partial": partial, "--up": up}
+        options |= {"--largest-component": largest_component, "--repair": repair}
+        check_components_options(options | {"--any-unit": any_unit})
+        match_pieces(x, y, out, orientation.value, cache=not no_cache)
+        return
     if png is not None:
         can_write(png, ".png")
         need_matplotlib()

@@ -366,7 +366,8 @@ def _mended_pair(meshes, maps, paths):
     if maps.index_x is not None or maps.index_y is not None:
         raise ValueError(
             "--repair is for maps between all vertices of the files, and this one is "
-            "of match --largest-component without --repair; leave the option out"
+            "of match --components, or of --largest-component without --repair; leave "
+            "the option out"
         )
     x, y = (
         repair(mesh, name=str(path)) for mesh, path in zip(meshes, paths, strict=True)

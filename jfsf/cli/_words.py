@@ -12,6 +12,7 @@ _OPTIONS = {
     rf"{_BEFORE}exact=True": "--exact",
     rf"{_BEFORE}use exact=False": "leave out --exact",
     rf"{_BEFORE}largest_component{_AFTER}": "match --largest-component",
+    rf"{_BEFORE}match_components{_AFTER}": "match --components",
     rf"{_BEFORE}with weld{_AFTER}": "with match --repair",
     rf"{_BEFORE}mesh_x{_AFTER}": "X",
     rf"{_BEFORE}mesh_y{_AFTER}": "Y",

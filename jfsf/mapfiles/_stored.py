@@ -19,7 +19,8 @@ class StoredMap(NamedTuple):
     T_xy, T_yx: (n_x,) and (n_y,) int32, 0-based, among the vertices that were matched.
     C_yx: (k_x, k_y), finite, below `LARGEST`.
     index_x, index_y: (n_x,) and (n_y,) int32, the vertex of the mesh for each vertex
-        that was matched; None if all were.
+        that was matched; None if all were. Of a file with -1 for vertices without a
+        partner, these are the other vertices.
     """
 
     T_xy: np.ndarray
@@ -41,7 +42,8 @@ def read_stored(
 
     Raises:
         MapFileError: as `read_map`; or an array is damaged or does not fit the meshes
-            or T_xy, or a number of C_yx is not finite or above `LARGEST`.
+            or T_xy, or a number of C_yx is not finite or above `LARGEST`; or a vertex
+            has a partner that has none.
     """
     path = Path(path)
     if path.suffix.lower() != ".npz":
@@ -55,10 +57,15 @@ def read_stored(
     )
     n_x = n_x if index_x is None else len(index_x)
     n_y = n_y if index_y is None else len(index_y)
-    T_xy = to_indices(f"{path}[{key}]", arrays[key](), n_x, n_y, 0)
-    T_yx = C_yx = None
-    if "T_yx" in arrays:
-        T_yx = to_indices(f"{path}[T_yx]", arrays["T_yx"](), n_y, n_x, 0)
+    T_xy, T_yx = arrays[key](), arrays["T_yx"]() if "T_yx" in arrays else None
+    lacking = any(T is not None and _lacks(T) for T in (T_xy, T_yx))
+    if index_x is None and index_y is None and lacking:
+        T_xy, T_yx, index_x, index_y = _partners(path, key, T_xy, T_yx, n_x, n_y)
+    else:
+        T_xy = to_indices(f"{path}[{key}]", T_xy, n_x, n_y, 0)
+        if T_yx is not None:
+            T_yx = to_indices(f"{path}[T_yx]", T_yx, n_y, n_x, 0)
+    C_yx = None
     if "C_yx" in arrays:
         C_yx = to_functional_map(f"{path}[C_yx]", arrays["C_yx"]())
         if not (worst := np.abs(C_yx).max()) < LARGEST:
@@ -67,6 +74,42 @@ def read_stored(
                 "match the pair again"
             )
     return StoredMap(T_xy, T_yx, C_yx, index_x, index_y)
+
+
+def _lacks(T: np.ndarray) -> bool:
+    """Whether a map has -1 for vertices without a partner."""
+    return T.dtype.kind == "i" and T.ndim == 1 and bool((T == -1).any())
+
+
+def _partners(path: Path, key: str, T_xy, T_yx, n_x: int, n_y: int):
+    """Maps among the vertices that have a partner, and the numbers of these."""
+    index_x, there_xy = _known(f"{path}[{key}]", T_xy, n_x, n_y)
+    if T_yx is None:
+        return there_xy, None, index_x, None
+    index_y, there_yx = _known(f"{path}[T_yx]", T_yx, n_y, n_x)
+    maps = []
+    for name, there, index, n in (
+        (key, there_xy, index_y, n_y),
+        ("T_yx", there_yx, index_x, n_x),
+    ):
+        renumber = np.full(n, -1, np.int32)
+        renumber[index] = np.arange(len(index))
+        if (lost := renumber[there] < 0).any():
+            raise MapFileError(
+                f"{path}[{name}]: has a partner, {there[lost][0]}, that has none "
+                "itself; match the pair again"
+            )
+        maps.append(renumber[there])
+    return *maps, index_x, index_y
+
+
+def _known(where: str, T: np.ndarray, n_from: int, n_to: int):
+    """The vertices with a partner, and these partners."""
+    there = to_indices(where, np.where(T == -1, 0, T), n_from, n_to, 0)
+    index = np.flatnonzero(np.asarray(T).ravel() != -1).astype(np.int32)
+    if len(index) == 0:
+        raise MapFileError(f"{where}: no vertex has a partner; match the pair again")
+    return index, there[index]
 
 
 def _index(path: Path, arrays: Arrays, name: str, of: str, n: int):

@@ -66,8 +66,9 @@ def match(
     """Point-to-point maps between two shapes, both ways, from the meshes alone.
 
     Args:
-        mesh_x, mesh_y: one connected component each, any units and sizes, 160 vertices
-            or more (`Settings.min_vertices`); a mesh without faces is a point cloud.
+        mesh_x, mesh_y: one connected component each (`jfsf.match_components` takes
+            several), any units and sizes, 160 vertices or more
+            (`Settings.min_vertices`); a mesh without faces is a point cloud.
         orientation: "preserve" asks for the map that keeps left and right (faces are
             wound outward first), "reverse" for its mirror image, "any" for the best of
             both. Of a point cloud the surface is found first (`jfsf.mesh.reconstruct`);

@@ -13,7 +13,7 @@ Read in this order:
 - `_doubled`: faces with the same vertices as others, and which to keep
 - `_links`: pairs of neighbouring faces
 - `_winding`: wind a mesh outward, and say where that is unclear
-- `_edit`: the largest component of a mesh, its mirror image, its seams welded
+- `_edit`: the components of a mesh, its mirror image, its seams welded
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
 - `_clouds`: outliers of point clouds, floors and walls
@@ -46,7 +46,13 @@ from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
 from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
-from jfsf.mesh._edit import Submesh, largest_component, mirror_image, weld
+from jfsf.mesh._edit import (
+    Submesh,
+    largest_component,
+    mirror_image,
+    split_components,
+    weld,
+)
 from jfsf.mesh._geometry import (
     Edges,
     boundary_edges,
@@ -132,6 +138,7 @@ __all__ = [
     "rims",
     "rounding",
     "spikes",
+    "split_components",
     "stem_of",
     "surface_area",
     "surface_tree",

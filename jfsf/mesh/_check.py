@@ -202,7 +202,8 @@ def validate(
     if pieces > 1:
         raise MeshError(
             f"{name}: has {pieces} connected components; keep one with "
-            "largest_component, or join seams of coincident vertices with weld"
+            "largest_component, match all with match_components, or join seams of "
+            "coincident vertices with weld"
         )
 
 

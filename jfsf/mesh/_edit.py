@@ -1,4 +1,4 @@
-"""Mesh -> Mesh: its largest component, its mirror image, its seams welded (numpy)."""
+"""Mesh -> Mesh: its components, its mirror image, its seams welded (numpy)."""
 
 from typing import NamedTuple
 
@@ -53,6 +53,39 @@ def largest_component(mesh: Mesh) -> Submesh:
     renumber = np.cumsum(keep, dtype=np.int32) - np.int32(1)
     part = Mesh(vertices[keep], renumber[faces[keep[faces[:, 0]]]])
     return Submesh(part, index)
+
+
+def split_components(mesh: Mesh) -> list[Submesh]:
+    """All connected components of a mesh, without stray vertices.
+
+    Args:
+        mesh: n vertices, m faces.
+
+    Returns:
+        The components and their vertices' numbers in `mesh`, in the order of their
+        lowest vertices. A point cloud has none.
+    """
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if len(faces) == 0:
+        return []
+    component = vertex_components(faces, len(vertices))
+    # Sorted by component, once: a scan may have thousands of crumbs.
+    order = np.argsort(component, kind="stable").astype(np.int32)
+    ends = np.cumsum(np.bincount(component))
+    local = np.empty(len(vertices), np.int32)
+    local[order] = (
+        np.arange(len(vertices)) - (ends - np.bincount(component))[component[order]]
+    )
+    owner = component[faces[:, 0]]
+    rows = np.argsort(owner, kind="stable")
+    face_ends = np.cumsum(np.bincount(owner, minlength=len(ends)))
+    indices = np.split(order, ends[:-1])
+    corners = np.split(local[faces[rows]], face_ends[:-1])
+    return [
+        Submesh(Mesh(vertices[index], own), index)
+        for index, own in zip(indices, corners, strict=True)
+        if len(own)
+    ]
 
 
 def weld(mesh: Mesh) -> Submesh:
