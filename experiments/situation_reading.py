@@ -46,7 +46,7 @@ def two_bodies(folder: Path) -> list[Command]:
     refusal = ("2 connected components", "--largest-component")
     found.append(refused(found[0], *refusal, name="without the option"))
     pieces = ("separate pieces: 1 beside the largest, of 2400 faces",)
-    return [*found, Command("info", ("info", "man_walk_x.off"), pieces, code=1)]
+    return [*found, Command("info", ("info", found[0].args[1]), pieces, code=1)]
 
 
 def stray_vertices(folder: Path) -> list[Command]:
@@ -64,7 +64,7 @@ def stray_vertices(folder: Path) -> list[Command]:
         words=("7 vertices without a face", "5 vertices without a face"),
     )
     words = ("vertices without a face: match leaves out 1", "can be matched")
-    return [one, many, Command("info", ("info", "one_in_X_x.off"), words)]
+    return [one, many, Command("info", ("info", one.args[1]), words)]
 
 
 def stray_triangle(folder: Path) -> list[Command]:
@@ -79,7 +79,7 @@ def stray_triangle(folder: Path) -> list[Command]:
     kept = matched(folder, "left out", with_triangle(x), y, args, words=words)
     words = ("separate pieces: 1 beside the largest, of 1 face",)
     said = Command(
-        "info", ("info", "repaired_x.off"), words, code=1, unsaid=("small holes",)
+        "info", ("info", repaired.args[1]), words, code=1, unsaid=("small holes",)
     )
     return [said, repaired, kept]
 
@@ -212,7 +212,7 @@ def concave_quads(folder: Path) -> list[Command]:
         def error(path=folder / f"quads{suffix}"):
             return abs(surface_area(read(path)) / area - 1)
 
-        words = (f"area │ {area:.5g}", "can be matched")
+        words = (f"area │ {area:.6g}", "can be matched")
         args = ("info", f"quads{suffix}")
         checks = {"area": Check(error, 1e-6)}
         found.append(Command(suffix, args, words, checks=checks))

@@ -196,7 +196,7 @@ def matched(
     **own,
 ) -> Command:
     """`jfsf match` of two bodies that are written here, and the error of its map."""
-    stem = name.replace(" ", "_").replace(",", "")
+    stem = "".join(letter for letter in name if letter.isalnum())
     files = [f"{stem}_{side}{s}" for side, s in zip("xy", suffixes, strict=True)]
     for file, contents in zip(files, (x, y), strict=True):
         write(folder / file, contents.mesh)
