@@ -115,7 +115,14 @@ def registered(folder: Path) -> list[Command]:
             "distance": Check(distance, 0.005),
             "collapsed faces": Check(collapsed, 0.001),
         }
-        args = ("register", *args, "--map", true_maps(folder, x, y), "--out", out)
+        args = (
+            "register",
+            *args,
+            "--map",
+            true_maps(folder, x, y, names[0]),
+            "--out",
+            out,
+        )
         found.append(Command(names[0], args, ("flipped faces",), checks=checks))
     return found
 

@@ -154,12 +154,13 @@ def other_locale(folder: Path) -> list[Command]:
 
 
 def _not_utf8(path: Path) -> float:
-    """0 if a page is UTF-8 and says so, 1 if not."""
+    """0 if a page is UTF-8, says so, and has its own name as it is; 1 if not."""
     try:
         text = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError:
         return 1.0
-    return float('charset="utf-8"' not in text.lower() or text.isascii())
+    whole = 'charset="utf-8"' in text and not text.isascii() and path.stem in text
+    return float(not whole)
 
 
 def colours_of_a_file(folder: Path) -> list[Command]:

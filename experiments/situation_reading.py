@@ -5,6 +5,7 @@ run there. `READING` names the makers, with what jfsf says or does, and what to 
 rows of the table in `jfsf/guide/troubleshooting.md`.
 """
 
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +100,10 @@ def formats(folder: Path) -> list[Command]:
         write(folder / f"points{suffix}", x.mesh)
         words = ("vertices │ 1202", "can be matched")
         found.append(Command(suffix, ("info", f"points{suffix}"), words))
+    if find_spec("vtkmodules") is None:
+        words = ("pip install 'jfsf[vtk]'",)
+        args = ("info", "scan.vtp")
+        found.append(Command(".vtp without its library", args, words, code=1))
     suffixes = (".xyz.gz", ".ply.xz")
     return [*found, matched(folder, "a packed cloud", cloud(x), y, suffixes=suffixes)]
 

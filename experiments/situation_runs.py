@@ -217,9 +217,9 @@ def refused(command: Command, *words: str, name: str, without=1) -> Command:
     return Command(name, args, words, code=1)
 
 
-def true_maps(folder: Path, x: Contents, y: Contents) -> str:
+def true_maps(folder: Path, x: Contents, y: Contents, name: str = "true") -> str:
     """The file of the true map, between all vertices of the files."""
     T = np.zeros(len(x.mesh.vertices), int)
     T[x.at] = y.at[true_map(x.body, y.body)]
-    write_map(folder / "true.npz", T)
-    return "true.npz"
+    write_map(folder / f"{name}.npz", T)
+    return f"{name}.npz"
