@@ -107,13 +107,13 @@ def truth_on_strays(folder: Path) -> list[Command]:
         write_map(folder / f"{side}_lost.vts", np.array([0, 1]))
     args = ("evaluate", "x.off", "y.off", true_maps(folder, x, y))
     truth = ("--gt-x", "x.vts", "--gt-y", "y.vts", "--json", "figures.json")
-    figures = lambda: json.loads((folder / "figures.json").read_text())["figures"]
+    written = folder / "figures.json"
     number = len(points[0]) + 2
     words = (
         f"ground truth: 2 of {number} points are left out, on vertices that belong",
     )
-    error = lambda: figures()["error_mean"]
-    checks = {"error": Check(error)}
+    figures = lambda: json.loads(written.read_text(encoding="utf-8"))["figures"]
+    checks = {"error": Check(lambda: figures()["error_mean"])}
     found.append(Command("some points", (*args, *truth), words, checks=checks))
     truth = ("--gt-x", "x_lost.vts", "--gt-y", "y_lost.vts")
     words = ("all 2 points are left out", "belong to no face")

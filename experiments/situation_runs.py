@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from protocol import RIGHT
 from scipy.spatial import KDTree
 from situation_files import Contents, body
 from situation_formats import write
@@ -20,9 +21,8 @@ from jfsf.evaluate import geodesic_error
 from jfsf.mapfiles import read_match, read_stored, write_map
 
 POINTS, SEED = 250, 0  # of the ground truth
-RIGHT = 0.1  # mean error of a right map, as in protocol.py
 PAIR, OTHER = ("man_walk", "man_up"), ("woman_walk", "woman_up")
-LONGEST = 200  # characters of a line that is kept
+LONGEST = 300  # characters of a line that is kept
 WIDTH = 200  # of the terminal: tables are not folded
 
 
@@ -140,8 +140,8 @@ def row_of(command: Command, folder: Path, cache: Path) -> dict[str, Any]:
     )
     row["seconds"] = time.perf_counter() - started
     row["code"] = done.returncode
-    printed = done.stdout.decode(errors="replace").splitlines()
-    lines = [" ".join(line.split()) for line in printed]
+    printed = done.stdout.decode(errors="replace").replace(f"{folder}{os.sep}", "")
+    lines = [" ".join(line.split()) for line in printed.splitlines()]
     has = lambda text: any(text in line for line in lines)
     row["said"] = [
         line[:LONGEST] for line in lines if any(word in line for word in command.words)

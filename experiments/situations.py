@@ -212,7 +212,7 @@ SITUATIONS = {
         "surfaces with rotations or reflections",
         symmetric,
         counted,
-        '"several maps fit equally well", how many, and a confidence of at most a part',
+        '"several maps fit equally well", how many, and a confidence that is shared',
         "`--landmarks`, two pairs for a shape that turns about an axis",
     ),
     "faces": Situation(
@@ -251,7 +251,8 @@ def main() -> None:
         print(table())
         print(*not_as_expected(results_in(args.out)), sep="\n", file=sys.stderr)
         return
-    names = [n for name in args.names or KINDS for n in KINDS.get(name, (name,))]
+    asked = [n for name in args.names or KINDS for n in KINDS.get(name, (name,))]
+    names = list(dict.fromkeys(asked))
     if unknown := [name for name in names if name not in every]:
         parser.error(f"no situation {unknown[0]!r}; there are {known}")
     found = results_in(args.out)
