@@ -1,27 +1,43 @@
-"""What people come with: situations that were wrong in silence, and what is said now.
+"""What people come with: what was wrong in silence or refused, and what is said now.
 
 Each row of `SITUATIONS` builds some pairs, says what is to be found, and is run with
-the defaults. Shapes are made from the embedded bodies or from formulas
-(`situation_shapes.py`), so anyone can run all of it:
+the defaults. Each row of `FILES` (`situation_reading.py`, `situation_commands.py`,
+`situation_carried.py`) writes files, and says which commands are typed and what they
+print and write. Shapes are made from the embedded bodies or from formulas
+(`situation_shapes.py`, `situation_files.py`), so anyone can run all of it:
 
     python experiments/situations.py [NAME ...] [--pairs N] [--out JSON]
 
-Prints a line a pair, and writes results/situations.json: of each pair the error (the
-mean geodesic one, over sqrt(area)), the confidence, what is found, and whether that is
-as expected; of each situation how many are.
+NAME may be `pairs` or `files`, for all of a kind. Prints a line a pair or command, and
+writes results/situations.json: of each pair the error (the mean geodesic one, over
+sqrt(area)), the confidence, what is found, and whether that is as expected; of each
+command its exit code, what it said, the errors of its files, and the same; of each
+situation how many are. Rows of the file that are not run again stay.
+
+    python experiments/situations.py --table
+
+prints the table of `jfsf/guide/troubleshooting.md`, and which of its rows are not as
+expected in the file of results.
 """
 
 import argparse
+import json
+import sys
 import time
 from collections.abc import Callable
 from itertools import permutations
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 import protocol
 import results_file
+from situation_carried import CARRIED
+from situation_commands import COMMANDS
+from situation_reading import READING
+from situation_runs import FileSituation, results_of
 from situation_shapes import (
     Case,
     Known,
@@ -53,14 +69,18 @@ Row = dict[str, Any]
 class Situation(NamedTuple):
     """A kind of pairs.
 
-    what: in a sentence.
+    what: in a phrase.
     pairs: makes so many cases, or as many as there are.
     expected: whether a row is as it is to be.
+    says: what jfsf says, in markdown; "" if there is nothing to say.
+    remedy: what to do then, likewise.
     """
 
     what: str
     pairs: Callable[[int], list[Case]]
     expected: Callable[[Row], bool]
+    says: str = ""
+    remedy: str = ""
 
 
 def spread_pairs(number: int) -> list[tuple[str, str]]:
@@ -166,11 +186,15 @@ SITUATIONS = {
         "bodies with a swollen arm, one of them mirrored",
         lambda number: bodies(number, mirror=True),
         lambda row: row["says_mirror"] and row["confidence"] < DOUBTFUL,
+        '"the mirror image fits far better", and a low confidence',
+        "`--orientation reverse`",
     ),
     "left and right, bones": Situation(
         "thigh bones, one of them mirrored",
         bones,
         lambda row: row["says_mirror"] and row["confidence"] < DOUBTFUL,
+        "the same",
+        "`--orientation reverse`",
     ),
     "swollen arms": Situation(
         "the same bodies, not mirrored",
@@ -188,42 +212,101 @@ SITUATIONS = {
         "surfaces with rotations or reflections",
         symmetric,
         counted,
+        '"several maps fit equally well", how many, and a confidence that is shared',
+        "`--landmarks`, two pairs for a shape that turns about an axis",
     ),
-    "faces": Situation("faces, turned and remeshed", faces, not_in_silence),
+    "faces": Situation(
+        "faces, turned and remeshed",
+        faces,
+        not_in_silence,
+        "is right, or has a low confidence",
+        "where it is low, two landmarks on the rim",
+    ),
     "nothing in common": Situation(
         "shapes of different kinds",
         unrelated,
         lambda row: row["confidence"] < DOUBTFUL,
+        "a low confidence",
+        "nothing: there is no right map",
     ),
 }
 PAIRS = {"faces": 30, "symmetries": 12, "nothing in common": 12}
+FILES: dict[str, FileSituation] = READING | COMMANDS | CARRIED
+KINDS = {"pairs": tuple(SITUATIONS), "files": tuple(FILES)}
+OUT = Path(__file__).parent / "results" / "situations.json"
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("names", nargs="*", help=f"of {', '.join(SITUATIONS)}")
+    every = {**SITUATIONS, **FILES}
+    known = ", ".join([*KINDS, *every])
+    parser.add_argument("names", nargs="*", help=f"of {known}; default: all")
     parser.add_argument("--pairs", type=int, help="of each, at most; default: 20 or so")
-    parser.add_argument("--out", type=Path)
+    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--table", action="store_true", help="print the guide's table")
     args = parser.parse_args()
-    names = args.names or list(SITUATIONS)
-    if unknown := [name for name in names if name not in SITUATIONS]:
-        parser.error(f"no situation {unknown[0]!r}; there are {', '.join(SITUATIONS)}")
-    out = args.out or Path(__file__).parent / "results" / "situations.json"
-    found: dict[str, dict] = {}
-    for name in names:
-        what, pairs, expected = SITUATIONS[name]
-        rows = []
-        for case in pairs(args.pairs or PAIRS.get(name, 20)):
-            row = measure(case)
-            row["expected"] = bool(expected(row))
-            rows.append(row)
-            print(name, "|", line(row), flush=True)
-        found[name] = {"what": what, "summary": summary(rows), "pairs": rows}
-        print(name, found[name]["summary"], flush=True)
-        how = jfsf.Settings().as_record()
-        results_file.write(out, match_settings=how, situations=found)
+    if args.table:
+        print(table())
+        print(*not_as_expected(results_in(args.out)), sep="\n", file=sys.stderr)
+        return
+    asked = [n for name in args.names or KINDS for n in KINDS.get(name, (name,))]
+    names = list(dict.fromkeys(asked))
+    if unknown := [name for name in names if name not in every]:
+        parser.error(f"no situation {unknown[0]!r}; there are {known}")
+    found = results_in(args.out)
+    how = jfsf.Settings().as_record()
+    with TemporaryDirectory() as folder:
+        for name in names:
+            if name in FILES:
+                found[name] = results_of(name, FILES[name], Path(folder))
+            else:
+                found[name] = of_pairs(name, args.pairs)
+            print(name, found[name]["summary"], flush=True)
+            found = {known: found[known] for known in every if known in found}
+            results_file.write(args.out, match_settings=how, situations=found)
+
+
+def of_pairs(name: str, number: int | None) -> Row:
+    """The results of a situation of `SITUATIONS`."""
+    own = SITUATIONS[name]
+    rows = []
+    for case in own.pairs(number or PAIRS.get(name, 20)):
+        row = measure(case)
+        row["expected"] = bool(own.expected(row))
+        rows.append(row)
+        print(name, "|", line(row), flush=True)
+    return {"what": own.what, "summary": summary(rows), "pairs": rows}
+
+
+def results_in(path: Path) -> dict[str, Row]:
+    """The situations of a file of results, if there is one."""
+    if not path.exists():
+        return {}
+    return json.loads(path.read_text(encoding="utf-8"))["situations"]
+
+
+def not_as_expected(found: dict[str, Row]) -> list[str]:
+    """A line for each row of the table that the results do not confirm."""
+    lines = []
+    for name in (*SITUATIONS, *FILES):
+        counts = found.get(name, {}).get("summary")
+        if counts is None:
+            lines.append(f"not run: {name}")
+        elif counts["as_expected"] < counts.get("pairs", counts.get("commands")):
+            lines.append(f"not as expected: {name}")
+    return lines
+
+
+def table() -> str:
+    """What people come with, what jfsf says or does, and what to do, in markdown."""
+    rows = ["| What people come with | What jfsf says or does | What to do |"]
+    rows.append("|---|---|---|")
+    for own in (*SITUATIONS.values(), *FILES.values()):
+        if own.says:
+            rows.append(f"| {own.what} | {own.says} | {own.remedy} |")
+    return "\n".join(rows)
 
 
 def measure(case: Case) -> Row:

@@ -313,6 +313,13 @@ def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
     assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
 
 
+def test_names_that_the_locale_does_not_hold_do_no_harm(tmp_path):
+    name = "größe".encode().decode("ascii", "surrogateescape")
+    write_index(path := tmp_path / "index.html", [Row(name, "头", None, None, 1.0, [])])
+    text = path.read_bytes().decode("utf-8")
+    assert "größe" in text and "头" in text
+
+
 def test_candidates_have_maps_but_for_copies():
     rng = np.random.default_rng(0)
     evecs = np.linalg.qr(rng.normal(size=(40, 5)))[0]

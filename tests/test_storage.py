@@ -148,6 +148,21 @@ def test_a_written_file_is_whole(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "written"),
+    [
+        # As Python holds them in an ASCII locale; the last is Latin-1 on disk.
+        ("größe.ply", "größe.ply"),
+        ("鼻.ply".encode().decode("ascii", "surrogateescape"), "鼻.ply"),
+        (b"gr\xf6sse.ply".decode("utf-8", "surrogateescape"), "gr\\xf6sse.ply"),
+        ("\ud800", "\\ud800"),
+    ],
+)
+def test_names_that_the_locale_does_not_hold_are_written(tmp_path, name, written):
+    write_text(path := tmp_path / "a.txt", f"of {name}")
+    assert path.read_bytes().decode("utf-8") == f"of {written}"
+
+
+@pytest.mark.parametrize(
     "error", [OSError(28, "full"), ValueError(), KeyboardInterrupt()]
 )
 def test_a_failed_write_leaves_the_old_file(tmp_path, error):

@@ -11,6 +11,7 @@ import numpy as np
 
 from jfsf.export._paint import Painted
 from jfsf.mesh import vertex_normals
+from jfsf.storage import utf8
 
 _FLOAT, _UINT = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963  # what a part of the buffer is for
@@ -76,7 +77,7 @@ def glb_bytes(
         scene["textures"] = [{"source": 0, "sampler": 0}]
     scene |= {"accessors": buffer.accessors, "bufferViews": buffer.views}
     scene["buffers"] = [{"byteLength": len(buffer.data)}]
-    return _container(json.dumps(scene).encode(), bytes(buffer.data))
+    return _container(utf8(json.dumps(scene, ensure_ascii=False)), bytes(buffer.data))
 
 
 class _Buffer:

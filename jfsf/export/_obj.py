@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from jfsf.export._paint import Painted
+from jfsf.storage import utf8
 
 
 def obj_files(path: Path, shape: Painted, texture: bytes | None) -> dict[Path, bytes]:
@@ -22,8 +23,8 @@ def obj_files(path: Path, shape: Painted, texture: bytes | None) -> dict[Path, b
         stem = re.sub(r"\s", "_", path.stem) + "_checker"
         files[path.with_name(f"{stem}.png")] = texture
         material = f"newmtl checker\nKd 1 1 1\nKs 0 0 0\nmap_Kd {stem}.png\n"
-        files[path.with_name(f"{stem}.mtl")] = material.encode()
-        text.write(f"mtllib {stem}.mtl\nusemtl checker\n".encode())
+        files[path.with_name(f"{stem}.mtl")] = utf8(material)
+        text.write(utf8(f"mtllib {stem}.mtl\nusemtl checker\n"))
     rows, form = shape.vertices, "v" + 3 * " %.17g"
     if shape.colours is not None:
         rows, form = np.hstack([rows, shape.colours]), form + 3 * " %.6g"

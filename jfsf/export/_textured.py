@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jfsf.export._glb import glb_bytes
 from jfsf.export._paint import Painted
 from jfsf.mesh import MeshError, checked_mesh, vertex_normals
-from jfsf.storage import write_atomically
+from jfsf.storage import utf8, write_atomically
 from jfsf.types import ArrayLike, Mesh
 
 TEXTURED = ".obj", ".glb"
@@ -82,14 +82,14 @@ def export_textured(
     else:
         text = _obj_text(written[1].name, vertices, faces, rows[:, 1:], corner)
         material = f"newmtl texture\nKd 1 1 1\nKs 0 0 0\nmap_Kd {written[2].name}\n"
-        files = {written[2]: png, written[1]: material.encode(), path: text}
+        files = {written[2]: png, written[1]: utf8(material), path: text}
     for name, data in files.items():
         write_atomically(name, lambda file, data=data: file.write(data))
 
 
 def _obj_text(material: str, vertices, faces, points, corner) -> bytes:
     text = io.BytesIO()
-    text.write(f"mtllib {material}\nusemtl texture\n".encode())
+    text.write(utf8(f"mtllib {material}\nusemtl texture\n"))
     np.savetxt(text, vertices, "v" + 3 * " %.17g")
     np.savetxt(text, points, "vt %.9g %.9g")
     pairs = np.stack([faces, corner], 2).reshape(-1, 6) + 1

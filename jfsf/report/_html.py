@@ -32,7 +32,9 @@ def page(name: str, record: dict[str, Any]) -> str:
     """
     folder = files("jfsf.report") / "page"
     # No text ends a script, whatever the names of files.
-    data = json.dumps(record, separators=(",", ":"), allow_nan=False)
+    form = {"separators": (",", ":"), "allow_nan": False}
+    # Letters as they are: `write_text` mends those of names that the locale lacks.
+    data = json.dumps(record, ensure_ascii=False, **form)
     parts = {
         "title": record["title"].translate({ord(c): f"&#{ord(c)};" for c in "<>&\"'"}),
         "style": (folder / "style.css").read_text(encoding="utf-8"),

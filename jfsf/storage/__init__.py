@@ -12,6 +12,7 @@ Read in this order:
 from jfsf.storage._atomic import (
     check_writable,
     remove_unfinished,
+    utf8,
     write_atomically,
     write_text,
 )
@@ -58,6 +59,7 @@ __all__ = [
     "remove_unfinished",
     "store",
     "stored_files",
+    "utf8",
     "write_atomically",
     "write_private",
     "write_text",

@@ -50,8 +50,22 @@ def write_atomically(
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` in UTF-8 with `write_atomically`; line ends stay as they are."""
-    write_atomically(path, lambda file: file.write(text.encode()))
+    """Write `text` as `utf8` with `write_atomically`; line ends stay as they are."""
+    write_atomically(path, lambda file: file.write(utf8(text)))
+
+
+def utf8(text: str) -> bytes:
+    """Text in UTF-8, and in it the names of files with the letters that they have.
+
+    Where the locale is not UTF-8, Python holds the bytes of other letters in a name as
+    single surrogates (PEP 383), which no encoding writes. The bytes are put back; those
+    that are not UTF-8, as of a name from an older system, become escapes.
+    """
+    try:
+        data = text.encode("utf-8", "surrogateescape")
+    except UnicodeEncodeError:  # a surrogate that stands for no byte
+        return text.encode("utf-8", "backslashreplace")
+    return data.decode("utf-8", "backslashreplace").encode()
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:
