@@ -27,6 +27,7 @@ from situation_runs import (
     Command,
     FileSituation,
     bodies,
+    map_error,
     matched,
     refused,
 )
@@ -36,7 +37,7 @@ from jfsf.mesh import read, surface_area
 
 def two_bodies(folder: Path) -> list[Command]:
     """Another, smaller body in each file."""
-    found = []
+    found, contents = [], []
     for names, others in ((PAIR, OTHER), (OTHER, PAIR)):
         x, y = (
             with_body(*pair) for pair in zip(bodies(names), bodies(others), strict=True)
@@ -44,10 +45,19 @@ def two_bodies(folder: Path) -> list[Command]:
         words = ("--largest-component leaves out 1 other piece with 1202 vertices",)
         args = ("--largest-component",)
         found.append(matched(folder, names[0], x, y, args, words=words))
+        contents.append((x, y))
+    error = lambda: map_error(folder / "pieces.npz", *contents[0])
+    all_pieces = Command(
+        "piece to piece",
+        (*found[0].args[:3], "--out", "pieces.npz", "--components"),
+        ("pieces that were matched",),
+        checks={"error": Check(error)},
+    )
     refusal = ("2 connected components", "--largest-component")
     found.append(refused(found[0], *refusal, name="without the option"))
     pieces = ("separate pieces: 1 beside the largest, of 2400 faces",)
-    return [*found, Command("info", ("info", found[0].args[1]), pieces, code=1)]
+    said = Command("info", ("info", found[0].args[1]), pieces, code=1)
+    return [*found, all_pieces, said]
 
 
 def stray_vertices(folder: Path) -> list[Command]:
@@ -229,7 +239,7 @@ READING = {
         "several bodies in a file",
         "refuses it and names `--largest-component`; with it, says how many pieces and "
         "how much of the area are left out",
-        "`--largest-component`, or a file for each body",
+        "`--components` matches all of them, `--largest-component` one",
         two_bodies,
     ),
     "stray vertices": FileSituation(

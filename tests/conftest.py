@@ -1,12 +1,9 @@
 """Strict jax for every test: x64, no silent rank or dtype promotion."""
 
-import atexit
 import gc
 import os
-import shutil
 import subprocess
 import sys
-import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -38,21 +35,7 @@ def set_xla_flags(flags: str) -> None:
         os.environ["XLA_FLAGS"] = flags
 
 
-def share_programs() -> None:
-    """What one process of this run has compiled, the others load.
-
-    They are workers, and the commands and pages that tests start. The folder is a new
-    one, so nothing comes from an earlier run.
-    """
-    if "JAX_COMPILATION_CACHE_DIR" not in os.environ:  # else of the run that started us
-        folder = tempfile.mkdtemp(prefix="jfsf-tests-")
-        atexit.register(shutil.rmtree, folder, ignore_errors=True)
-        os.environ["JAX_COMPILATION_CACHE_DIR"] = folder
-        jax.config.update("jax_compilation_cache_dir", folder)
-
-
 set_xla_flags(FAST_COMPILE)
-share_programs()
 
 # Tracing makes many objects and few cycles: to look for them takes 7 % of the time.
 gc.set_threshold(50_000, 20, 20)
@@ -68,6 +51,20 @@ settings.register_profile("anew", deadline=None, max_examples=100, print_blob=Tr
 settings.load_profile("jfsf")
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+
+
+# A process takes a whole file (--dist loadfile). The longest go first, in this order:
+# one of them begun at the end would keep a single process busy for minutes.
+LONGEST = """
+match among_tiles cli examples unbalanced tolerance parts attempt sinkhorn fuzz runs
+manual report coarse nonlinear_fit batch report_page soft extremities viz arap
+""".split()
+
+
+def pytest_collection_modifyitems(items):
+    """Sort the files, not what is in them."""
+    order = {f"test_{name}.py": i for i, name in enumerate(LONGEST)}
+    items.sort(key=lambda item: order.get(item.path.name, len(order)))
 
 
 @contextmanager

@@ -217,6 +217,7 @@ def test_relabelling_relabels():
     assert (back == np.asarray(plain.near_xy.idx)[order]).mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("min_recall", [0.0, 0.95])
 def test_the_filter_has_the_recall_of_its_search(min_recall):
     x, y, *flat = map(jnp.asarray, lost())
@@ -348,6 +349,7 @@ def test_vmap_compares_all_points_only_where_it_must(exhaustive_searches):
     ]
 
 
+@pytest.mark.slow
 def test_a_plan_is_differentiable_whether_or_not_all_points_are_compared():
     shapes = [
         tuple(map(jnp.asarray, shape))
@@ -419,6 +421,7 @@ def test_converters_agree_with_and_without_tiles(converter):
     assert found.T_yx.min() >= 2 and found.T_xy.dtype == jnp.int32
 
 
+@pytest.mark.slow
 def test_zoomout_with_tiles_ends_in_the_same_map():
     x = testing.blob_spectrum(0, 40, 3)
     y = restrict(x, jnp.asarray(np.random.default_rng(0).permutation(642)[:500]))

@@ -58,6 +58,7 @@ def test_spectra_are_matched():
         assert 0.2 < likely[:n].mean() < 1 and likely.min() >= 0 and likely.max() <= 1
 
 
+@pytest.mark.slow
 def test_it_vmaps():
     pair = pair_of("f4")
     stacked = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), pair)

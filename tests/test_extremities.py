@@ -180,6 +180,7 @@ def test_candidates_of_mirror_images():
         np.testing.assert_allclose(same.energy, plain.energy, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_candidates_under_vmap():
     pairs = ((SPEC, DESC), (OTHER, OTHER_DESC)), ((OTHER, OTHER_DESC), (SPEC, DESC))
     together = jax.vmap(far)(

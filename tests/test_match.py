@@ -226,6 +226,7 @@ def test_signs_of_eigenvectors_change_nothing():
     np.testing.assert_allclose(C_yx[:30, :30], plain().C_yx[:30, :30], atol=0.1)
 
 
+@pytest.mark.slow
 def test_turns_of_repeated_eigenvectors_change_nothing():
 
     def repeated(spec, angle):
@@ -397,6 +398,7 @@ def test_a_cloud_without_an_outside_has_no_left_and_right():
         jfsf.symmetry(cloud, cache=False)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_one_landmark_decides_a_flip():
     (mesh_x, gt_x), (mesh_y, gt_y) = shapes()
@@ -635,6 +637,7 @@ def test_the_searchs_own_map_as_initial_gives_the_default():
     assert found.certificate.share > 0.5
 
 
+@pytest.mark.slow
 def test_maps_of_anyone_are_refined():
     (mesh_x, _), (mesh_y, _) = shapes()
     # A record with T_xy, which is T_xy alone.
@@ -664,6 +667,7 @@ def test_a_small_initial_map_grows():
     assert gap < 0.5
 
 
+@pytest.mark.slow
 def test_an_attempt_is_match():
     x, y = sampled()
     found = best_start(x.search, y.search)

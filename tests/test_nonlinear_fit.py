@@ -148,6 +148,7 @@ def test_gradients_are_those_of_the_minimum(loss):
         assert np.isclose(rate, exact, rtol=1e-3, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_vmap_equals_the_loop():
     desc_x = jnp.stack([DESC_X, DESC_X**2])
     run = lambda d: fit(X, Y, d, DESC_Y, WEIGHTS, k=K, loss="huber", scale=0.1).C_yx

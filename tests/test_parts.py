@@ -114,6 +114,7 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
         assert share == pytest.approx(mass[matched].sum() / mass.sum(), rel=1e-5)
 
 
+@pytest.mark.slow
 def test_a_swap_of_the_shapes_swaps_the_maps(found):
     other = partial_match(WHOLE, turned(PART.mesh))
     np.testing.assert_array_equal(other.T_yx, found.T_xy)

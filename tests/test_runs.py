@@ -174,6 +174,7 @@ def kill_when(process, there, count, seconds):
         process.communicate()
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_where_it_was(tmp_path):
     (driver := tmp_path / "driver.py").write_text(DRIVER)
     pairs = [a + b for a in "abcdefgh" for b in "abcd"]

@@ -327,7 +327,10 @@ def test_pull_back_is_the_average_under_the_plan():
     np.testing.assert_allclose(pull_back(ours, jnp.ones((N_Y, 1))), 1)
 
 
-@pytest.mark.parametrize("scale, masked", [("nearest", False), ("max", True)])
+@pytest.mark.parametrize(
+    "scale, masked",
+    [pytest.param("nearest", False, marks=pytest.mark.slow), ("max", True)],
+)
 def test_gradients_match_finite_differences(scale, masked):
     emb_x, emb_y = draw()
     rng = np.random.default_rng(0)

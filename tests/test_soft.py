@@ -74,7 +74,8 @@ def test_the_slope_of_the_polar_factor(shape, repeated):
     np.testing.assert_allclose(jnp.sum(back * step), found.sum(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("tol", [None, pytest.param(1e-11, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tol", [None, 1e-11])
 def test_a_chain_of_steps_has_the_slope_of_its_finite_differences(tol):
     # Two bodies with the sphere's vertices in common.
     spec_x, spec_y = (testing.blob_spectrum(seed, WIDE) for seed in (1, 2))

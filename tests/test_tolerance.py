@@ -199,6 +199,7 @@ SEEDS = [seed for seed in range(0, 40) if feasible(seed)][:6]
 ONE_QUICK = [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:3])]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_implicit_gradients_are_finite_differences(seed):
     args, values = arguments(seed), functions(seed)

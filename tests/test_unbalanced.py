@@ -189,6 +189,7 @@ def test_mass_without_a_partner_goes_away(dtype, options):
     np.testing.assert_allclose(even.membership_y.mean(), 0.5**0.5, atol=0.1)
 
 
+@pytest.mark.slow
 def test_shapes_exchange():
     emb_x, emb_y = draw()
     a, b = weights(0, N_X), weights(1, N_Y)
@@ -255,6 +256,7 @@ def test_vmap_equals_the_loop():
             np.testing.assert_allclose(found.membership_y[i], single.membership_y)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("tol", [None, 1e-5])
 def test_float32_is_near_float64(tol):
     emb_x, emb_y = draw(n_x=300, n_y=400)
@@ -313,9 +315,8 @@ def arguments(seed):
     return *draw(seed), *numbers, *logs
 
 
-@pytest.mark.parametrize(
-    "options", [{"num_iters": 10}, pytest.param({"tol": 1e-12}, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{"num_iters": 10}, {"tol": 1e-12}])
 @pytest.mark.parametrize("seed", [0])
 def test_gradients_are_finite_differences(options, seed):
     args, value = arguments(seed), partial(value_of, **options)
@@ -342,6 +343,7 @@ def test_gradients_without_limit_are_those_of_the_filter():
         np.testing.assert_allclose(one, other, atol=1e-6 * np.abs(one).max())
 
 
+@pytest.mark.slow
 def test_a_point_that_no_mass_reaches_keeps_none():
     inf = -jnp.inf
     kernel = Kernel(
