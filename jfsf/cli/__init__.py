@@ -8,6 +8,7 @@ Read in this order:
 - `_files`: the files that the commands read, check and write
 - `_landmarks`: the landmarks of `jfsf match` and `jfsf batch`
 - `_notes`: what these two say of the meshes of a pair
+- `_memory`: whether a pair fits into the memory that is left
 - `_exports`: what they draw and export
 - `_stages`: a bar that names the stage
 - `_components`: `jfsf match --components`

@@ -43,6 +43,7 @@ from jfsf.cli._landmarks import (
     check_landmark_options,
     known_pairs,
 )
+from jfsf.cli._memory import memory_doubt
 from jfsf.cli._notes import check_units, notes_of
 from jfsf.cli._pages import can_report, kept_truth
 from jfsf.cli._register import (
@@ -291,6 +292,9 @@ def match(
     known = known_pairs(files, (shape_x, shape_y))
     console = Console()
     if partial and (doubt := check_units((x, y), (shape_x, shape_y))):
+        console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
+    vertices = sum(len(shape.mesh.vertices) for shape in (shape_x, shape_y))
+    if doubt := memory_doubt(vertices):
         console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
     looks = Looks(None if up is None else up.value, checker, by_place)
     started = perf_counter()
