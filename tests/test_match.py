@@ -626,7 +626,7 @@ def test_the_searchs_own_map_as_initial_gives_the_default():
     runner = noting()
     pair = PairState(padded_pair(*specs()), MatchInputs())
     policy.match_pairs([pair], runner, settings=SURE)
-    (start,) = runner.results["search"]
+    ((start, _),) = runner.results["search"]
     initial = np.asarray(start.C_yx)
     stages = []
     found = match(mesh_x, mesh_y, initial=initial, progress=stages.append)
