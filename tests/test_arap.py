@@ -164,6 +164,7 @@ def test_float32_agrees():
         np.testing.assert_allclose(ours, truth, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_the_gradient_is_that_of_small_steps():
     spec_x = pad(testing.blob_spectrum(0, K), N + 3, 330)
     spec_y, maps = (

@@ -15,6 +15,9 @@ from jfsf.convert import nearest
 from jfsf.refine import icp
 from jfsf.spectral import functional_map
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 N_X, N_Y, WIDTH = 23, 31, 3
 pairs = testing.embedding_pairs(N_X, N_Y, WIDTH)
 TIGHT = 1e-9  # tells apart any two assignments of these small sets

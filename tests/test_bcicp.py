@@ -13,6 +13,9 @@ from jfsf.convert import nearest
 from jfsf.evaluate import bijectivity, coverage, geodesic_error
 from jfsf.types import Maps, Mesh
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 K = 20
 N_X, N_Y = 642, 162
 EVERY_X, EVERY_Y = np.arange(N_X), np.arange(N_Y)

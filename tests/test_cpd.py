@@ -13,6 +13,9 @@ from jfsf.baselines._cpd import drift
 from jfsf.convert import nearest
 from jfsf.refine import icp
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 FULL = 1000  # more than there are points
 
 

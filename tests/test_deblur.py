@@ -13,6 +13,9 @@ from jfsf.convert import nearest, pull_back_precise
 from jfsf.spectral import embeddings, functional_map, spectrum
 from jfsf.types import Maps, Mesh
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 K = 20
 
 

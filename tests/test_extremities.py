@@ -115,6 +115,7 @@ def far(spec_x, spec_y, **options):
     return nonisometric_candidates(x, y, settings=FEW, **options)
 
 
+@pytest.mark.slow
 def test_starts_from_extremities_find_the_identity():
     found = far((SPEC, DESC), (SPEC, DESC))
     size = FEW.final_ks[0]

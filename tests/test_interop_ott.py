@@ -11,8 +11,12 @@ from jfsf.convert import plan_entries, scale_kernel, sinkhorn
 from jfsf.interop import from_ott, potentials_to_ott, to_ott
 from jfsf.types import Kernel
 
+# Slow, as Sinkhorn has a dense oracle of its own among the others.
 # ott imports jaxopt, and lets ranks and dtypes be promoted, which the tests do not.
-pytestmark = pytest.mark.filterwarnings("ignore:JAXopt is no longer")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore:JAXopt is no longer"),
+]
 N_X, N_Y = 19, 13
 
 

@@ -100,6 +100,7 @@ def test_small_mismatches_are_squared(loss):
     assert close(found.C_yx, solve(problem).C_yx, 1e-5)
 
 
+@pytest.mark.slow
 def test_a_robust_fit_forgets_descriptors_that_are_wrong():
     # Two landmarks of ten are elsewhere on Y.
     spots = jnp.array([0, 5, 30, 11, 20, 3, 8, 9, 15, 35])

@@ -14,6 +14,9 @@ from jfsf.baselines._pmf import TIMES
 from jfsf.spectral import spectrum
 from jfsf.types import Mesh
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 K = 60
 
 

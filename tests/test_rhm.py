@@ -14,6 +14,9 @@ from jfsf.geometry import geodesics
 from jfsf.spectral import operators
 from jfsf.types import Maps, Mesh
 
+# Methods of others, for a table of the experiments: they seldom change.
+pytestmark = pytest.mark.slow
+
 
 def ellipsoid(subdivisions):
     ball = trimesh.creation.icosphere(subdivisions=subdivisions)

@@ -96,6 +96,7 @@ def test_a_chain_of_steps_has_the_slope_of_its_finite_differences(tol):
     np.testing.assert_allclose(jax.grad(loss)(at), exact, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_vmap_equals_the_loop():
     spec_x, spec_y, _ = pair()
     starts = jnp.stack([rough(), rough() @ rough(), jnp.eye(K)])
