@@ -7,13 +7,7 @@ import json
 from pathlib import Path
 
 import numpy as np
-from situation_files import (
-    body,
-    landmark_vertices,
-    torn,
-    with_body,
-    with_strays,
-)
+from situation_files import body, landmark_vertices, torn, with_body, with_strays
 from situation_formats import off, ply, write, write_landmarks
 from situation_runs import (
     OTHER,
@@ -28,9 +22,7 @@ from situation_runs import (
 from transfer import true_map
 
 from jfsf.mapfiles import read_match, write_map
-from jfsf.mesh import (
-    vertex_colours,
-)
+from jfsf.mesh import vertex_colours
 from jfsf.parts import cut
 from jfsf.types import Mesh
 
