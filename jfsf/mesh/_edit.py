@@ -71,11 +71,10 @@ def split_components(mesh: Mesh) -> list[Submesh]:
     component = vertex_components(faces, len(vertices))
     # Sorted by component, once: a scan may have thousands of crumbs.
     order = np.argsort(component, kind="stable").astype(np.int32)
-    ends = np.cumsum(np.bincount(component))
+    sizes = np.bincount(component)
+    ends = np.cumsum(sizes)
     local = np.empty(len(vertices), np.int32)
-    local[order] = (
-        np.arange(len(vertices)) - (ends - np.bincount(component))[component[order]]
-    )
+    local[order] = np.arange(len(vertices)) - (ends - sizes)[component[order]]
     owner = component[faces[:, 0]]
     rows = np.argsort(owner, kind="stable")
     face_ends = np.cumsum(np.bincount(owner, minlength=len(ends)))
