@@ -375,7 +375,7 @@ def test_given_descriptors_are_compared_at_the_samples():
 
 
 def test_a_part_in_place_covers_its_region():
-    onto = target(PART.mesh, PartSettings(bend_rounds=2))
+    onto = target(PART.mesh, PartSettings(drawn_curvature_weights=(0.0, 0.0)))
     drawn = draw_onto(WHOLE, onto, WHOLE.vertices, PART.index)
     np.testing.assert_allclose(drawn.moved, WHOLE.vertices, atol=0.02)
     assert drawn.matched_x.all()
@@ -505,7 +505,7 @@ QUICK = PartSettings(
     assignments=4,
     first_updates=5,
     reaches=(0.2, 0.1),
-    bend_rounds=1,
+    drawn_curvature_weights=(0.0,),
     refinements=1,
 )
 
@@ -582,6 +582,26 @@ def test_equal_settings_find_equal_regions(matched_with):
 def test_settings_change_what_is_found(changed, matched_with):
     first, other = matched_with(QUICK), matched_with(replace(QUICK, **changed))
     assert not same_maps(first, other)
+
+
+def test_a_refined_map_that_is_not_sure_is_not_kept(found):
+    """Its evidence is, and decides between maps."""
+    said = []
+
+    def refine(part_x, part_y, T_xy):
+        # All in one place, the worst map there is.
+        ends = (np.zeros(len(p.vertices), np.int32) for p in (part_x, part_y))
+        own = found.certificate._replace(log_odds=said[-1])
+        return found._replace(T_xy=next(ends), T_yx=next(ends), certificate=own)
+
+    def images(log_odds) -> int:
+        said.append(np.float32(log_odds))
+        parts = match_parts(turned(PART.mesh), WHOLE, refine, settings=QUICK)
+        assert parts.certificate.log_odds == said[-1]
+        return len(np.unique(parts.T_xy))
+
+    assert images(QUICK.sure - 0.1) > len(PART.index) / 3
+    assert images(QUICK.sure) < len(PART.index) / 3
 
 
 def test_weights_change_the_choice():

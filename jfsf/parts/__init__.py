@@ -6,6 +6,7 @@ Read in this order:
 - `_shape`: what survives a cut, read at samples
 - `_hint`: whether a pair looks partial
 - `_ball_descriptors`: what a point sees within some distances
+- `_curvature`: how the surface curves
 - `_beam`: assignments of a few samples
 - `_register`: a coarse copy of the whole, drawn onto the part from a start far off
 - `_region`: the whole itself drawn onto the part; which part of it that covers

@@ -64,7 +64,10 @@ def unlikeness(
     Where nothing can be compared it is the mean of all that can.
     """
     flat = balls_y.reshape(-1, *balls_y.shape[1:])
-    width = np.nanstd(flat, axis=0) + 1e-6
+    # By hand: `nanstd` warns of a radius at which every ball meets the boundary.
+    count = np.maximum((~np.isnan(flat)).sum(0), 1)
+    middle = np.nansum(flat, 0) / count
+    width = np.sqrt(np.nansum((flat - middle) ** 2, 0) / count) + 1e-6
     apart = np.abs(balls_x[:, None] - balls_y[None]) / width
     known = ~np.isnan(apart)
     total = np.where(known, np.minimum(apart, settings.max_ball_difference), 0).sum(

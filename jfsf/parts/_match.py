@@ -10,9 +10,10 @@ whole shapes. So the work is to find that region.
    each of them (`_register`). What is left apart, and the energy, rank these starts
    (`_starts`).
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
-4. Cut both shapes to the region, refine the map between the cuts, and draw again. Of
-   these maps that of the best evidence is kept: before the refinement, and after it
-   (`Certificate.log_odds`).
+4. Cut both shapes to the region, refine the map between the cuts, and draw again. The
+   refinement spreads the one region over all of the other: where its own evidence
+   (`Certificate.log_odds`) is poor the regions differ, and the map by drawing stays. Of
+   several maps that of the best evidence is kept: before the refinement, and after it.
 5. How clearly a vertex is in the region (`_membership`) is read from the last drawing.
 
 `PartSettings` holds the numbers of all of it.
@@ -53,7 +54,7 @@ class Parts(NamedTuple):
 
     T_xy, T_yx: of all vertices; outside of the region the nearest after bending.
     membership_x, membership_y: how clearly a vertex is in the region, in [0, 1].
-    certificate: of the map between the regions.
+    certificate: of the map between the regions, refined, even where it is not kept.
     scale: factor that brings X to the size of Y.
     """
 
@@ -181,7 +182,8 @@ def match_parts(
     found.sort(key=lambda pair: pair[0].score(settings))
     state, sides = found[0]
     margin = state.log_odds - found[1][0].log_odds if found[1:] else np.inf
-    for _ in range(settings.refinements - 1):
+    rounds = settings.refinements - 1 if state.log_odds >= settings.sure else 0
+    for _ in range(rounds):
         again = _refined(state, sides, refine)
         if again is None or again.log_odds <= state.log_odds:
             break
@@ -210,7 +212,8 @@ def _swapped(parts: Parts) -> Parts:
 def _drawn(sides: Sides, start: Start) -> _State:
     """All of Y drawn onto X, which is brought to the size that was found."""
     scale = start.scale / start.registered.scale
-    x = target(scaled(sides.x.mesh, scale), sides.settings)
+    x = scaled(sides.x.mesh, scale)
+    x = target(x, sides.settings, sides.curvature_x(scale))
     moved = _moved(sides, start.registered)
     bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
@@ -235,13 +238,16 @@ def _moved(sides: Sides, found: Registered) -> np.ndarray:
 def _state(sides: Sides, x: Target, scale, rank, moved, T_xy) -> _State:
     """Draw, and read the map and the region."""
     y = sides.y.mesh
-    drawn = draw_onto(y, x, moved, T_xy, sides.sign)
+    drawn = draw_onto(y, x, moved, T_xy, sides.sign, sides.curvature_y)
     T_yx, inside = covered_by(x, y, drawn, sides.sign)
     return _State(x, drawn, scale, rank, drawn.T_xy, T_yx, inside)
 
 
 def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
-    """Cut both shapes to the region, refine the map between the cuts, draw again."""
+    """Cut both shapes to the region, refine the map between the cuts, draw again.
+
+    A refined map that is not sure is not kept, but for its evidence.
+    """
     y, drawn = sides.y.mesh, state.drawn
     part_x, part_y = cut(state.x.mesh, drawn.matched_x), cut(y, state.inside)
     if min(len(part_x.index), len(part_y.index)) < sides.settings.min_vertices:
@@ -252,6 +258,9 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     within = _landmarks_within(sides, part_x.index, part_y.index)
     given = (within,) if len(within) else ()
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
+    refined = state._replace(match=match)
+    if refined.log_odds < sides.settings.sure:
+        return refined
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
     after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)

@@ -39,6 +39,7 @@ class Target(NamedTuple):
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
     settings: that it was made with.
+    curvature: (n, c), see `jfsf.parts._curvature`; without it, none is compared.
     """
 
     mesh: Mesh
@@ -46,6 +47,7 @@ class Target(NamedTuple):
     outward: np.ndarray
     tree: KDTree
     settings: PartSettings
+    curvature: np.ndarray | None = None
 
 
 class Drawn(NamedTuple):
@@ -61,11 +63,16 @@ class Drawn(NamedTuple):
     matched_x: np.ndarray
 
 
-def target(mesh: Mesh, settings: PartSettings = PartSettings()) -> Target:
+def target(
+    mesh: Mesh,
+    settings: PartSettings = PartSettings(),
+    curvature: np.ndarray | None = None,
+) -> Target:
     """A surface whose nearest vertices are asked for."""
     normal = vertex_normals(*mesh)
     points = np.concatenate([mesh.vertices, settings.bend.normal_weight * normal], 1)
-    return Target(mesh, normal, outward(mesh, normal), KDTree(points), settings)
+    out = outward(mesh, normal)
+    return Target(mesh, normal, out, KDTree(points), settings, curvature)
 
 
 def outward(mesh: Mesh, normal: np.ndarray) -> np.ndarray:
@@ -89,7 +96,34 @@ def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
     return near, (away < settings.cover_distance) & ~beyond
 
 
-def draw_onto(y: Mesh, x: Target, moved, T_xy, sign: int = 1) -> Drawn:
+def alike(bent: Target, x: Target, weight: float) -> np.ndarray:
+    """T_xy: the nearest vertex to each of X by position, normal and curvature.
+
+    Args:
+        bent: Y drawn onto X.
+        x: the other surface.
+        weight: of the curvature.
+    """
+    columns = (
+        (
+            t.mesh.vertices,
+            t.settings.bend.normal_weight * t.normal,
+            weight * t.curvature,
+        )
+        for t in (bent, x)
+    )
+    points, queries = (np.concatenate(own, 1) for own in columns)
+    return np.asarray(KDTree(points).query(queries)[1])
+
+
+def draw_onto(
+    y: Mesh,
+    x: Target,
+    moved,
+    T_xy,
+    sign: int = 1,
+    curvature: np.ndarray | None = None,
+) -> Drawn:
     """Y deformed onto X as rigidly as possible, again and again.
 
     What lies beyond the boundary of Y does not draw it.
@@ -100,6 +134,7 @@ def draw_onto(y: Mesh, x: Target, moved, T_xy, sign: int = 1) -> Drawn:
         moved: positions of Y to begin with.
         T_xy: the start.
         sign: -1 for a map that mirrors.
+        curvature: of Y; None compares positions and normals only, as X without one.
     """
     settings = x.settings
     n, mass = len(y.vertices), vertex_areas(*x.mesh)
@@ -107,7 +142,7 @@ def draw_onto(y: Mesh, x: Target, moved, T_xy, sign: int = 1) -> Drawn:
     size = len(side.mass)
     options = replace(settings.bend, max_steps=settings.draw_steps)
     matched = np.ones(len(mass), bool)
-    for _ in range(settings.bend_rounds):
+    for curvature_weight in settings.drawn_curvature_weights:
         weight = mass * np.where(matched, 1, settings.uncovered_weight)
         pull = np.bincount(T_xy, weight, n)
         goal = np.zeros((n, 3))
@@ -119,9 +154,11 @@ def draw_onto(y: Mesh, x: Target, moved, T_xy, sign: int = 1) -> Drawn:
         pulled = side._replace(mass=jnp.asarray(with_rows(pull, size)))
         rows = _rows(goal, size), _rows(moved, size)
         moved = np.asarray(deform(pulled, *rows, settings=options))[:n].astype(float)
-        bent = target(wound(Mesh(moved, y.faces), sign), settings)
-        T_xy, matched = nearest(bent, x.mesh.vertices, x.normal)
-    return Drawn(moved, T_xy, matched)
+        bent = target(wound(Mesh(moved, y.faces), sign), settings, curvature)
+        T_near, matched = nearest(bent, x.mesh.vertices, x.normal)
+        compared = curvature_weight > 0 and curvature is not None
+        T_xy = alike(bent, x, curvature_weight) if compared else T_near
+    return Drawn(moved, T_near, matched)
 
 
 def covered_by(x: Target, y: Mesh, drawn: Drawn, sign: int = 1):

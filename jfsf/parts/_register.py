@@ -51,7 +51,8 @@ class Registered(NamedTuple):
     rotation: (n, 3, 3), of the surroundings of each.
     scale: factor of its lengths.
     T: (p,) the vertex of the whole nearest to each point of the part.
-    residual: root mean square distance of what it covers.
+    residual: root mean square distance of what it covers, by position, normal and
+        curvature.
     energy: of the deformation, see `jfsf.refine.deform`, at the size of the whole.
     share: of the part's area that it covers.
     """
@@ -81,22 +82,32 @@ def register(
     part: Mesh,
     T,
     *,
+    curvature: tuple[np.ndarray, np.ndarray] | None = None,
     settings: PartSettings = PartSettings(),
 ) -> Registered:
     """The whole drawn to the part, stiff at first and softer step by step.
 
     Each step takes the energy of `jfsf.refine.deform` down, where a vertex of the whole
-    is drawn to the mean of the points of the part that it is nearest to, by position
-    and normal. What lies beyond the boundary of an open whole does not draw it.
+    is drawn to the mean of the points of the part that it is nearest to, by position,
+    normal and curvature. What lies beyond the boundary of an open whole does not draw
+    it.
 
     Args:
         whole: at rest.
         part: about as large as the whole has it.
         T: the start: the vertex of the whole for each vertex of the part.
+        curvature: (p, c) of the part and (n, c) of the whole, see
+            `jfsf.parts._curvature`; None compares positions and normals only.
         settings: `first_reach`, `reaches` and what follows these.
     """
     at, normal, mass = part.vertices, vertex_normals(*part), vertex_areas(*part)
-    points = np.concatenate([at, settings.registered_normal_weight * normal], 1)
+    unlike = settings.registered_curvature_weight
+    of_part, of_whole = (
+        np.zeros((len(v), 0)) if curvature is None else unlike * curvature[i]
+        for i, v in enumerate((at, whole.mesh.vertices))
+    )
+    columns = at, settings.registered_normal_weight * normal, of_part
+    points, further = np.concatenate(columns, 1), unlike * (curvature is not None)
     edge = whole.outward.any(1)
     scale, covered = 1.0, np.ones(len(at), bool)
     moved = _placed(whole.mesh.vertices, at, mass, T)
@@ -117,12 +128,13 @@ def register(
         scale = (scale + float(np.clip(best, 0.5, 2))) / 2
         normals = rest.normal_sign * vertex_normals(moved, whole.mesh.faces)
         weighted = settings.registered_normal_weight * normals
-        found = KDTree(np.concatenate([moved, weighted], 1)).query(points)
+        queried = np.concatenate([moved, weighted, of_whole], 1)
+        found = KDTree(queried).query(points)
         away, T = map(np.asarray, found)
         if edge.any():
             outward = np.einsum("pij,pj->pi", rotation[T], whole.outward[T])
             beyond = np.sum((at - moved[T]) * outward, 1) > 0
-            near = away < settings.covered_distance + reach
+            near = away < settings.covered_distance + reach + further
             covered = near & ~(beyond & (reach <= settings.trimmed_reach))
     share = mass @ covered / mass.sum()
     residual = np.sqrt((mass * covered) @ away**2 / max(mass @ covered, 1e-12))

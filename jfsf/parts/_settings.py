@@ -8,6 +8,7 @@ import numpy as np
 from jfsf.refine import ArapSettings
 
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
+CURVATURE_WEIGHTS = (*(0.1,) * 6, *(0.03,) * 3, 0.0)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
 
@@ -23,10 +24,10 @@ class RegisterWeights(NamedTuple):
         it lies.
     """
 
-    residual: float = 4.58
+    residual: float = 3.91
     energy: float = 1.0
-    share: float = -0.65
-    log_odds: float = -0.7
+    share: float = -0.98
+    log_odds: float = -0.2
     size: float = -6.58
 
 
@@ -113,6 +114,11 @@ class PartSettings:
     reaches: of the steps that follow, each with a search for the nearest vertices.
     updates: deformations in each of these.
     registered_normal_weight: of normals in that search, as in `ArapSettings`.
+    curvature_times: heat times of the curvature that is compared beside positions and
+        normals, see `jfsf.parts._curvature`. In squared lengths.
+    max_curvature: in standard deviations; a greater one counts as this.
+    registered_curvature_weight: length that a difference of one standard deviation
+        counts as.
     covered_distance: in a step, what is further away than this and the reach is not
         covered by an open whole.
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
@@ -122,12 +128,13 @@ class PartSettings:
 
     refined: the best assignments, by which all of the whole is drawn onto the part, and
         the map between the regions refined: at most.
-    sure: log odds (`jfsf.types.Certificate`) of such a map that no other is tried
-        beyond. 2.5 is twelve to one.
+    sure: log odds (`jfsf.types.Certificate`) from which on a refined map is kept, and
+        no other is tried. Below, the map by drawing stays. 2 is seven to one.
     carried_by: vertices of the copy whose motion carries one of the whole.
     bend: how the whole is deformed, and the weight of normals in the search for the
         nearest vertices.
-    bend_rounds: deformations, each with such a search.
+    drawn_curvature_weights: one a deformation, each with such a search: the length that
+        a difference of curvature of one standard deviation counts as.
     draw_steps: of conjugate gradients in each, at most.
     cover_distance: a surface further away covers nothing.
     rim_width: length over which a surface ceases to cover, at its rim. About an edge.
@@ -182,14 +189,17 @@ class PartSettings:
     reaches: tuple[float, ...] = REACHES
     updates: int = 3
     registered_normal_weight: float = 0.1
+    curvature_times: tuple[float, ...] = (0.0003, 0.001, 0.003)
+    max_curvature: float = 3.0
+    registered_curvature_weight: float = 0.15
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
     refined: int = 5
-    sure: float = 2.5
+    sure: float = 2.0
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
-    bend_rounds: int = 6
+    drawn_curvature_weights: tuple[float, ...] = CURVATURE_WEIGHTS
     draw_steps: int = 150
     cover_distance: float = 0.1
     rim_width: float = 0.02
@@ -203,7 +213,7 @@ class PartSettings:
             *("scale_bands", "any_scale_bands"),
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
-            *("first_updates", "updates", "bend_rounds", "draw_steps"),
+            *("first_updates", "updates", "draw_steps"),
             *("carried_by", "refined", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
@@ -214,17 +224,21 @@ class PartSettings:
             *("ball_steepness", "ball_reach", "ball_difference_unit"),
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
             *(
-                "rim_width",
-                "uncovered_weight",
-                "first_reach",
-                "max_landmark_distance",
+                *("rim_width", "uncovered_weight", "first_reach"),
+                *("max_landmark_distance", "max_curvature"),
             ),
         ):
             if getattr(self, name) <= 0:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
                 )
-        for name in ("ball_radii", "scales", "any_scales", "reaches"):
+        for name in (
+            "ball_radii",
+            "scales",
+            "any_scales",
+            "reaches",
+            "curvature_times",
+        ):
             values = getattr(self, name)
             if not values or min(values) <= 0:
                 raise ValueError(

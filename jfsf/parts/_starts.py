@@ -14,6 +14,7 @@ import numpy as np
 from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import decimate, orient, surface_area, vertex_normals
 from jfsf.parts._beam import anchors_of, assign
+from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
 from jfsf.parts._region import dense_map, near_vertices, outward, scaled
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
@@ -32,6 +33,8 @@ class Sides(NamedTuple):
     on_x: the vertex of X nearest to each of its copy.
     from_y: the vertex of the copy nearest to each of Y.
     on_y: the vertex of Y nearest to each of its copy.
+    usual_curvature: (times,) of Y, see `jfsf.parts._curvature`.
+    curvature_y: (n_y, times) of Y in these units.
     sign: -1 for maps that mirror, and the whole is mirrored.
     settings: with the scales that are tried.
     same_unit: whether both shapes were in one unit.
@@ -44,9 +47,16 @@ class Sides(NamedTuple):
     on_x: np.ndarray
     from_y: np.ndarray
     on_y: np.ndarray
+    usual_curvature: np.ndarray
+    curvature_y: np.ndarray
     sign: int
     settings: PartSettings
     same_unit: bool = True
+
+    def curvature_x(self, scale: float) -> np.ndarray:
+        """(n_x, times) of X at that size, like `curvature_y`."""
+        own = curvature(scaled(self.x.mesh, scale), self.settings.curvature_times)
+        return standard_curvature(own, self.usual_curvature, self.settings)
 
 
 class Start(NamedTuple):
@@ -111,7 +121,10 @@ def both_sides(
     whole = whole_at_rest(coarse_y, out)
     from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
     copies = coarse_x, whole, on_x, from_y, on_y
-    return Sides(x, y, *copies, 1, settings, same_unit)
+    curved = curvature(y.mesh, settings.curvature_times)
+    usual = usual_curvature(curved)
+    curved = standard_curvature(curved, usual, settings)
+    return Sides(x, y, *copies, usual, curved, 1, settings, same_unit)
 
 
 def mirrored(sides: Sides) -> Sides:
@@ -183,7 +196,8 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
     settings = sides.settings
     scale = scale_of(sides, T_xy) if scale is None else scale
     part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
-    found = register(sides.whole, part, T, settings=settings)
+    curved = sides.curvature_x(scale)[sides.on_x], sides.curvature_y[sides.on_y]
+    found = register(sides.whole, part, T, curvature=curved, settings=settings)
     rank = _rank(found, settings)
     if not sides.same_unit:
         rank += settings.register_weights.size * np.log(scale / found.scale)
