@@ -11,6 +11,7 @@ from functools import partial
 from itertools import permutations
 from pathlib import Path
 
+import device_option
 import fast_simplification
 import jax
 import numpy as np
@@ -79,7 +80,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_batch.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     names = data.names()
     # Shapes of unequal size, as files have; all of one padded size.
     specs = {

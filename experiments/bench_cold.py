@@ -14,6 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import device_option
 import numpy as np
 import results_file
 from upsample import write_off
@@ -46,7 +47,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_cold.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     times: dict[str, list[float]] = {name: [] for name in PROCESSES}
     for _ in range(args.repeats):
         with tempfile.TemporaryDirectory() as place:

@@ -12,6 +12,7 @@ import time
 from functools import partial
 from pathlib import Path
 
+import device_option
 import jax
 import results_file
 
@@ -77,7 +78,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_compile.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     settings = jfsf.Settings()
     spec = spectrum_like(PaddedShape(settings.k, args.vertices, 2 * args.vertices))
     pair, runner = policy.PairState((spec, spec), MatchInputs()), Compiling()

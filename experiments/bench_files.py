@@ -16,6 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
+import device_option
 import numpy as np
 import results_file
 from upsample import upsample, write_off
@@ -34,7 +35,7 @@ def main() -> None:
     parser.add_argument("--vertices", type=int, nargs="+", default=[100_000])
     parser.add_argument("--again", type=int, default=1, help="after the first")
     parser.add_argument("--out", type=Path)
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     samples = [data.load(name) for name in PAIR]
     rows = {}
     for n in args.vertices:

@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import authors_pair
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,7 +91,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_filter.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     if args.data is None or args.embedded:
         what = f"embedded {NAMES[0]} to {NAMES[1]}, geodesic errors"
         specs, wide, error = embedded(args.k, *NAMES)

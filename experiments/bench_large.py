@@ -18,6 +18,7 @@ import argparse
 from functools import partial
 from pathlib import Path
 
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -206,7 +207,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_large.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     rows = []
     for n in sorted(args.sizes):
         rows.append(measure(n, args.k, args.repeats))

@@ -16,6 +16,7 @@ import resource
 import time
 from pathlib import Path
 
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,7 +57,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_million.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     samples = [data.load(name) for name in (args.x, args.y)]
     gt_x, gt_y = (sample.template_to_vertex for sample in samples)
     step = Steps()

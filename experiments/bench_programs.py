@@ -26,6 +26,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib import import_module
 from pathlib import Path
 
+import device_option
 import jax
 import numpy as np
 import results_file
@@ -150,7 +151,7 @@ def main() -> None:
         type=Path,
         default=Path(__file__).parent / "results/bench_programs.json",
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     if args.way == "record":
         record(args.folder)
         print({})

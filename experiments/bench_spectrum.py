@@ -13,6 +13,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
+import device_option
 import numpy as np
 import results_file
 import scipy.sparse as sp
@@ -51,7 +52,7 @@ def main() -> None:
         type=Path,
         default=Path(__file__).parent / "results/bench_spectrum.json",
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     mesh = data.load(args.shape).mesh
     rows = {}
     for n in (len(mesh.vertices), *args.vertices):

@@ -13,6 +13,7 @@ import argparse
 from pathlib import Path
 
 import bench_filter
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -41,7 +42,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     out = Path(__file__).parent / "results" / "bench_tolerance.json"
     parser.add_argument("--out", type=Path, default=out)
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     rows = [row for x, y in PAIRS for row in solved(x, y)]
     settings = {"tol": TOL, "k": K, "dtype": "float32", "repeats": args.repeats}
     costs = gradients(args.repeats)

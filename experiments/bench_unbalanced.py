@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import bench_filter
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -29,7 +30,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=7)
     out = Path(__file__).parent / "results" / "bench_unbalanced.json"
     parser.add_argument("--out", type=Path, default=out)
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     if args.repeats < 5:
         parser.error("medians of fewer than five say little")
     rows = [row for n in args.sizes for row in timed(n, args.k, args.repeats)]

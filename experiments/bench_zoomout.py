@@ -16,6 +16,7 @@ from functools import partial
 from pathlib import Path
 
 import datasets
+import device_option
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -97,7 +98,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=Path, default=Path(__file__).parent / "results/bench_zoomout.json"
     )
-    args = parser.parse_args()
+    args = device_option.parse(parser)
     args.embedded, args.pairs, args.within = args.data is None, None, None
     (mesh_x, gt_x, _), (mesh_y, gt_y, _) = (
         datasets.load(args, name) for name in (args.x, args.y)

@@ -640,6 +640,10 @@ def test_every_number_is_read():
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
         ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
         ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
+        (
+            {"drawn_curvature_weights": ()},
+            r"drawn_curvature_weights is \(\); give one or",
+        ),
         ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),
     ],
 )

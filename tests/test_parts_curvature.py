@@ -109,14 +109,13 @@ def test_the_nearest_by_all_three_is_that_of_all_compared(slid):
     found = alike(bent, x, 0.2)
     some = np.random.default_rng(0).integers(0, len(found), 40)
     weight = PartSettings().bend.normal_weight
-    apart = sum(
-        w**2 * np.sum((a[some, None] - b[None]) ** 2, 2)
-        for w, a, b in (
-            (1, part.vertices, whole.vertices),
-            (weight, x.normal, bent.normal),
-            (0.2, of_part, of_whole),
-        )
-    )
+    apart = np.zeros((len(some), len(whole.vertices)))
+    for w, a, b in (
+        (1, part.vertices, whole.vertices),
+        (weight, x.normal, bent.normal),
+        (0.2, of_part, of_whole),
+    ):
+        apart += w**2 * np.sum((a[some, None] - b[None]) ** 2, 2)
     np.testing.assert_allclose(
         apart[np.arange(40), found[some]], apart.min(1), rtol=1e-9
     )

@@ -39,7 +39,7 @@ class Target(NamedTuple):
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
     settings: that it was made with.
-    curvature: (n, c), see `jfsf.parts._curvature`; without it, none is compared.
+    curvature: (n, c), see `jfsf.parts._curvature`; (n, 0) where none is compared.
     """
 
     mesh: Mesh
@@ -47,7 +47,7 @@ class Target(NamedTuple):
     outward: np.ndarray
     tree: KDTree
     settings: PartSettings
-    curvature: np.ndarray | None = None
+    curvature: np.ndarray
 
 
 class Drawn(NamedTuple):
@@ -72,7 +72,8 @@ def target(
     normal = vertex_normals(*mesh)
     points = np.concatenate([mesh.vertices, settings.bend.normal_weight * normal], 1)
     out = outward(mesh, normal)
-    return Target(mesh, normal, out, KDTree(points), settings, curvature)
+    curved = np.zeros((len(points), 0)) if curvature is None else curvature
+    return Target(mesh, normal, out, KDTree(points), settings, curved)
 
 
 def outward(mesh: Mesh, normal: np.ndarray) -> np.ndarray:
@@ -134,14 +135,14 @@ def draw_onto(
         moved: positions of Y to begin with.
         T_xy: the start.
         sign: -1 for a map that mirrors.
-        curvature: of Y; None compares positions and normals only, as X without one.
+        curvature: of Y; None where `x` has none.
     """
     settings = x.settings
     n, mass = len(y.vertices), vertex_areas(*x.mesh)
     side = _padded_surface(y, sign, settings)
     size = len(side.mass)
     options = replace(settings.bend, max_steps=settings.draw_steps)
-    matched = np.ones(len(mass), bool)
+    T_near, matched = T_xy, np.ones(len(mass), bool)
     for curvature_weight in settings.drawn_curvature_weights:
         weight = mass * np.where(matched, 1, settings.uncovered_weight)
         pull = np.bincount(T_xy, weight, n)
@@ -156,8 +157,7 @@ def draw_onto(
         moved = np.asarray(deform(pulled, *rows, settings=options))[:n].astype(float)
         bent = target(wound(Mesh(moved, y.faces), sign), settings, curvature)
         T_near, matched = nearest(bent, x.mesh.vertices, x.normal)
-        compared = curvature_weight > 0 and curvature is not None
-        T_xy = alike(bent, x, curvature_weight) if compared else T_near
+        T_xy = alike(bent, x, curvature_weight) if curvature_weight else T_near
     return Drawn(moved, T_near, matched)
 
 

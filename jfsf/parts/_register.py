@@ -101,13 +101,11 @@ def register(
         settings: `first_reach`, `reaches` and what follows these.
     """
     at, normal, mass = part.vertices, vertex_normals(*part), vertex_areas(*part)
-    unlike = settings.registered_curvature_weight
-    of_part, of_whole = (
-        np.zeros((len(v), 0)) if curvature is None else unlike * curvature[i]
-        for i, v in enumerate((at, whole.mesh.vertices))
-    )
+    none = (np.zeros((len(v), 0)) for v in (at, whole.mesh.vertices))
+    unlike = 0.0 if curvature is None else settings.registered_curvature_weight
+    of_part, of_whole = (unlike * values for values in curvature or none)
     columns = at, settings.registered_normal_weight * normal, of_part
-    points, further = np.concatenate(columns, 1), unlike * (curvature is not None)
+    points = np.concatenate(columns, 1)
     edge = whole.outward.any(1)
     scale, covered = 1.0, np.ones(len(at), bool)
     moved = _placed(whole.mesh.vertices, at, mass, T)
@@ -134,7 +132,7 @@ def register(
         if edge.any():
             outward = np.einsum("pij,pj->pi", rotation[T], whole.outward[T])
             beyond = np.sum((at - moved[T]) * outward, 1) > 0
-            near = away < settings.covered_distance + reach + further
+            near = away < settings.covered_distance + reach + unlike
             covered = near & ~(beyond & (reach <= settings.trimmed_reach))
     share = mass @ covered / mass.sum()
     residual = np.sqrt((mass * covered) @ away**2 / max(mass @ covered, 1e-12))

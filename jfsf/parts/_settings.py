@@ -244,7 +244,11 @@ class PartSettings:
                 raise ValueError(
                     f"PartSettings: {name} is {values}; give one or more above 0"
                 )
+        weights = self.drawn_curvature_weights
         facts = {
+            f"drawn_curvature_weights is {weights}; give one or more, none below 0": (
+                len(weights) > 0 and min(weights) >= 0
+            ),
             f"ball_radii is {self.ball_radii}; let them increase": (
                 list(self.ball_radii) == sorted(self.ball_radii)
             ),
