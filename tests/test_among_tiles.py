@@ -61,7 +61,9 @@ def test_the_sizes_are_awkward():
     assert held.size > M
 
 
-@pytest.mark.parametrize("seed, noise, k0", [(0, 0.05, 10), (1, 0.0, 1)])
+@pytest.mark.parametrize(
+    "seed, noise, k0", [(0, 0.05, 10), pytest.param(1, 0.0, 1, marks=pytest.mark.slow)]
+)
 def test_nearly_all_neighbours_are_found(seed, noise, k0):
     x, y, *flat = surfaces(seed, noise=noise)
     found = search(x, y, *flat, k0)
@@ -72,6 +74,7 @@ def test_nearly_all_neighbours_are_found(seed, noise, k0):
     assert found.recall > 0.97 and not found.searched_all
 
 
+@pytest.mark.slow
 def test_masked_points_stay_out_where_others_coincide():
     # The oracle of the recall is the exhaustive search, left out here.
     _, _, *flat = surfaces(0)
@@ -89,6 +92,7 @@ def test_masked_points_stay_out_where_others_coincide():
         assert among[np.asarray(near.idx)[of]].all()
 
 
+@pytest.mark.slow
 def test_fewer_tiles_find_fewer_neighbours():
     x, y, *flat = surfaces(0, noise=0.05)
     few = NeighbourSettings(tiles=2)
@@ -105,6 +109,7 @@ def test_all_points_are_checked_if_the_settings_ask_for_it():
     assert abs(found.recall - min(shares)) < 0.03  # some points have several slots
 
 
+@pytest.mark.slow
 def test_both_ways_is_among_tiles_if_there_are_some():
     x, y, *flat = map(jnp.asarray, surfaces(0, 60, 50))
     held, few = tuple(map(tiles, flat)), NeighbourSettings(tiles=2)
@@ -119,6 +124,7 @@ def test_both_ways_is_among_tiles_if_there_are_some():
         jax.tree.map(np.testing.assert_array_equal, found[:2], wanted)
 
 
+@pytest.mark.slow
 @given(testing.point_sets(150, 4), testing.point_sets(97, 4), st.sampled_from([1, 10]))
 def test_few_points_are_all_compared(x, y, k0):
     found = search(x, y, x, y, k0, min_recall=0.0)
@@ -129,6 +135,7 @@ def test_few_points_are_all_compared(x, y, k0):
     assert found.recall == 1
 
 
+@pytest.mark.slow
 def test_many_neighbours():
     x, y, *flat = surfaces(0)
     found = search(x, y, *flat, 100, min_recall=0.0)
@@ -408,7 +415,9 @@ def test_options_that_do_not_fit_are_an_error(width, options, message):
         tiled_neighbours(x, y, tiles(x), tiles(y), **options)
 
 
-@pytest.mark.parametrize("converter", [nearest, sinkhorn])
+@pytest.mark.parametrize(
+    "converter", [pytest.param(nearest, marks=pytest.mark.slow), sinkhorn]
+)
 def test_converters_agree_with_and_without_tiles(converter):
     x, y, at_x, at_y = map(jnp.asarray, surfaces(0))
     held = tiles(at_x), tiles(at_y)

@@ -236,6 +236,7 @@ def ends(process):
     assert process.returncode == 0, errors
 
 
+@pytest.mark.slow
 def test_four_devices_share_the_pairs():
     ends(start(SHARDED, XLA_FLAGS="--xla_force_host_platform_device_count=4"))
 

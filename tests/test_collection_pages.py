@@ -165,6 +165,7 @@ def test_the_index_lists_what_to_look_at_first(index):
     assert [row[0] for row in record["dropped"]] == ["c, d"]
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_the_index_is_drawn(index, tmp_path):
     for phone in (False, True):

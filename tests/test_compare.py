@@ -81,6 +81,7 @@ def test_a_killed_run_goes_on(compare, args):
     assert len(calls) == 5 and json.loads(args.out.read_text()) == record
 
 
+@pytest.mark.slow
 def test_other_settings_are_not_mixed(compare, args):
     run(compare, args, [])
     args.every = 400

@@ -7,6 +7,7 @@ import oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from precisions import FLOATS
 
 from jfsf import testing
 from jfsf.neighbours import NeighbourSettings, neighbours
@@ -69,7 +70,7 @@ def test_values_that_are_not_finite():
     np.testing.assert_allclose(found.dist[kept], dist)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @pytest.mark.parametrize("offset", [0.0, 100.0, 1e4, -3e6])
 def test_a_common_offset_does_not_cancel(dtype, offset):
     # In float32, |q|^2 - 2 q.p + |p|^2 would have no correct digit.

@@ -149,6 +149,7 @@ def test_candidates_ignore_the_order_of_vertices(by_x, by_y):
     np.testing.assert_allclose(far(*turned).C_yx, plain, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(testing.signs(DEFAULT.eigenpairs), testing.signs(DEFAULT.eigenpairs))
 @settings(max_examples=3)
 def test_candidates_follow_the_signs_of_eigenvectors(by_x, by_y):
@@ -159,6 +160,7 @@ def test_candidates_follow_the_signs_of_eigenvectors(by_x, by_y):
     np.testing.assert_allclose(found, wanted, atol=1e-6)
 
 
+@pytest.mark.slow
 @given(testing.motions())
 @settings(max_examples=3)
 def test_candidates_ignore_motion(motion):
@@ -169,6 +171,7 @@ def test_candidates_ignore_motion(motion):
     np.testing.assert_allclose(found, plain, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_candidates_of_mirror_images():
     x, y = (SPEC, DESC), (OTHER, OTHER_DESC)
     image_x, image_y = (mirrored(SPEC), DESC), (mirrored(OTHER), OTHER_DESC)

@@ -66,6 +66,7 @@ def cases(count):
     return [(names[i % len(names)], i) for i in range(count)]
 
 
+@pytest.mark.slow
 def test_damaged_files_are_refused_or_sound(tmp_path):
     assert not findings(tmp_path, cases(2000))
 

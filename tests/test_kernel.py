@@ -47,8 +47,14 @@ def dense(kernel: Kernel):
     return out
 
 
-@pytest.mark.parametrize("power", [1.0, 2.0])
-@pytest.mark.parametrize("unilateral_weight", [1.0, 0.5])
+@pytest.mark.parametrize(
+    "power, unilateral_weight",
+    [
+        (2.0, 0.5),
+        *(pytest.param(*p, marks=pytest.mark.slow) for p in ((1.0, 1.0), (1.0, 0.5))),
+        pytest.param(2.0, 1.0, marks=pytest.mark.slow),
+    ],
+)
 @given(pair=pairs, lams=st.tuples(st.floats(0, 50), st.floats(0, 50)))
 def test_union_of_both_sides(power, unilateral_weight, pair, lams):
     lists = near(*pair)
@@ -99,6 +105,7 @@ def close(ours, truth):
     np.testing.assert_allclose(ours, truth, atol=atol)
 
 
+@pytest.mark.slow
 @given(pair=pairs, seed=testing.seeds, lam=st.sampled_from([1.0, 30.0, 1e4]))
 def test_sums_and_maxima(pair, seed, lam):
     kernel = build(*near(*pair), sharp(lam), sharp(lam / 2), unilateral_weight=0.5)

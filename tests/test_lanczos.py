@@ -71,6 +71,7 @@ def test_a_start_that_holds_eigenvectors():
     np.testing.assert_allclose(evecs.T @ evecs, np.eye(20), atol=1e-10)
 
 
+@pytest.mark.slow
 def test_values_all_alike_are_attempt():
     matrix, _ = operator(1 + 1e-9 * np.arange(2000.0), 3)
     assert attempt(matrix, 10, tol=1e-14) is None

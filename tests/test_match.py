@@ -577,6 +577,7 @@ def test_the_guides_own_stages_match_a_shape_that_was_turned():
     assert found.certificate.residual < 0.01 and found.certificate.confidence > 0.9
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("run_once")
 def test_a_converter_without_a_plan_has_a_certificate():
     (mesh_x, _), (mesh_y, _) = shapes()
@@ -655,6 +656,7 @@ def test_a_refinement_that_begins_above_the_search_needs_an_initial_map():
         jfsf.match_spectra(*specs(), settings=settings)
 
 
+@pytest.mark.slow
 def test_a_small_initial_map_grows():
     x, y = (side.refinement for side in sampled())
     T_xy = jnp.asarray(plain().T_xy)

@@ -171,6 +171,7 @@ def test_functional_metrics_match_the_formulas(seed, sizes):
 
 
 # Few sizes: each is compiled anew.
+@pytest.mark.slow
 @given(seeds, st.sampled_from([(1, 1, 1), (40, 7, 3), (9, 30, 5)]))
 def test_chamfer_matches_the_dense_formula(seed, sizes):
     n_x, n_y, extra = sizes

@@ -299,6 +299,7 @@ def test_vertices_without_a_face_move_with_the_others():
     np.testing.assert_allclose(back, aligned, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_batches_give_the_model_of_all():
     known = fitted()
     aligned = np.asarray(room.align(POINTS, weights=known.weights).positions)

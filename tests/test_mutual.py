@@ -8,6 +8,7 @@ import oracles
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from precisions import FLOATS
 
 from jfsf import data, testing
 from jfsf.neighbours import NeighbourSettings, mutual_neighbours
@@ -70,7 +71,7 @@ def test_few_points_are_all_compared(x, y, seed, k0):
         assert valid[1][found.idx[known]].all() and not found.idx[~known].any()
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_with_bins_the_nearest_is_found_and_few_others_are_missed(dtype):
     x, y = random(0, MANY_X, WIDTH), random(1, MANY_Y, WIDTH)
     sides = (x, y), (y, x)
@@ -96,6 +97,7 @@ def test_the_order_of_the_vertices_of_a_mesh_costs_no_neighbours():
         assert recall(near.idx, idx) > 0.965
 
 
+@pytest.mark.slow
 def test_the_nearest_is_found_among_others_nearly_as_near():
     # Points of one smooth surface are close together, and far from the centre.
     rng = np.random.default_rng(0)

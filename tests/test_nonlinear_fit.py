@@ -158,6 +158,7 @@ def test_vmap_equals_the_loop():
         assert close(batch[i], run(desc_x[i]), 1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", ONE_QUICK)
 def test_float32(loss):
     short = [cast(spec, jnp.float32) for spec in (X, Y)]

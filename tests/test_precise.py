@@ -104,6 +104,7 @@ def test_on_the_surface():
     np.testing.assert_allclose(corners.bary.max(1), 1, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_embedded_shapes():
     """Spectra of two meshes whose vertices differ; k0 does not settle all rows."""
     x, y = data.load("man_walk"), data.load("man_up")

@@ -279,6 +279,7 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     assert "log odds of the region are -1.50" in said and "candidate" not in said
 
 
+@pytest.mark.slow
 def test_pages_without_times_are_equal(tmp_path):
     texts = []
     for name in "ab":
@@ -289,6 +290,7 @@ def test_pages_without_times_are_equal(tmp_path):
     assert texts[0] == texts[1]
 
 
+@pytest.mark.slow
 def test_old_pages_stay_when_the_disk_is_full(tmp_path, monkeypatch):
     def fail(path, text):
         raise OSError("disk full")

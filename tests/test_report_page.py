@@ -35,7 +35,9 @@ def is_drawn(pixels):
     return 0.02 < len(body) / pixels[..., 3].size < 0.5 and body.std(0).max() > 20
 
 
-@pytest.mark.parametrize("name", ["desktop", "phone"])
+@pytest.mark.parametrize(
+    "name", ["desktop", pytest.param("phone", marks=pytest.mark.slow)]
+)
 def test_shapes_are_drawn_without_errors_and_nothing_is_too_wide(name, request):
     page = request.getfixturevalue(name)
     assert page.run("return document.body.dataset.ready") == "yes"
@@ -141,6 +143,7 @@ def test_names_of_files_are_text(tmp_path):
         assert page.all("img") == [] and page.errors() == []
 
 
+@pytest.mark.slow
 def test_index_lists_links_and_filters(tmp_path, report):
     (tmp_path / "a.html").write_text("<title>a</title>")
     rows = [

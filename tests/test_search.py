@@ -45,6 +45,7 @@ def test_orientations_have_signs():
     assert orientation_sign(jnp.asarray(-1)) == -1
 
 
+@pytest.mark.slow
 def test_the_smallest_budget_finds_the_identity():
     assert SMALL.parents == 1
     found = search(SPEC, SPEC, DESC, DESC, settings=SMALL, num=3)

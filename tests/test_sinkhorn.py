@@ -11,6 +11,7 @@ import oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from precisions import FLOATS
 from problems import N_X, N_Y, WIDTH, dense, draw, weights
 
 from jfsf import testing
@@ -117,7 +118,7 @@ def test_pot_agrees():
     np.testing.assert_allclose(dense(ours), theirs, atol=1e-10)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(seed=st.integers(0, 50))
 def test_the_authors_settings(dtype, seed):
     emb_x, emb_y = (np.asarray(e, np.float64) for e in draw(seed, 60, 80, dtype))
@@ -131,7 +132,7 @@ def test_the_authors_settings(dtype, seed):
     np.testing.assert_allclose(dense(ours), truth, atol=tol / 10)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @pytest.mark.parametrize("lam", [0.0, 1e-3, 1e3, 1e4, 1e6])
 def test_no_sharpness_makes_nan(dtype, lam):
     emb_x, emb_y = draw(dtype=dtype)
@@ -146,7 +147,7 @@ def test_no_sharpness_makes_nan(dtype, lam):
     np.testing.assert_allclose(dense(ours).sum(1), 1 / N_X, rtol=1e-2)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_marginals_far_apart_make_no_nan(dtype):
     emb_x, emb_y = draw(dtype=dtype)
     a = np.geomspace(1e-9, 1, N_X)
@@ -229,7 +230,7 @@ def test_padding_is_invisible(pair, seed):
     assert padded.empty_x == padded.empty_y == 0
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(order=testing.permutations(N_X), seed=testing.seeds)
 def test_coincident_embeddings_give_the_permutation(dtype, order, seed):
     emb_x = draw(seed % 50, dtype=dtype)[0]
@@ -280,7 +281,7 @@ def test_vmap_equals_the_loop():
         np.testing.assert_allclose(found.marginal_error[i], single.marginal_error)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_the_length_is_the_median_of_the_nearest(dtype):
     rng = np.random.default_rng(0)
     for n in (1, 2, 7, 100):
@@ -368,6 +369,7 @@ def test_gradients_match_finite_differences(scale, masked):
     assert np.isclose((out[0] - out[1]) / (2 * h), exact, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_the_gradient_where_points_coincide_is_finite():
     emb = draw()[0]
     value = lambda x: jnp.sum(pull_back(small_sinkhorn(x, emb), emb) ** 2)
@@ -436,7 +438,7 @@ REFINEMENT = (0.01739, 0.00727), (0.0127, 0.00155)  # ZoomOut, likewise
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_the_authors_numbers(dtype):
     """Their code on their pair; errors are Euclidean / sqrt(area), as they measure."""
     at = Path(os.environ.get("JFSF_DATA", "")) / "authors_pair"

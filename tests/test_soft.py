@@ -48,6 +48,7 @@ def test_a_sharp_soft_map_is_the_map():
     np.testing.assert_allclose(C, functional_map(T_xy, spec_x, spec_y), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_sharp_steps_are_those_of_zoomout_and_icp():
     spec_x, spec_y, _ = pair()
     # The plan of a sharp kernel has some rows with more than one entry.

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import scipy.optimize
+from precisions import FLOATS
 
 from jfsf.solvers import least_squares
 
@@ -37,7 +38,7 @@ def test_scipy_finds_the_same_minimum(seed):
 
 
 @pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_steps_end_where_noise_hides_the_descent(seed, dtype):
     args = problem(seed, dtype)
 

@@ -147,7 +147,7 @@ def symmetric(mesh):
     return (root @ stiffness @ root).tocsc()
 
 
-@pytest.mark.parametrize("metis", [True, False])
+@pytest.mark.parametrize("metis", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_nested_dissection_gives_the_same_eigenpairs(metis, monkeypatch):
     if not metis:  # as on Windows: it takes longer
         monkeypatch.setitem(sys.modules, "pymetis", None)

@@ -9,6 +9,7 @@ import oracles
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from precisions import FLOATS
 from problems import dense
 from scipy.optimize import linprog
 
@@ -50,7 +51,7 @@ def least_error(kernel, a, b):
     return linprog(cost, A_eq=equal, b_eq=np.concatenate([a, b])).fun
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_random_marginals_are_met(dtype):
     for seed in range(20):
         found = sinkhorn(*problem(seed, dtype), lam=20.0, k0=FULL, tol=1e-4)
@@ -95,7 +96,7 @@ def test_other_packages_agree(package):
     np.testing.assert_allclose(dense(ours), theirs, atol=1e-4 / N_X)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(seed=st.integers(0, 200))
 @settings(max_examples=10)
 def test_what_cannot_be_met_is_flagged_at_the_least_error(dtype, seed):
@@ -214,7 +215,9 @@ def test_implicit_gradients_are_finite_differences(seed):
 
 
 @pytest.mark.parametrize("seed", ONE_QUICK)
-@pytest.mark.parametrize("length_gradient", [False, True])
+@pytest.mark.parametrize(
+    "length_gradient", [False, pytest.param(True, marks=pytest.mark.slow)]
+)
 def test_implicit_gradients_are_those_of_many_updates(seed, length_gradient):
     args, values = arguments(seed), functions(seed)
     options = {"values": values, "k0": 6, "length_gradient": length_gradient}
@@ -226,6 +229,7 @@ def test_implicit_gradients_are_those_of_many_updates(seed, length_gradient):
         np.testing.assert_allclose(found, exact, atol=1e-6 * scale, rtol=0)
 
 
+@pytest.mark.slow
 def test_forward_mode_agrees_with_reverse_mode():
     args, values = arguments(SEEDS[0]), functions(0)
     value = partial(converged, values=values)
@@ -250,7 +254,7 @@ def test_gradients_in_float32_under_jit_and_vmap():
 
 
 @pytest.mark.parametrize("tol", [None, 1e-3])
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,
     log_lam=st.floats(-3, 9),
@@ -264,7 +268,7 @@ def test_extremes_are_finite_or_flagged(tol, dtype, seed, log_lam, log_unit, log
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tol", [None, 1e-3])
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,
     log_lam=st.floats(-3, 9),

@@ -9,6 +9,7 @@ import oracles
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from precisions import FLOATS
 from problems import N_X, N_Y, WIDTH, dense, draw, weights
 from scipy.spatial.distance import cdist
 from scipy.special import rel_entr
@@ -149,7 +150,7 @@ def test_without_limit_it_is_the_filter(reach, options, pair, seed):
     np.testing.assert_allclose(ours.membership_x, 1, atol=1e-9)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 def test_two_points_keep_what_the_formula_says(dtype):
     # Six pairs, far from each other, at one distance; it is the length.
     emb_x = 1e3 * jnp.eye(6, dtype=dtype)
@@ -169,7 +170,7 @@ def clusters(dtype=jnp.float64, n=60):
     return jnp.asarray(both, dtype), jnp.asarray(one, dtype)
 
 
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @pytest.mark.parametrize("options", [{}, {"tol": 1e-5}])
 def test_mass_without_a_partner_goes_away(dtype, options):
     emb_x, emb_y = clusters(dtype)
@@ -211,7 +212,7 @@ def test_relabelling_relabels(pair, order_x, order_y, seed):
     np.testing.assert_allclose(moved.membership_y, plain.membership_y[order_y])
 
 
-@pytest.mark.parametrize("tol", [None, 1e-8])
+@pytest.mark.parametrize("tol", [None, pytest.param(1e-8, marks=pytest.mark.slow)])
 @given(pair=pairs, seed=testing.seeds)
 @settings(max_examples=10)
 def test_padding_is_invisible(tol, pair, seed):
@@ -242,6 +243,7 @@ def test_padding_is_invisible(tol, pair, seed):
         assert not np.delete(value, at).any()
 
 
+@pytest.mark.slow
 def test_vmap_equals_the_loop():
     batch = [jnp.stack(e) for e in zip(*(draw(s) for s in range(3)), strict=True)]
     reach = jnp.asarray([0.5, 3.0, 30.0])
@@ -274,7 +276,7 @@ def test_float32_is_near_float64(tol):
 
 
 @pytest.mark.parametrize("tol", [None, 1e-3])
-@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+@pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,
     log_lam=st.floats(-3, 7),

@@ -212,6 +212,7 @@ def unlit(monkeypatch):
     monkeypatch.setattr("jfsf.plot._layout.lit", lambda colours, *_: colours)
 
 
+@pytest.mark.slow
 def test_a_pair_in_other_axes_is_the_same_picture():
     x, y = load("man_walk").mesh, load("man_up").mesh
     T_xy = np.zeros(len(x.vertices), np.int32)
@@ -241,6 +242,7 @@ def test_texture_takes_the_colours_of_the_image(unlit):
     assert not np.array_equal(faces_of(fig, 0), y)
 
 
+@pytest.mark.slow
 def test_checker_has_both_shades_and_as_many_squares(unlit):
     flat = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
     light = draw_texture(flat, flat, np.arange(3), checks=1, up="y")
