@@ -526,7 +526,7 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({}, "reverse", "swapped"),
         ({"confidence": 0.65}, "preserve", "doubtful, confidence 65%"),
         ({"confidence": 0.02}, "preserve", "probably wrong, confidence 2%"),
-        ({"confidence": np.nan}, "preserve", None),
+        ({"confidence": np.nan, "log_odds": 2.5}, "preserve", None),
         ({"confidence": np.nan, "log_odds": -1}, "preserve", "region is more likely"),
         ({"finite": False}, "preserve", "not finite"),
         ({"landmarks": [0.1, 0.9]}, "preserve", "landmark 2 ends far"),

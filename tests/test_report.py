@@ -13,6 +13,7 @@ from shapes import small
 
 from jfsf.data import Sample, load
 from jfsf.initial import Candidates
+from jfsf.parts import PartSettings
 from jfsf.plot import body_colours, frame, matched_colours
 from jfsf.report import (
     Considered,
@@ -277,6 +278,20 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     assert "more likely wrong than right" in record["findings"][0]["why"]
     said = " ".join(record["reasons"])
     assert "log odds of the region are -1.50" in said and "candidate" not in said
+
+
+def test_a_region_is_doubted_until_it_is_sure():
+    """As sure as the search must be to end with it."""
+    sure = PartSettings().sure
+
+    def said(log_odds):
+        nan = jnp.asarray(np.nan)
+        own = GOOD._replace(confidence=nan, log_odds=jnp.asarray(log_odds))
+        return " ".join(warnings_of(own, "preserve"))
+
+    assert "more likely wrong than right, log odds -0.10" in said(-0.1)
+    assert "not sure to be right, log odds +1.90" in said(sure - 0.1)
+    assert "region" not in said(sure)
 
 
 @pytest.mark.slow
