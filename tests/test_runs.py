@@ -377,7 +377,7 @@ def test_the_command(client, tmp_path, monkeypatch):
 
 
 def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
-    odds = iter([1.5, -0.5])
+    odds = iter([2.5, -0.5])
 
     def match_of_parts(mesh_x, mesh_y, *, partial, **_):
         assert partial and len(mesh_x.vertices) == len(mesh_y.vertices) == 162
@@ -407,7 +407,7 @@ def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
     text = (out / "summary.json").read_text()
     assert "Infinity" not in text and "NaN" not in text
     record = json.loads(text)
-    assert [row["log_odds"] for row in record["pairs"]] == [-0.5, 1.5]
+    assert [row["log_odds"] for row in record["pairs"]] == [-0.5, 2.5]
     assert all(row["confidence"] is None for row in record["pairs"])
     said = [[w for w in row["warnings"] if "region" in w] for row in record["pairs"]]
     assert len(said[0]) == 1 and not said[1]
