@@ -1,5 +1,6 @@
 """Parts of shapes: the laws of `match(..., partial=True)`, and its stages."""
 
+import warnings
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -30,7 +31,11 @@ from jfsf.parts import (
     match_parts,
 )
 from jfsf.parts import _match as parts_match
-from jfsf.parts._ball_descriptors import ball_descriptors, descriptor_unlikeness
+from jfsf.parts._ball_descriptors import (
+    ball_descriptors,
+    descriptor_unlikeness,
+    unlikeness,
+)
 from jfsf.parts._beam import assign
 from jfsf.parts._membership import from_rim, membership
 from jfsf.parts._region import (
@@ -372,6 +377,17 @@ def test_given_descriptors_are_compared_at_the_samples():
     by_hand = np.mean((np.minimum(by_hand, 3) / 1.5) ** 2, 2)
     np.testing.assert_allclose(unlike, by_hand)
     assert np.diag(descriptor_unlikeness(some, some)).max() == 0
+
+
+def test_a_radius_at_which_no_ball_is_read_is_left_out():
+    """Without a warning of numpy, which a user would see."""
+    rng = np.random.default_rng(0)
+    balls_x, balls_y = rng.normal(size=(3, 4, 5)), rng.normal(size=(6, 4, 5))
+    less = unlikeness(balls_x[:, :3], balls_y[:, :3])
+    balls_y[:, 3] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_allclose(unlikeness(balls_x, balls_y), less)
 
 
 def test_a_part_in_place_covers_its_region():
