@@ -1,8 +1,9 @@
 """How the surface curves, at several scales. Host side (numpy).
 
 Two open surfaces that lie on each other slide along each other at little cost. What
-keeps them in place is that navel lies on navel. It is read by heat from near by, so a
-cut changes little of it.
+keeps them in place is that a bump lies on a bump. It is read from the surface within
+sqrt(t), so a cut changes it only there. `jfsf.spectral.curvature` is for whole shapes:
+it reads eigenfunctions, which a cut changes everywhere.
 """
 
 from collections.abc import Sequence
@@ -16,7 +17,7 @@ from jfsf.parts._settings import PartSettings
 from jfsf.spectral import operators
 from jfsf.types import Mesh
 
-# Of a normal distribution, the standard deviation over the median size.
+# Of a normal distribution: the standard deviation over the median absolute value.
 SPREAD = 1.4826
 TINY = 1e-9
 
@@ -26,7 +27,7 @@ def curvature(mesh: Mesh, times: Sequence[float]) -> np.ndarray:
 
     An implicit step of mean curvature flow (Desbrun et al., 1999),
     (M + t L) p = M vertices, then <p - vertices, normal> / sqrt(t): negative where the
-    surface is convex, and no unit. It is the same of a mirrored shape.
+    surface is convex, and no unit. A mirror image has the same.
 
     Args:
         mesh: wound outward.
@@ -45,7 +46,7 @@ def curvature(mesh: Mesh, times: Sequence[float]) -> np.ndarray:
 def usual_curvature(values: np.ndarray) -> np.ndarray:
     """(times,) what `standard_curvature` divides by: a standard deviation.
 
-    Sharp ears and noise do not count.
+    It is made from the median, so a few sharp vertices hardly change it.
     """
     return SPREAD * np.sqrt(np.median(values**2, 0)) + TINY
 

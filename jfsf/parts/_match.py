@@ -246,7 +246,7 @@ def _state(sides: Sides, x: Target, scale, rank, moved, T_xy) -> _State:
 def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     """Cut both shapes to the region, refine the map between the cuts, draw again.
 
-    A refined map that is not sure is not kept, but for its evidence.
+    Of a refined map with log odds below `PartSettings.sure` only the evidence is kept.
     """
     y, drawn = sides.y.mesh, state.drawn
     part_x, part_y = cut(state.x.mesh, drawn.matched_x), cut(y, state.inside)
