@@ -8,9 +8,10 @@ Weights are those of a conditional logit (McFadden 1974): within a pair, the cha
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
 0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`); how
-often the first map is right, by the weights of the package, is said of every set, and
+often the first map is right, by the weights of the package, is said of every set.
 `stops` says the same if no other map is tried after one with so much log odds
-(`PartSettings.sure`). A killed run goes on from what it has written.
+(`PartSettings.sure`), and `tries` if so many are tried at most
+(`PartSettings.refined`). A killed run goes on from what it has written.
 
     python experiments/fit_parts.py --data ROOT [--sets becos_pf] [--out RESULT.json]
 """
@@ -41,6 +42,7 @@ RIDGE = 0.02  # of the squared weights, against few pairs
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
 ENOUGH = 1.5, 2.0, 2.5, 3.0, 3.5, 4.0  # log odds
+REFINED = 5  # maps a pair
 
 
 def main() -> None:
@@ -72,7 +74,10 @@ def main() -> None:
 def write(path: Path, rows: list[dict]) -> dict:
     """Write all that is known, and return what is not a row of a pair."""
     settings = {"fitted to": "sets with the role fit", "shipped": shipped()}
-    found = {"fitted": fit(rows), "right": right(rows), "stops": stops(rows)}
+    found = {"fitted": fit(rows), "right": right(rows)}
+    sure, most = SETTINGS.sure, SETTINGS.refined
+    found["stops"] = {str(e): chosen(rows, e, most) for e in ENOUGH}
+    found["tries"] = {str(n): chosen(rows, sure, n) for n in range(1, REFINED + 1)}
     results_file.write(path, settings=settings, **found, rows=rows)
     return found
 
@@ -100,7 +105,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
         state = parts._drawn(sides, start)
         figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
         found.append({"error": error(state.T_xy), **figures})
-        if len(refined) < SETTINGS.refined:
+        if len(refined) < REFINED:
             after = parts._refined(state, sides, refine)
             if after is not None:
                 own = {"error": error(after.T_xy), "log_odds": after.log_odds}
@@ -177,27 +182,31 @@ def right(rows: list[dict]) -> dict[str, dict]:
     return found
 
 
-def stops(rows: list[dict]) -> dict[str, dict]:
-    """By log odds that are enough: right maps of each set, and maps refined a pair."""
+def chosen(rows: list[dict], enough: float, most: int) -> dict[str, dict]:
+    """Right maps of each set, their mean error, and maps refined a pair.
+
+    Args:
+        rows: of the pairs.
+        enough: log odds after which no other map is tried.
+        most: maps that are tried at most.
+    """
     names = *FIGURES, "log_odds"
     weights = np.array([shipped()[name] for name in names])
     found: dict[str, dict] = {}
-    for enough in ENOUGH:
-        own = found[str(enough)] = {}
-        for name in dict.fromkeys(row["set"] for row in rows):
-            chosen, tried = [], []
-            for maps in (row["refined"] for row in rows if row["set"] == name):
-                first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
-                some = maps[: first[0] + 1] if first else maps
-                if some:
-                    score = columns(some, names) @ weights
-                    chosen.append(some[score.argmin()]["error"])
-                tried.append(len(some))
-            own[name] = {
-                "right": sum(map(protocol.is_right, chosen)),
-                "error": float(np.mean(chosen)),
-                "refined": float(np.mean(tried)),
-            }
+    for name in dict.fromkeys(row["set"] for row in rows):
+        errors, tried = [], []
+        for maps in (row["refined"][:most] for row in rows if row["set"] == name):
+            first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
+            some = maps[: first[0] + 1] if first else maps
+            if some:
+                score = columns(some, names) @ weights
+                errors.append(some[score.argmin()]["error"])
+            tried.append(len(some))
+        found[name] = {
+            "right": sum(map(protocol.is_right, errors)),
+            "error": float(np.mean(errors)),
+            "refined": float(np.mean(tried)),
+        }
     return found
 
 

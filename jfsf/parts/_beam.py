@@ -20,6 +20,8 @@ from jfsf.parts._ball_descriptors import (
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, along_cut
 
+STATES_AT_A_TIME = 128
+
 
 class Assigned(NamedTuple):
     """Assignments, the best first.
@@ -153,12 +155,15 @@ class _Pair:
 
     def __init__(self, x: PartSamples, y: PartSamples, which, settings: PartSettings):
         self.x, self.y, self.which, self.settings = x, y, which, settings
-        self.between_x = x.between[np.ix_(which, which)]
-        self.between_y = y.between
-        around = x.around[np.ix_(which, which)]
-        self.touches = along_cut(around, self.between_x, settings)
-        self.turn_x = x.direction[np.ix_(which, which)]
-        self.turn_y = y.direction
+        anchors = np.ix_(which, which)
+        between_x = x.between[anchors]
+        self.touches = along_cut(x.around[anchors], between_x, settings)
+        # A large table for each two anchors: half the precision is half the time.
+        self.between_x = between_x.astype(np.float32)
+        self.between_y = y.between.astype(np.float32)
+        self.turn_x = x.direction[anchors].astype(np.complex64)
+        self.turn_y = y.direction.astype(np.complex64)
+        self.turn_to = np.ascontiguousarray(self.turn_y.T)
         self.balls_y = ball_descriptors(y, np.arange(len(y.at)), settings=settings)
         self.described = 0.0
         if x.descriptors is not None and y.descriptors is not None:
@@ -174,6 +179,15 @@ class _Pair:
 
     def cost(self, m, partner, scale, sign):
         """(states, s_y) mean cost of sample m with each partner, to those before it."""
+        # Few states at a time stay in the processor's cache.
+        num = -(-len(partner) // STATES_AT_A_TIME)
+        some = (np.array_split(v, num) for v in (partner, scale.astype(np.float32)))
+        signs = np.array_split(sign, num)
+        return np.concatenate(
+            [self._cost(m, *own) for own in zip(*some, signs, strict=True)]
+        )
+
+    def _cost(self, m, partner, scale, sign):
         total = np.zeros((len(partner), len(self.y.at)), np.float32)
         count = np.zeros(len(partner), np.float32)
         before, settings = None, self.settings
@@ -205,18 +219,27 @@ class _Pair:
         if not (self.touches[m, i] or self.touches[m, j]):
             seen = np.conj(at_x[m, i]) * at_x[m, j]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
-            turned = np.abs((np.conj(at_y[:, a]) * at_y[:, b]).T - seen) ** 2 / 2
+            there = np.conj(self.turn_to[a]) * self.turn_to[b]
+            turned = _square(there - seen) / 2
         if not (self.touches[j, i] or self.touches[j, m]):
             seen = np.conj(at_x[j, i]) * at_x[j, m]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
             there = np.conj(at_y[b, a])[:, None] * at_y[b]
-            turned = turned + np.abs(there - seen) ** 2 / 2
+            turned = turned + _square(there - seen) / 2
         return turned / 2
 
 
+def _square(value: np.ndarray) -> np.ndarray:
+    """Of the absolute values of complex numbers."""
+    return np.real(value) ** 2 + np.imag(value) ** 2
+
+
 def _first_of_groups(group: np.ndarray, most: int) -> np.ndarray:
-    """Indices of rows that are among the first `most` of their kind."""
-    kind = np.unique(group, axis=0, return_inverse=True)[1].ravel()
+    """Indices of rows (of small integers) that are among the first `most` of a kind."""
+    # One number a row: `np.unique` of rows is slow.
+    group = group - group.min(0)
+    base = np.cumprod([1, *(group.max(0)[:-1] + 1)])
+    kind = np.unique(group @ base, return_inverse=True)[1]
     order = np.argsort(kind, kind="stable")
     starts = np.flatnonzero(np.diff(kind[order], prepend=-1))
     sizes = np.diff(np.append(starts, len(kind)))
@@ -227,13 +250,12 @@ def _first_of_groups(group: np.ndarray, most: int) -> np.ndarray:
 def _different(partner, between, keep: int, apart: float) -> list[int]:
     """The first assignments that differ from those before."""
     chosen: list[int] = []
-    for i, row in enumerate(partner):
-        known = [
-            np.mean(between[row, partner[c]][(row >= 0) & (partner[c] >= 0)])
-            for c in chosen
-        ]
-        if all(k > apart for k in known):
-            chosen.append(i)
-        if len(chosen) == keep:
-            break
+    free = np.ones(len(partner), bool)
+    while free.any() and len(chosen) < keep:
+        own = int(free.argmax())
+        chosen.append(own)
+        both = (partner >= 0) & (partner[own] >= 0)
+        far = np.sum(both * between[partner, partner[own]], 1)
+        free &= far / np.maximum(both.sum(1), 1) > apart
+        free[own] = False
     return chosen

@@ -25,7 +25,6 @@ from jfsf.mesh import (
 )
 from jfsf.parts._hint import longest_loop
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._shape import PartSamples
 from jfsf.refine import deform
 from jfsf.runtime import padded_shapes, with_rows
 from jfsf.types import Mesh
@@ -171,37 +170,6 @@ def cut(mesh: Mesh, keep: np.ndarray) -> Submesh:
     """The largest piece of the faces whose corners are all kept."""
     faces = np.asarray(mesh.faces)
     return largest_component(Mesh(mesh.vertices, faces[keep[faces].all(1)]))
-
-
-def dense_map(
-    x: PartSamples,
-    y: PartSamples,
-    which,
-    partner,
-    scale: float,
-    *,
-    settings: PartSettings = PartSettings(),
-) -> np.ndarray:
-    """T_xy: the vertex of Y that is as far from the partners as X's from its samples.
-
-    Near samples count most.
-
-    Args:
-        x, y: both shapes.
-        which: samples of X.
-        partner: samples of Y, -1 for none.
-        scale: factor of X's lengths.
-        settings: how much near samples count.
-    """
-    there = partner >= 0
-    from_x, from_y = scale * x.distance[which[there]], y.distance[partner[there]]
-    weight = 1 / (from_x + settings.anchor_radius) ** 2
-    weight /= weight.sum(0)
-    out, square = np.empty(from_x.shape[1], np.int64), from_y**2
-    for rows in np.array_split(np.arange(len(out)), -(-len(out) // 1000)):
-        w, d = weight[:, rows].T, from_x[:, rows].T
-        out[rows] = (w @ square - 2 * (w * d) @ from_y).argmin(1)
-    return out
 
 
 def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:

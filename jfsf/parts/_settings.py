@@ -140,7 +140,6 @@ class PartSettings:
     rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
-    refinements: of the map between the regions of the best; its rivals get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
     """
@@ -195,7 +194,7 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
-    refined: int = 5
+    refined: int = 3
     sure: float = 2.0
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
@@ -204,7 +203,6 @@ class PartSettings:
     cover_distance: float = 0.1
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
-    refinements: int = 2
     min_vertices: int = 160
 
     def __post_init__(self) -> None:
@@ -214,7 +212,7 @@ class PartSettings:
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
             *("first_updates", "updates", "draw_steps"),
-            *("carried_by", "refined", "refinements", "min_vertices"),
+            *("carried_by", "refined", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(

@@ -5,7 +5,9 @@ coarse copy of Y drawn onto X by it (`_register`). What is left apart, the energ
 the share of Y that is used rank the starts.
 """
 
+import os
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -15,7 +17,7 @@ from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import decimate, orient, surface_area, vertex_normals
 from jfsf.parts._beam import anchors_of, assign
 from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
-from jfsf.parts._region import dense_map, near_vertices, outward, scaled
+from jfsf.parts._region import near_vertices, outward, scaled
 from jfsf.parts._register import Registered, Whole, register, whole_at_rest
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, along_cut, part_samples
@@ -146,13 +148,22 @@ def starts(
     say = progress or (lambda name: None)
     say("assignments")
     assigned = assign(x, y, orientation=sides.sign, settings=settings)
+    from_x = x.distance[np.ix_(assigned.which, sides.on_x)]
+    curvature_of = {s: sides.curvature_x(s) for s in set(assigned.scale.tolist())}
+
+    def start(partner: np.ndarray, scale: float) -> Start:
+        there = partner >= 0
+        from_y = y.distance[np.ix_(partner[there], sides.on_y)]
+        T = _by_distances(scale * from_x[there], from_y, settings)
+        return _start(sides, T, scale, curvature_of[scale])
+
     num = len(assigned.scale)
-    for i, (partner, scale) in enumerate(
-        zip(assigned.partner, assigned.scale, strict=True)
-    ):
-        say(f"registration {i + 1} of {num}")
-        T_xy = dense_map(x, y, assigned.which, partner, scale, settings=settings)
-        yield start_of(sides, T_xy, float(scale))
+    # They spend their time in libraries that let other threads run.
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        found = pool.map(start, assigned.partner, assigned.scale.tolist())
+        for i in range(num):
+            say(f"registration {i + 1} of {num}")
+            yield next(found)
 
 
 def first_starts(
@@ -193,15 +204,40 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
         T_xy: the vertex of Y for each vertex of X, right or nearly so.
         scale: factor of X's lengths; when absent, that of the map (`scale_of`).
     """
-    settings = sides.settings
     scale = scale_of(sides, T_xy) if scale is None else scale
-    part, T = scaled(sides.coarse_x, scale), sides.from_y[T_xy[sides.on_x]]
-    curved = sides.curvature_x(scale)[sides.on_x], sides.curvature_y[sides.on_y]
+    T = sides.from_y[T_xy[sides.on_x]]
+    return _start(sides, T, scale, sides.curvature_x(scale))
+
+
+def _start(sides: Sides, T: np.ndarray, scale: float, curvature_x: np.ndarray) -> Start:
+    """Of a map T from the copy of X to that of Y."""
+    settings, part = sides.settings, scaled(sides.coarse_x, scale)
+    curved = curvature_x[sides.on_x], sides.curvature_y[sides.on_y]
     found = register(sides.whole, part, T, curvature=curved, settings=settings)
     rank = _rank(found, settings)
     if not sides.same_unit:
         rank += settings.register_weights.size * np.log(scale / found.scale)
     return Start(scale, found, float(rank), _missed(sides, found))
+
+
+def _by_distances(
+    from_x: np.ndarray,
+    from_y: np.ndarray,
+    settings: PartSettings,
+) -> np.ndarray:
+    """T: for points of X, that of Y as far from the partners as they from the anchors.
+
+    Near anchors count most.
+
+    Args:
+        from_x: (a, p) distances of points of X from the anchors, in the unit of Y.
+        from_y: (a, q) those of points of Y from their partners.
+        settings: how much near anchors count.
+    """
+    weight = 1 / (from_x + settings.anchor_radius) ** 2
+    weight /= weight.sum(0)
+    apart = weight.T @ from_y**2 - 2 * (weight * from_x).T @ from_y
+    return apart.argmin(1)
 
 
 def scale_of(sides: Sides, T_xy: np.ndarray) -> float:

@@ -6,6 +6,7 @@ Read in this order:
 - `_icp`: the functional map is made orthonormal each time
 - `_soft`: differentiable steps of both, for losses on pairs
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
+- `_rotations`: nearest rotations of many matrices, on the host
 - `_rest`: a mesh at rest, for deformations that are solved with a sparse factor
 """
 
@@ -14,11 +15,11 @@ from jfsf.refine._icp import icp
 from jfsf.refine._rest import (
     Rest,
     at_rest,
-    closest_rotations,
     edges_of,
     rotations_of,
     turned,
 )
+from jfsf.refine._rotations import closest_rotations
 from jfsf.refine._soft import (
     soft_functional_map,
     soft_icp_step,

@@ -11,6 +11,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry import STIFFNESS_RANGE
+from jfsf.refine._rotations import closest_rotations
 from jfsf.spectral import operators
 from jfsf.types import Mesh
 
@@ -72,13 +73,6 @@ def rotations_of(rest: Rest, moved: np.ndarray, rings: int = 0) -> np.ndarray:
     for _ in range(rings):
         spread = spread + rest.sums @ spread[rest.edges[:, 1]]
     return closest_rotations(spread.reshape(-1, 3, 3))
-
-
-def closest_rotations(spread: np.ndarray) -> np.ndarray:
-    """(n, 3, 3), the rotation R of each that makes the trace of R^T spread largest."""
-    left, _, right = np.linalg.svd(spread)
-    left[..., 2] *= np.linalg.det(left @ right)[..., None]
-    return left @ right
 
 
 def turned(rest: Rest, rotation: np.ndarray) -> np.ndarray:
