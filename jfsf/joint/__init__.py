@@ -6,7 +6,7 @@ Read in this order:
 - `_pairs`: a sparse graph of pairs, from the spectra alone
 - `_cycles`: which maps are right, by the maps round triangles
 - `_paths`: the template, and the way from it to each shape
-- `_grow`: pairs are matched until trusted maps reach every shape
+- `_grow`: pairs are matched until sure maps reach every shape
 - `_mirror`: which shapes are mirror images of the others
 - `_synchronise`: functional maps of all shapes to the template, at once
 - `_reasons`: why a shape was left out

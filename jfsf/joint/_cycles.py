@@ -1,9 +1,10 @@
 """Which maps of a collection are right, by what the maps round triangles say.
 
-A wrong map disagrees with the way round over a third shape, and two wrong ones seldom
-agree. The probability of each map is found by belief propagation on the graph whose
-factors are the triangles (Zach, Klopschitz and Pollefeys 2010, "Disambiguating visual
-relations using loop constraints").
+A wrong map disagrees with the way round over a third shape. Two wrong ones may agree:
+if both turn one shape round, or exchange the same parts. The probability of each map is
+found by belief propagation on the graph whose factors are the triangles (Zach,
+Klopschitz and Pollefeys 2010, "Disambiguating visual relations using loop
+constraints").
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,9 +18,9 @@ from jfsf.joint._pairs import Edge
 from jfsf.joint._sketch import Sketch
 from jfsf.types import ArrayLike, Maps
 
-# The probability that the maps round a triangle agree, by how many of them are wrong.
-# Set by hand. One wrong map among right ones shows. Two agree if both turn one shape.
-AGREE = np.array([0.98, 0.01, 0.1, 0.1])
+# The probability that the maps round a triangle agree, by how many of them are wrong:
+# `experiments/fit_cycles.py`.
+AGREE = np.array([0.98, 0.1, 0.4, 0.04])
 SWEEPS, DAMPING = 50, 0.5
 LEAST = 0.02  # no confidence counts for more than 1 - LEAST, nor for less than this
 

@@ -1,4 +1,4 @@
-"""Match pairs of a collection until trusted maps reach every shape."""
+"""Match pairs of a collection until sure maps reach every shape."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -23,18 +23,22 @@ from jfsf.types import Maps, Match
 class PairSettings:
     """Which pairs are matched, and which of their maps are trusted. Set by hand.
 
-    pairs_a_shape: pairs that are matched, at most, for each shape.
+    pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
+    most_of_one: a shape that has so many pairs gets no more: it may fit none.
     agree: the maps round a triangle agree if they are less than this apart, relative to
         two random vertices.
-    trusted: probability of the maps on the way from the template, for a shape to belong
-        to the collection.
+    sure: probability of the maps on the way from the template, below which more pairs
+        of a shape are matched, as long as there may be more.
+    trusted: that probability in the end, for a shape to belong to the collection.
     mirror_shear: how many times as much triangles are sheared by a map as by that of
         the mirror image, for a shape to be a mirror image; and as in the median of the
         maps on all ways, for its mirror image to be tried (`grow_with_mirrors`).
     """
 
     pairs_a_shape: float = 3.0
+    most_of_one: int = 10
     agree: float = 0.2
+    sure: float = 0.95
     trusted: float = 0.7
     mirror_shear: float = 2.0
 
@@ -110,7 +114,7 @@ def grow(
     template: int | None = None,
     settings: PairSettings = PairSettings(),
 ) -> Graph:
-    """Match a sparse graph of pairs, and more pairs for shapes that stay apart.
+    """Match a sparse graph of pairs, and more pairs for shapes that are not sure.
 
     Args:
         sketches: of each shape.
@@ -138,9 +142,10 @@ def grow(
         confidence = {edge: one.confidence for edge, one in done.items()}
         right = trust(confidence, found, limit=settings.agree)
         paths = best_paths(right, s, template=template)
-        joined = paths.trust >= settings.trusted
         left = most - len(tried)
-        inside = np.flatnonzero(joined).tolist()
-        edges = more_pairs(unlike, tried, inside, most=max(left, 0))
+        sure = np.flatnonzero(paths.trust >= settings.sure).tolist()
+        own = settings.most_of_one
+        edges = more_pairs(unlike, tried, sure, most=max(left, 0), most_of_one=own)
         if not edges:
+            joined = paths.trust >= settings.trusted
             return Graph(done, found, right, paths, joined)

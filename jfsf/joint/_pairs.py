@@ -60,27 +60,36 @@ def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
 def more_pairs(
     unlike: Float[ArrayLike, "s s"],
     tried: Collection[Edge],
-    joined: Collection[int],
+    sure: Collection[int],
     *,
     most: int,
+    most_of_one: int,
     each: int = 2,
 ) -> list[Edge]:
-    """Pairs for the shapes that no trusted map has reached yet.
+    """Pairs for the shapes that no sure map has reached yet.
 
     Args:
         unlike: symmetric, see `unlikeness`.
         tried: pairs that were matched.
-        joined: shapes that trusted maps reach.
+        sure: shapes that sure maps reach.
         most: pairs in all.
-        each: pairs for each of these shapes: with the most alike of the joined ones.
+        most_of_one: a shape of so many tried pairs gets no more: it may fit none.
+        each: pairs for each of the other shapes: with those of the sure ones that close
+            the most triangles with pairs that were tried, and of these the most alike.
 
     Returns:
-        Sorted; empty when all shapes are joined, or all pairs were tried.
+        Sorted; empty when no shape is left that may get more.
     """
     unlike, found = np.asarray(unlike, float), {}
-    for a in sorted(set(range(len(unlike))) - set(joined)):
-        left = [b for b in joined if _edge(a, b) not in tried]
-        for b in sorted(left, key=lambda b: (unlike[a, b], b))[:each]:
+    near: dict[int, set[int]] = {i: {i} for i in range(len(unlike))}
+    for a, b in tried:
+        near[a].add(b)
+        near[b].add(a)
+    for a in sorted(set(range(len(unlike))) - set(sure)):
+        left = [b for b in sure if b not in near[a]]
+        left.sort(key=lambda b: (-len(near[a] & near[b]), unlike[a, b], b))
+        number = min(each, most_of_one + 1 - len(near[a]))  # it is near to itself
+        for b in left[: max(number, 0)]:
             found[_edge(a, b)] = unlike[a, b]
     return sorted(sorted(found, key=lambda edge: (found[edge], edge))[:most])
 

@@ -24,10 +24,10 @@ class RegisterWeights(NamedTuple):
         it lies.
     """
 
-    residual: float = 3.91
+    residual: float = 4.46
     energy: float = 1.0
-    share: float = -0.98
-    log_odds: float = -0.2
+    share: float = -1.33
+    log_odds: float = -0.08
     size: float = -6.58
 
 
@@ -194,7 +194,7 @@ class PartSettings:
     covered_distance: float = 0.1
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
-    refined: int = 3
+    refined: int = 2
     sure: float = 2.0
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
