@@ -522,6 +522,7 @@ QUICK = PartSettings(
     first_updates=5,
     reaches=(0.2, 0.1),
     drawn_curvature_weights=(0.0,),
+    refinements=1,
 )
 
 

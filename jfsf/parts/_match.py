@@ -182,6 +182,12 @@ def match_parts(
     found.sort(key=lambda pair: pair[0].score(settings))
     state, sides = found[0]
     margin = state.log_odds - found[1][0].log_odds if found[1:] else np.inf
+    rounds = settings.refinements - 1 if state.log_odds >= settings.sure else 0
+    for _ in range(rounds):
+        again = _refined(state, sides, refine)
+        if again is None or again.log_odds <= state.log_odds:
+            break
+        state = again
     return _result(state, sides, margin)
 
 

@@ -140,6 +140,8 @@ class PartSettings:
     rim_width: length over which a surface ceases to cover, at its rim. About an edge.
     uncovered_weight: how much vertices that nothing covers draw, beside 1 for the
         others.
+    refinements: of the map between the regions of the best, if it is sure; its rivals
+        get one.
     min_vertices: a region with fewer is no result: it must be matched, see
         `jfsf.Settings.min_vertices`.
     """
@@ -203,6 +205,7 @@ class PartSettings:
     cover_distance: float = 0.1
     rim_width: float = 0.02
     uncovered_weight: float = 1e-3
+    refinements: int = 2
     min_vertices: int = 160
 
     def __post_init__(self) -> None:
@@ -212,7 +215,7 @@ class PartSettings:
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
             *("cells", "grouped_anchors", "min_groups", "assignments"),
             *("first_updates", "updates", "draw_steps"),
-            *("carried_by", "refined", "min_vertices"),
+            *("carried_by", "refined", "refinements", "min_vertices"),
         ):
             if getattr(self, name) < 1:
                 raise ValueError(
