@@ -33,6 +33,11 @@ class Changes(NamedTuple):
     turn: bool = False
     scale: tuple[float, float] = (1.0, 1.0)
 
+    @property
+    def same_unit(self) -> bool:
+        """Whether X keeps its size."""
+        return self.scale == (1.0, 1.0)
+
 
 class Changed(NamedTuple):
     """near: (n,) the vertex for each one before; scale: the factor of the size."""

@@ -155,7 +155,10 @@ def measure(
     start = time.perf_counter()
     state = None
     if part:
-        found = jfsf.match(x.mesh, y.mesh, partial=True, settings=settings)
+        same = changes.asked(args).same_unit
+        found = jfsf.match(
+            x.mesh, y.mesh, partial=True, same_unit=same, settings=settings
+        )
         tried, won = [("parts", jax.block_until_ready(found))], 0
     else:
         state = attempted_pair(x.mesh, y.mesh, settings=settings)

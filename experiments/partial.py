@@ -126,7 +126,7 @@ def measure(method: str, pair: Cut, change: changes.Changes, every: int) -> dict
     truth = cuts.truth_of_parts(x, part_x, y, part_y)
     own = changes.changed(part_x.mesh, change, pair.number)
     start = time.perf_counter()
-    T_xy, inside, extra = _run(method, own.mesh, part_y.mesh)
+    T_xy, inside, extra = _run(method, own.mesh, part_y.mesh, change.same_unit)
     seconds = time.perf_counter() - start
     images = T_xy[own.near[truth.at_x[::every]]]
     away = pair_distances(part_y.mesh, images, truth.at_y[::every])
@@ -139,16 +139,20 @@ def measure(method: str, pair: Cut, change: changes.Changes, every: int) -> dict
     }
 
 
-def _run(method, x, y):
+def _run(method, x, y, same_unit: bool):
     """T_xy, the region of Y, and further figures."""
     if method in ("jfsf", "whole"):
-        found = jax.block_until_ready(jfsf.match(x, y, partial=method == "jfsf"))
+        if method == "jfsf":
+            found = jfsf.match(x, y, partial=True, same_unit=same_unit)
+        else:
+            found = jfsf.match(x, y)
+        jax.block_until_ready(found)
         inside = np.ones(len(y.vertices), bool)
         extra = {"confidence": float(found.certificate.confidence)}
         if method == "jfsf":
             inside = np.asarray(found.matched_y)
             # Where only X is cut, all of it has a partner.
-            extra["matched_x"] = float(np.mean(found.matched_x))
+            extra["matched_x"] = float(np.asarray(found.matched_x).mean())
             extra["log_odds"] = float(found.certificate.log_odds)
             extra["gap"] = min(float(found.certificate.gap), 1e3)
         return np.asarray(found.T_xy), inside, extra
