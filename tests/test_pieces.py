@@ -14,7 +14,7 @@ from jfsf.cli import app
 from jfsf.evaluate import geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import MapFileError, read_notes, read_stored
-from jfsf.mesh import check, largest_component, split_components
+from jfsf.mesh import check, largest_component, split_components, vertex_colours
 from jfsf.pieces import (
     TIE,
     assign,
@@ -268,6 +268,21 @@ def test_the_file_counts_the_vertices_of_the_meshes(matched, folder):
     assert np.array_equal(there, np.load(out)["T_xy"][3:])
 
 
+def test_pictures_and_exports_show_what_has_no_partner_in_grey(matched, folder):
+    x, y, out = (folder / name for name in ("x.ply", "y.ply", "map.npz"))
+    png, coloured = folder / "map.png", folder / "coloured.ply"
+    options = "--png", png, "--export", coloured, "--up", "y"
+    done = run("match", x, y, "--out", out, "--components", *options)
+    assert done.exit_code == 0, done.output
+    assert f"wrote {png}" in done.output and f"wrote {coloured}" in done.output
+    assert png.stat().st_size > 10_000
+    colours = np.asarray(vertex_colours(coloured))[:, :3]
+    assert len(colours) == 2 * N + 3
+    grey = (colours == colours[0]).all(1)
+    assert grey[:3].all() and not grey[3:].any()
+    assert np.ptp(colours[0]) < 0.1 < np.ptp(colours[3:], axis=0).min()
+
+
 def test_the_map_is_evaluated_and_carries_labels(matched, folder):
     x, y, out = (folder / name for name in ("x.ply", "y.ply", "map.npz"))
     run("match", x, y, "--out", out, "--components")
@@ -318,9 +333,9 @@ def test_a_map_one_way_needs_no_other(tmp_path):
     [
         (["--partial"], "--components does not go with --partial: leave it out"),
         (["--base", 0], "with --base"),
-        (["--png", "a.png", "--up", "y"], "with --png, --up: leave them out"),
+        (["--gt-x", "x.vts", "--report", "a.html"], "--report, --gt-x: leave them out"),
         (["--repair"], "jfsf info X --repair FILE"),
-        (["--export", "a.ply"], "with --export"),
+        (["--checker"], "--checker goes with --export"),
     ],
 )
 def test_options_for_one_piece_are_refused(folder, options, error):

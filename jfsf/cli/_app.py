@@ -18,9 +18,9 @@ from typer.core import TyperGroup
 from jfsf.cli._batch import batch
 from jfsf.cli._cache import cache
 from jfsf.cli._collection import collection
-from jfsf.cli._components import check_components_options, match_pieces
+from jfsf.cli._components import Pictures, check_components_options, match_pieces
 from jfsf.cli._evaluate import evaluate
-from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw
+from jfsf.cli._exports import ByPlaceOption, CheckerOption, Looks, UpAxis, draw, seen
 from jfsf.cli._exports import export as exported
 from jfsf.cli._files import (
     AnyUnitOption,
@@ -265,21 +265,22 @@ def match(
     from jfsf.matching import match as match_meshes
 
     can_write(out, ".npz")
-    if components:
-        options = {"--png": png, "--export": export, "--checker": checker}
-        options |= {"--by-place": by_place, "--register": warped, "--report": report}
-        options |= {"--gt-x": gt_x, "--gt-y": gt_y, "--base": base}
-        options |= {"--landmarks": landmarks, "--landmarks-x": landmarks_x}
-        options |= {"--landmarks-y": landmarks_y, "--partial": partial, "--up": up}
-        options |= {"--largest-component": largest_component, "--repair": repair}
-        check_components_options(options | {"--any-unit": any_unit})
-        match_pieces(x, y, out, orientation.value, cache=not no_cache)
-        return
     if png is not None:
         can_write(png, ".png")
         need_matplotlib()
     exports = export or []
     can_export(exports, checker, (x, y))
+    looks = Looks(None if up is None else up.value, checker, by_place)
+    if components:
+        options = {"--register": warped, "--report": report, "--partial": partial}
+        options |= {"--gt-x": gt_x, "--gt-y": gt_y, "--base": base}
+        options |= {"--landmarks": landmarks, "--landmarks-x": landmarks_x}
+        options |= {"--landmarks-y": landmarks_y, "--repair": repair}
+        options |= {"--largest-component": largest_component, "--any-unit": any_unit}
+        check_components_options(options)
+        pictures = Pictures(png, exports, looks)
+        match_pieces(x, y, out, orientation.value, pictures, cache=not no_cache)
+        return
     if warped is not None:
         can_export([warped], False, (x, y))
     can_report(report, gt_x, gt_y)
@@ -296,7 +297,6 @@ def match(
     vertices = sum(len(shape.mesh.vertices) for shape in (shape_x, shape_y))
     if doubt := memory_doubt(vertices):
         console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
-    looks = Looks(None if up is None else up.value, checker, by_place)
     started = perf_counter()
     with stage_bar(_PART_STAGES if partial else _STAGES) as stage:
         matched = match_meshes(
@@ -316,8 +316,8 @@ def match(
         notes = notes_of((x, y), shapes, partial=partial, said=known.said)
         write_found(out, matched, *shapes, notes=notes)
         if png is not None:
-            draw(png, *shapes, matched, looks)
-        notes = exported(exports, *shapes, y, matched, looks) + notes
+            draw(png, *shapes, seen(matched), looks)
+        notes = exported(exports, *shapes, y, seen(matched), looks) + notes
         on_y = None
         if warped is not None:
             T, inside = np.asarray(matched.T_xy), matched.matched_x

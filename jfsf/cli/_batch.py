@@ -26,6 +26,7 @@ from jfsf.cli._exports import (
     UpAxis,
     draw,
     export,
+    seen,
 )
 from jfsf.cli._files import (
     AnyUnitOption,
@@ -326,9 +327,9 @@ def work(
         notes += [f"{WARNING}{units}"] if units else []
         write_found(job.out, result, x, y, notes)
     if png:
-        draw(job.out.with_suffix(".png"), x, y, result, looks)
+        draw(job.out.with_suffix(".png"), x, y, seen(result), looks)
     files = [job.out.with_suffix(suffix) for suffix in suffixes]
-    export(files, x, y, job.inputs[1], result, looks)
+    export(files, x, y, job.inputs[1], seen(result), looks)
     if report:
         inputs = [
             (path, own.mesh, own.index)

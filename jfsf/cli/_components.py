@@ -1,12 +1,14 @@
 """jfsf match --components: shapes of several pieces, matched piece to piece."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from jfsf.cli._files import sides_in_doubt
+from jfsf.cli._exports import Looks, Seen, draw, export
+from jfsf.cli._files import Shape, sides_in_doubt
 from jfsf.cli._notes import WARNING
 from jfsf.cli._stages import stage_bar
 from jfsf.cli._words import counted, in_options
@@ -34,7 +36,17 @@ def check_components_options(given: dict[str, Any]) -> None:
         raise ValueError(f"--components does not go with {', '.join(wrong)}: {what}")
 
 
-def match_pieces(x: Path, y: Path, out: Path, orientation: str, *, cache: bool) -> None:
+class Pictures(NamedTuple):
+    """What is drawn and exported: a picture or None, meshes, and how."""
+
+    png: Path | None
+    exports: list[Path]
+    looks: Looks
+
+
+def match_pieces(
+    x: Path, y: Path, out: Path, orientation: str, pictures: Pictures, *, cache: bool
+) -> None:
     """Match two files piece to piece, write the map, and print what was found."""
     from jfsf.mesh import MeshError, read_noted
     from jfsf.pieces import match_components, write_components
@@ -61,11 +73,23 @@ def match_pieces(x: Path, y: Path, out: Path, orientation: str, *, cache: bool) 
         stage("writing")
         notes += _said((x, y), found) + _doubts((x, y), found, orientation)
         write_components(out, found, notes=notes)
+        whole_x, whole_y = (Shape(mesh, None, None, mesh) for mesh, _ in read)
+        what = _seen(found), pictures.looks
+        if pictures.png is not None:
+            draw(pictures.png, whole_x, whole_y, *what)
+        notes = export(pictures.exports, whole_x, whole_y, y, *what) + notes
     console = Console()
     console.print(pieces_table(found))
     for line in notes:
         console.print(line, soft_wrap=True, markup=False)
-    console.print(f"wrote {out}", soft_wrap=True, markup=False)
+    for path in filter(None, (out, pictures.png, *pictures.exports)):
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+def _seen(found) -> Seen:
+    """Of all pieces; what has no partner is grey."""
+    there = tuple(np.asarray(T) >= 0 for T in (found.T_xy, found.T_yx))
+    return Seen(np.where(there[0], found.T_xy, 0), *there)
 
 
 def pieces_table(found) -> Table:

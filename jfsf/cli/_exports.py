@@ -8,7 +8,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
-from jfsf.cli._files import Shape, known_confidence
+from jfsf.cli._files import Shape
 from jfsf.types import Match
 
 
@@ -57,14 +57,37 @@ class Looks(NamedTuple):
     by_place: bool = False
 
 
-def draw(path: Path, x: Shape, y: Shape, found: Match, looks: Looks) -> None:
+class Seen(NamedTuple):
+    """What a picture or an exported mesh shows of a map.
+
+    T_xy: (n_x,) the vertex of Y for each vertex of X.
+    matched_x, matched_y: vertices with a partner; the others are grey. None for all.
+    confidence: (n_x,) of each vertex; None where it is not known of all.
+    membership: (n_x,) of a match of parts; else None.
+    """
+
+    T_xy: np.ndarray
+    matched_x: Any = None
+    matched_y: Any = None
+    confidence: Any = None
+    membership: Any = None
+
+
+def seen(found: Match) -> Seen:
+    """Of a match."""
+    region, likely = (found.matched_x, found.matched_y), found.confidence_x
+    likely = None if likely is None or np.isnan(likely).any() else np.asarray(likely)
+    return Seen(np.asarray(found.T_xy), *region, likely, found.membership_x)
+
+
+def draw(path: Path, x: Shape, y: Shape, found: Seen, looks: Looks) -> None:
     """Write a picture of a pair."""
     from jfsf.plot import draw_pair
 
     draw_pair(
         x.mesh,
         y.mesh,
-        np.asarray(found.T_xy),
+        found.T_xy,
         path=path,
         matched_x=found.matched_x,
         matched_y=found.matched_y,
@@ -77,7 +100,7 @@ def export(
     x: Shape,
     y: Shape,
     file_y: Path,
-    found: Match,
+    found: Seen,
     looks: Looks,
 ) -> list[str]:
     """Write X in the colours of Y to each of these files.
@@ -86,7 +109,7 @@ def export(
         paths: the files.
         x, y: the shapes.
         file_y: of Y, which may have colours.
-        found: their match.
+        found: the map.
         looks: how.
 
     Returns:
@@ -105,12 +128,12 @@ def export(
             path,
             x.mesh,
             y.mesh,
-            np.asarray(found.T_xy),
+            found.T_xy,
             up=looks.up,
             checker=looks.checker,
-            confidence=known_confidence(found),
+            confidence=found.confidence,
             matched_x=found.matched_x,
-            membership=found.membership_x,
+            membership=found.membership,
             colours_y=colours,
         )
     if colours is None:

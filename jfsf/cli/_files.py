@@ -283,12 +283,6 @@ def stored_match(path: Path) -> Match | None:
         return None
 
 
-def known_confidence(match: Match) -> np.ndarray | None:
-    """confidence_x, where it is known at every vertex."""
-    values = match.confidence_x
-    return None if values is None or np.isnan(values).any() else np.asarray(values)
-
-
 def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:
     """The vertices of a shape at vertices of its file; -1 where none is left.
 
