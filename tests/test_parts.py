@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial import KDTree
 
 import jfsf
-from jfsf import testing
+from jfsf import data, testing
 from jfsf.evidence import MISSED
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
@@ -18,6 +18,7 @@ from jfsf.matching import _match
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
+    decimate,
     surface_area,
     vertex_areas,
     vertex_normals,
@@ -538,6 +539,27 @@ def matched_with(found):
         return match_parts(*meshes, refine, settings=settings)
 
     return matched
+
+
+def test_a_limb_that_the_whole_lacks_is_not_covered_by_its_other_limb():
+    """One body without its left leg, and the same without its right leg."""
+    body = decimate(data.load("man_t").mesh, 1500)
+    across, height, _ = (body.vertices - body.vertices.mean(0)).T
+    leg = height < np.quantile(height, 0.3)
+    x, y = (cut(body, ~leg | side) for side in (across > 0, across < 0))
+    unit = np.sqrt(surface_area(y.mesh))
+    part, whole = (Mesh(c.mesh.vertices / unit, c.mesh.faces) for c in (x, y))
+    both = np.isin(x.index, y.index)
+    # What is missing goes to the nearest that is there.
+    nearest_kept = KDTree(part.vertices[both]).query(part.vertices)[1]
+    start = np.searchsorted(y.index, x.index[both])[nearest_kept]
+    mass = vertex_areas(*part)
+    found = register(at_rest(whole), part, start)
+    assert found.share == pytest.approx(mass[both].sum() / mass.sum(), abs=0.02)
+    assert away(whole.vertices[found.T][both], part.vertices[both]) < 0.01
+    wide = PartSettings(covered_distance=0.25, covered_reach=1.0)
+    drawn = register(at_rest(whole), part, start, settings=wide)
+    assert drawn.share > 0.95 and drawn.energy > 5 * found.energy
 
 
 def test_landmarks_in_both_parts_reach_the_refinement(found):

@@ -132,7 +132,8 @@ def register(
         if edge.any():
             outward = np.einsum("pij,pj->pi", rotation[T], whole.outward[T])
             beyond = np.sum((at - moved[T]) * outward, 1) > 0
-            near = away < settings.covered_distance + reach + unlike
+            apart = np.linalg.norm(at - moved[T], axis=1)
+            near = apart < settings.covered_distance + settings.covered_reach * reach
             covered = near & ~(beyond & (reach <= settings.trimmed_reach))
     share = mass @ covered / mass.sum()
     residual = np.sqrt((mass * covered) @ away**2 / max(mass @ covered, 1e-12))

@@ -24,10 +24,10 @@ class RegisterWeights(NamedTuple):
         it lies.
     """
 
-    residual: float = 4.46
+    residual: float = 6.1
     energy: float = 1.0
-    share: float = -1.33
-    log_odds: float = -0.08
+    share: float = -2.67
+    log_odds: float = -0.15
     size: float = -6.58
 
 
@@ -119,8 +119,9 @@ class PartSettings:
     max_curvature: in standard deviations; a greater one counts as this.
     registered_curvature_weight: length that a difference of one standard deviation
         counts as.
-    covered_distance: in a step, what is further away than this and the reach is not
-        covered by an open whole.
+    covered_distance: in a step, what is further away than this is not covered by an
+        open whole,
+    covered_reach: beside this share of the reach.
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
     register_weights: of what ranks the assignments.
 
@@ -193,7 +194,8 @@ class PartSettings:
     curvature_times: tuple[float, ...] = (0.0003, 0.001, 0.003)
     max_curvature: float = 3.0
     registered_curvature_weight: float = 0.15
-    covered_distance: float = 0.1
+    covered_distance: float = 0.03
+    covered_reach: float = 0.5
     trimmed_reach: float = 0.14
     register_weights: RegisterWeights = RegisterWeights()
     refined: int = 2
