@@ -1,33 +1,37 @@
 """Fit how often the maps round a triangle agree: `jfsf.joint` reads it as AGREE.
 
-FOLDER is what `collection.py SET FOLDER` has made. Of all triangles of matched pairs
-there: how many of the three maps are wrong (`protocol.RIGHT`), and whether the maps
-round the triangle agree (`PairSettings.agree`). The share of those that agree, by the
-number of wrong maps, with half a triangle of either kind added (Jeffreys), is written,
-and beside it what the package has.
+FOLDER is what `collection.py shrec07 FOLDER` has made. All pairs of the shapes of some
+classes are matched, in FOLDER/CLASS/pairs where the collection did not; a killed run
+goes on. Of all triangles: how many of the three maps are wrong (`protocol.RIGHT`), and
+whether the maps round the triangle agree (`PairSettings.agree`). Written is the share
+of those that agree, by the number of wrong maps, with half a triangle of either kind
+added (Jeffreys), and beside it what the package has. The classes are those with many
+wrong maps: of others there are only triangles without any.
 
-The triangles are those that `jfsf collection` chose, which are more where maps are
-in doubt. Two wrong maps often agree, because a shape that is turned end for end, or
-has two like parts exchanged, is so in the maps to all of its neighbours.
+Two wrong maps often agree, because a shape that is turned end for end, or has two like
+parts exchanged, is so in the maps to all of its neighbours.
 
-    python experiments/fit_cycles.py shrec07 FOLDER --data ROOT [--out RESULT.json]
+    python experiments/fit_cycles.py FOLDER --data ROOT [--out RESULT.json]
 """
 
 import argparse
 import json
 import os
+from itertools import combinations
 from pathlib import Path
 
 import datasets
 import numpy as np
 import protocol
 import results_file
-from collection import CLASSES, Errors, shapes_of
+from collection import Errors, shapes_of
 
-from jfsf.cli._collection_jobs import kept, read_maps
+from jfsf.batch import Job
+from jfsf.cli._collection_jobs import kept, match_pair, read_maps
 from jfsf.joint import PairSettings, triangles
 from jfsf.joint._cycles import AGREE
 
+CLASSES = "airplane", "ant", "plier"
 OUT = Path(__file__).parent / "results" / "fit_cycles.json"
 
 
@@ -35,14 +39,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("set", choices=["together", *protocol.SETS])
     parser.add_argument("folder", type=Path)
     parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
     parser.add_argument("--out", type=Path, default=OUT)
     args = parser.parse_args()
-    shapes = shapes_of(args.set, args.data)
-    names = CLASSES if args.set == "shrec07" else [""]
-    counted = {name: counts(shapes, args.folder / name / "model") for name in names}
+    shapes = shapes_of("shrec07", args.data)
+    counted = {name: counts(shapes, args.folder / name) for name in CLASSES}
     total = np.sum(list(counted.values()), 0)
     found = {
         "fitted": fitted(total),
@@ -51,19 +53,26 @@ def main() -> None:
         "by_class": {name: own.tolist() for name, own in counted.items()},
     }
     limit = PairSettings().agree
-    settings = {"set": args.set, "agree": limit, "right": protocol.RIGHT}
+    settings = {"classes": CLASSES, "agree": limit, "right": protocol.RIGHT}
     results_file.write(args.out, settings=settings, **found)
     print(json.dumps(found, indent=1))
 
 
-def counts(shapes: dict[str, datasets.Shape], model: Path) -> np.ndarray:
+def counts(shapes: dict[str, datasets.Shape], folder: Path) -> np.ndarray:
     """(2, 4) triangles that agree, and that do not, by the number of wrong maps."""
     error, maps, wrong = Errors(shapes), {}, {}
+    model, further = folder / "model", folder / "pairs"
+    further.mkdir(exist_ok=True)
     names = sorted(path.stem for path in (model / "shapes").glob("*.npz"))
-    number = {name: i for i, name in enumerate(names)}
-    for path in (model / "pairs").glob("*.npz"):
-        x, y = path.stem.split("__")
-        edge = number[x], number[y]
+    for edge in combinations(range(len(names)), 2):
+        x, y = (names[i] for i in edge)
+        path = model / "pairs" / f"{x}__{y}.npz"
+        if not path.exists():
+            path = further / path.name
+        if not path.exists():
+            inputs = tuple(model / "shapes" / f"{name}.npz" for name in (x, y))
+            match_pair(Job(inputs, path), "preserve", False)
+            print(path, flush=True)
         maps[edge] = read_maps(path).maps
         wrong[edge] = not protocol.is_right(error(maps[edge].T_xy, x, y))
     sketches = [kept(model / "shapes" / f"{name}.npz").sketch for name in names]

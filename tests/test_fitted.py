@@ -1,0 +1,46 @@
+"""Constants that scripts in `experiments/` fit are those of their committed results."""
+
+import json
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from jfsf.joint._cycles import AGREE
+from jfsf.parts import PartSettings, RegisterWeights
+
+FOLDER = Path(__file__).parents[1] / "experiments"
+
+
+@pytest.fixture
+def load(monkeypatch):
+    """A script, and what it has written."""
+    monkeypatch.syspath_prepend(FOLDER)
+
+    def both(name: str):
+        result = FOLDER / "results" / f"{name}.json"
+        return import_module(name), json.loads(result.read_text())
+
+    return both
+
+
+def test_the_weights_of_parts_are_the_scripts(load):
+    script, found = load("fit_parts")
+    assert found["fitted"] == RegisterWeights()._asdict()
+    # An optimiser on another machine may end a little beside.
+    assert script.fit(found["rows"]) == pytest.approx(found["fitted"], abs=0.02)
+    # No other number of maps, and no other log odds, find more right maps.
+    settings = PartSettings()
+    right = lambda table: sum(row["right"] for row in table.values())
+    shipped = right(found["tries"][str(settings.refined)])
+    assert shipped == max(map(right, found["tries"].values()))
+    assert right(found["stops"][str(settings.sure)]) == shipped
+
+
+def test_how_often_wrong_maps_agree_is_the_scripts(load):
+    script, found = load("fit_cycles")
+    agree, disagree = (found["triangles"][name] for name in ("agree", "disagree"))
+    fitted = script.fitted(np.array([agree, disagree]))
+    assert fitted == found["fitted"] == AGREE.tolist()
+    assert np.sum(list(found["by_class"].values()), 0).tolist() == [agree, disagree]
