@@ -90,6 +90,22 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
     assert content(out) == before
 
 
+@pytest.mark.slow  # matches in earnest, in processes of its own
+def test_another_template_leaves_nothing_of_the_first(tmp_path):
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    for i, name in enumerate(BODIES):
+        write(scans / f"{name}.ply", small(name, 1200 + 100 * i)[0])
+    for out, templates in (("new", ["man_t"]), ("again", ["man_walk", "man_t"])):
+        for name in templates:
+            args = "--template", scans / f"{name}.ply", "--workers", "1"
+            found = run(scans, "--out", tmp_path / out, *args)
+            assert found.exit_code == 0, found.output
+    new, again = (content(tmp_path / out) for out in ("new", "again"))
+    assert set(new) == set(again)
+    assert [name for name in new if again[name] != new[name]] == []
+
+
 def begun(scans, out, cache):
     """The command as a process of its own, in a group that can be killed."""
     command = [sys.executable, "-m", "jfsf", "collection", scans, "--out", out]

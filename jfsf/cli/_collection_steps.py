@@ -1,5 +1,6 @@
 """The steps of `jfsf collection`: each makes jobs, and reads what they wrote."""
 
+import glob
 from functools import partial
 from pathlib import Path
 
@@ -108,12 +109,17 @@ def put(out, names, graph, run) -> dict[str, str]:
 
     base, jobs = graph.paths.template, {}
     for i in np.flatnonzero(graph.joined).tolist():
-        inputs = _shape(out, names[base]), _shape(out, names[i])
-        if i != base:
-            way = out / "ways" / f"{names[i]}.npz"
+        # The template has a way too, to itself: what was made of it under another
+        # template is older, and does not count.
+        way = out / "ways" / f"{names[i]}.npz"
+        if i == base:
+            T = np.arange(len(kept(_shape(out, names[i])).mesh.vertices))
+            for stale in (out / "maps").glob(f"{glob.escape(names[i])}.*"):
+                stale.unlink()
+        else:
             T = map_along(graph.maps, graph.paths.way(i))
-            _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
-            inputs = *inputs, way
+        _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
+        inputs = _shape(out, names[base]), _shape(out, names[i]), way
         jobs[names[i]] = Job(inputs, registered(out, names[i]))
     failed = run(list(jobs.values()), label="registered")
     return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
