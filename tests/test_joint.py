@@ -223,7 +223,7 @@ def test_more_pairs_are_matched_where_maps_are_wrong():
         for edge in edges:
             bad = 5 in edge and seen <= 2
             T = rng.permutation(40) if bad else own
-            yield Matched(Maps(T, np.argsort(T)), 0.6)
+            yield Matched(Maps(T, np.argsort(T)), 0.7)
 
     graph = grow(sketches, match)
     assert graph.joined.all()
