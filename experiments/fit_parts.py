@@ -195,7 +195,9 @@ def chosen(rows: list[dict], enough: float, most: int) -> dict[str, dict]:
     found: dict[str, dict] = {}
     for name in dict.fromkeys(row["set"] for row in rows):
         errors, tried = [], []
-        for maps in (row["refined"][:most] for row in rows if row["set"] == name):
+        for row in (row for row in rows if row["set"] == name):
+            rank = lambda one: columns([one], FIGURES)[0] @ weights[:-1]
+            maps = sorted(row["refined"], key=rank)[:most]
             first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
             some = maps[: first[0] + 1] if first else maps
             if some:

@@ -181,11 +181,9 @@ class _Pair:
         """(states, s_y) mean cost of sample m with each partner, to those before it."""
         # Few states at a time stay in the processor's cache.
         num = -(-len(partner) // STATES_AT_A_TIME)
-        some = (np.array_split(v, num) for v in (partner, scale.astype(np.float32)))
-        signs = np.array_split(sign, num)
-        return np.concatenate(
-            [self._cost(m, *own) for own in zip(*some, signs, strict=True)]
-        )
+        states = partner, scale.astype(np.float32), sign
+        some = zip(*(np.array_split(v, num) for v in states), strict=True)
+        return np.concatenate([self._cost(m, *own) for own in some])
 
     def _cost(self, m, partner, scale, sign):
         total = np.zeros((len(partner), len(self.y.at)), np.float32)

@@ -1,4 +1,7 @@
-"""The rotations nearest to many 3 x 3 matrices, without an SVD of each. Host side."""
+"""The rotations nearest to many 3 x 3 matrices, without an SVD of each. Host side.
+
+`jfsf.refine.rotations` does the same in jitted code, less exactly in float32.
+"""
 
 import numpy as np
 

@@ -38,9 +38,9 @@ MIN_RECALL = 0.9
 SMALL_GAP = 0.1
 # Of the odds of all maps that were compared: below, another one fits better.
 MIN_SHARE = 0.5
-# Of a region, its log odds. Of 37 pairs of parts all 22 wrong ones have less, and 8 of
-# the 15 right ones too (match_becos_pf.json, match_becos_pp.json, match_psmal.json in
-# experiments/results; the first two are of sets that it was chosen on).
+# Of a region, its log odds. Of 37 pairs of parts 23 of the 24 wrong ones have less, and
+# 6 of the 13 right ones too (match_becos_pf.json, match_becos_pp.json, match_psmal.json
+# in experiments/results; it was chosen on these sets).
 SURE_REGION = PartSettings().sure
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
