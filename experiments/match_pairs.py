@@ -21,6 +21,9 @@ results/match_SET_exhaustive.json.
 
 `changes.py` says what may be done to X first: a rotation, another size, fewer vertices.
 
+--jobs N matches N pairs at a time, each in a process; seconds are then not to be
+compared with those of one job.
+
 Parts are matched as such, once, and the regions that are found are compared with the
 true ones. They have no confidence: sure and unsure are counted for wholes only.
 """
@@ -28,7 +31,10 @@ true ones. They have no confidence: sure and unsure are counted for wholes only.
 import argparse
 import os
 import time
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 
 import changes
@@ -73,6 +79,7 @@ def main() -> None:
         "--exhaustive", action="store_true", help="further attempts for every pair"
     )
     changes.add_arguments(parser)
+    parser.add_argument("--jobs", type=int, default=1, help="pairs at a time")
     parser.add_argument("--out", type=Path, help="JSON, or of sets their folder")
     args = parser.parse_args()
     if args.sets:
@@ -108,35 +115,28 @@ def _run(
     data_set: protocol.DataSet, pairs: list[datasets.Pair], args, out: Path | None
 ) -> None:
     """Match the pairs of a set; the file is written anew after each of them."""
-    settings = jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
-    if args.exhaustive:
-        settings = jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
     points = f"1 in {args.every}" if args.every else f"{POINTS} at most, seed {SEED}"
     how = {
         **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},
         **{"points": points, "exact": args.exact, "exhaustive": args.exhaustive},
         "changes": changes.asked(args)._asdict(),
-        "match_settings": settings.as_record(),
+        "jobs": args.jobs,
+        "match_settings": _settings(args).as_record(),
     }
     with_role = [(pair, data_set.role(i)) for i, pair in enumerate(pairs)]
     with_role = datasets.spread(with_role[:: args.step], args.spread)
     rows, summary = [], {}
     print(f"{data_set.name}: {len(with_role)} pairs", flush=True)
-    for number, (pair, role) in enumerate(with_role):
-        x, y = datasets.load_pair_of(data_set, pair)
-        own = changes.changed(x.mesh, changes.asked(args), number)
-        x = x._replace(mesh=own.mesh, truth=own.near[x.truth])
-        if args.identity:
-            y = datasets.posed(x, y)
-        row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
-        row |= measure(x, y, settings, data_set.kind == "part", args)
+    row_of = partial(_row, data_set, args=args)
+    numbered = [(number, *own) for number, own in enumerate(with_role)]
+    for row in _in_turn(row_of, numbered, args.jobs):
         rows.append(row)
         tried = " ".join(
             f"{one['source']} {one['error']:.3f}/{one['confidence']:.2f}"
             for one in row["attempts"]
         )
         print(
-            f"{len(rows):4d}/{len(with_role)} {pair.x} {pair.y} "
+            f"{len(rows):4d}/{len(with_role)} {row['x']} {row['y']} "
             f"error {row['error']:.4f} confidence {row['confidence']:.2f} "
             f"{row['seconds']:.1f} s ({tried})",
             flush=True,
@@ -146,6 +146,41 @@ def _run(
             results_file.write(out, settings=how, summary=summary, pairs=rows)
     for name, figures in summary.items():
         print(name, figures, flush=True)
+
+
+def _in_turn(row_of: partial, numbered: list[tuple], jobs: int) -> Iterator[dict]:
+    """The rows of all pairs, in their order, each as soon as it is there."""
+    if jobs == 1:
+        yield from (row_of(*own) for own in numbered)
+        return
+    # Not by fork: jax has threads.
+    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
+        yield from pool.map(row_of, *zip(*numbered, strict=True))
+
+
+def _row(
+    data_set: protocol.DataSet,
+    number: int,
+    pair: datasets.Pair,
+    role: str,
+    *,
+    args: argparse.Namespace,
+) -> dict:
+    """The row of one pair; `number` is the seed of what is changed."""
+    x, y = datasets.load_pair_of(data_set, pair)
+    own = changes.changed(x.mesh, changes.asked(args), number)
+    x = x._replace(mesh=own.mesh, truth=own.near[x.truth])
+    if args.identity:
+        y = datasets.posed(x, y)
+    row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
+    return row | measure(x, y, _settings(args), data_set.kind == "part", args)
+
+
+def _settings(args: argparse.Namespace) -> jfsf.Settings:
+    """Of the match; made anew in each process, since functions in it do not pickle."""
+    if args.exhaustive:
+        return jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
+    return jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
 
 
 def measure(

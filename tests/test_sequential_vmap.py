@@ -41,6 +41,7 @@ def test_nested_vmaps_agree():
     jax.tree.map(np.testing.assert_array_equal, twice(looped)(x, y), wanted)
 
 
+@pytest.mark.skipif(jax.default_backend() != "cpu", reason="of CPUs only")
 def test_a_cpu_loops_over_the_batch():
     x, y = sides(3)
     lowered = lambda f: jax.jit(jax.vmap(f, (0, None))).lower(x, y).as_text()

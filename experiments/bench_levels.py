@@ -1,0 +1,118 @@
+"""Seconds to compile and to run each program of `match` at XLA's optimisation levels.
+
+A pair of embedded shapes is matched by a runner that compiles each program once a
+level, with the other options of `match`, and times it on the arrays of the pair:
+medians. `jfsf.runtime` takes one level for all; this says what another would cost.
+
+    python experiments/bench_levels.py [--repeats 5] [--out RESULT.json]
+"""
+
+import argparse
+import statistics
+import time
+from functools import partial
+from pathlib import Path
+
+import device_option
+import jax
+import results_file
+
+import jfsf
+from jfsf import data, policy
+from jfsf.arguments import MatchInputs
+from jfsf.initial import nonisometric_starts
+from jfsf.runtime import padded_pair
+from jfsf.runtime._compiler import compiler_options
+
+PAIR = "man_walk", "man_up"
+LEVELS = 0, 1, 2, 3
+LEVEL = "xla_backend_optimization_level"
+
+
+class Levels:
+    """A runner that measures each program at each level; results are of the last.
+
+    rows: a row a program and level.
+    """
+
+    def __init__(self, repeats: int) -> None:
+        self.repeats = repeats
+        self.rows: list[dict] = []
+        self.known: dict = {}
+
+    def map(self, name, stage: partial, inputs, at_a_time=1) -> list:
+        del name, at_a_time
+        return [self.one(stage, args) for args in inputs]
+
+    def one(self, stage: partial, args: tuple):
+        asked = stage.func, str(jax.tree.map(jax.typeof, args))
+        if asked not in self.known:
+            for level in LEVELS:
+                self.known[asked] = self.measure(stage, args, level)
+        return jax.block_until_ready(self.known[asked](*args))
+
+    def measure(self, stage: partial, args: tuple, level: int):
+        """The program at a level; its row is kept."""
+        jax.clear_caches()
+        lowered = jax.jit(lambda *args: stage(*args)).lower(*args)
+        options = {**compiler_options(jax.default_backend()), LEVEL: level}
+        start = time.perf_counter()
+        program = lowered.compile(compiler_options=options)
+        compiled = time.perf_counter() - start
+        ran = []
+        for _ in range(self.repeats + 1):
+            start = time.perf_counter()
+            jax.block_until_ready(program(*args))
+            ran.append(time.perf_counter() - start)
+        row = {"program": stage.func.__name__, "level": level}
+        row |= {"compile": compiled, "run": statistics.median(ran[1:])}
+        self.rows.append(row)
+        print(
+            f"{row['program']:20s} level {level}: compiled {compiled:6.2f} s, "
+            f"runs {row['run']:6.3f} s",
+            flush=True,
+        )
+        return program
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_levels.json"
+    )
+    args = device_option.parse(parser)
+    settings = jfsf.Settings(retry_below=0.0)
+    specs = padded_pair(*(jfsf.basis(data.load(name).mesh) for name in PAIR))
+    pair, runner = policy.PairState(specs, MatchInputs()), Levels(args.repeats)
+    policy.attempt_pairs([pair], runner, settings=settings)
+    # Of a pair in doubt.
+    stage = partial(nonisometric_starts, settings=settings.search)
+    x, y = pair.samples
+    runner.one(stage, (x.search, y.search, pair.inputs.sign, pair.inputs.self_map))
+    total = [
+        {"level": level}
+        | {
+            kind: sum(row[kind] for row in runner.rows if row["level"] == level)
+            for kind in ("compile", "run")
+        }
+        for level in LEVELS
+    ]
+    for row in total:
+        print({key: round(value, 2) for key, value in row.items()})
+    results_file.write(
+        args.out,
+        settings={
+            "pair": PAIR,
+            "repeats": args.repeats,
+            "match_settings": settings.as_record(),
+        },
+        rows=runner.rows,
+        total=total,
+    )
+
+
+if __name__ == "__main__":
+    main()
