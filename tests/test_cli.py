@@ -368,7 +368,7 @@ def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
 
 def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     from jfsf.batch import Job, PairOptions
-    from jfsf.cli._batch import _is_complete, _is_done, work
+    from jfsf.cli._batch_jobs import is_complete, is_matched, work
     from jfsf.cli._pages import batch_index, pages_of
 
     found, calls = read_match(folder / "map.npz"), []
@@ -378,9 +378,9 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     (out := folder / "many").mkdir()
     given = PairOptions("preserve", False, False, False)
     job = Job((x, y), out / "a__b.npz", options=given)
-    is_reported = lambda job: _is_complete(job, True, False, ())
+    is_reported = lambda job: is_complete(job, True, False, ())
     work(job)
-    assert _is_done(job) and not is_reported(job)
+    assert is_matched(job) and not is_reported(job)
     work(job, report=True)  # makes the page only
     assert is_reported(job) and len(calls) == 1
     page, picture = pages_of(job.out)

@@ -6,6 +6,7 @@ Read in this order:
 
 - `_words`: messages in the words of the command line
 - `_files`: the files that the commands read, check and write
+- `_stored`: two meshes and a map that was written
 - `_landmarks`: the landmarks of `jfsf match` and `jfsf batch`
 - `_notes`: what these two say of the meshes of a pair
 - `_memory`: whether a pair fits into the memory that is left
@@ -18,6 +19,7 @@ Read in this order:
 - `_demo`: the comparison that `jfsf demo` runs
 - `_runs`: what the commands of many jobs share
 - `_batch_options`: the options of each pair of `jfsf batch`
+- `_batch_jobs`: its jobs
 - `_batch`: `jfsf batch`
 - `_collection_pages`: the pages of `jfsf collection`
 - `_collection_jobs`: its jobs

@@ -9,8 +9,9 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from jfsf.cli._files import BaseOption, MeshX, MeshY, can_write, read_pair
+from jfsf.cli._files import BaseOption, MeshX, MeshY, can_write
 from jfsf.cli._report import figures_of
+from jfsf.cli._stored import read_pair
 
 
 def evaluate(

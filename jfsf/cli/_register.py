@@ -15,10 +15,9 @@ from jfsf.cli._files import (
     OrientationOption,
     can_export,
     matchable,
-    read_pair,
-    stored_match,
 )
 from jfsf.cli._stages import stage_bar
+from jfsf.cli._stored import read_pair, stored_match
 from jfsf.report import verdict, warnings_of
 from jfsf.types import Mesh
 

@@ -9,8 +9,9 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from jfsf.cli._files import MeshX, MeshY, can_write, read_pair, stored_match
+from jfsf.cli._files import MeshX, MeshY, can_write
 from jfsf.cli._stages import stage_bar
+from jfsf.cli._stored import read_pair, stored_match
 from jfsf.report import verdict, warnings_of
 from jfsf.types import Mesh
 
