@@ -13,7 +13,7 @@ import typer
 from rich.console import Console
 
 from jfsf.cli._collection_carried import carried_of, write_carried
-from jfsf.cli._collection_jobs import has_page, keep, put_template
+from jfsf.cli._collection_jobs import has_page, is_put, keep, put_template
 from jfsf.cli._collection_pages import write_index_page
 from jfsf.cli._collection_results import (
     rows_of,
@@ -24,6 +24,7 @@ from jfsf.cli._collection_results import (
 )
 from jfsf.cli._collection_steps import (
     PARTS,
+    agree,
     grown,
     kept_shapes,
     mirror_back,
@@ -172,8 +173,9 @@ def collection(
             shapes = mirror_back(out, shapes, graph)
             work = partial(put_template, report=report)
             names = list(shapes)
-            done = has_page if report else None
+            done = has_page if report else is_put
             failed = put(out, names, graph, partial(run, work=work, done=done))
+            failed |= agree(out, names, graph, failed, run)
     reasons |= {
         names[i]: reason(graph, names, i)
         for i in np.flatnonzero(~graph.joined).tolist()

@@ -90,14 +90,24 @@ def read_maps(path: Path):
     return matched(read_match(path))
 
 
-def has_page(job) -> bool:
-    """Whether `put_template` with a report has nothing to do."""
+def is_put(job) -> bool:
+    """Whether `put_template` has nothing to do."""
     from jfsf.batch import is_done
+
+    return is_done(job) and (_of_itself(job) or _maps(job).exists())
+
+
+def has_page(job) -> bool:
+    """The same with a report."""
     from jfsf.cli._collection_pages import has_pages, picture_of_shape
 
-    itself = job.inputs[0] == job.inputs[1]
     picture = picture_of_shape(_out(job), job.out.stem)
-    return is_done(job) and has_pages(_maps(job), picture, itself)
+    return is_put(job) and has_pages(_maps(job), picture, _of_itself(job))
+
+
+def _of_itself(job) -> bool:
+    """Whether its shape is the template."""
+    return job.inputs[0] == job.inputs[1]
 
 
 def _maps(job) -> Path:
@@ -117,19 +127,15 @@ def put_template(job, report: bool) -> None:
     """
     from jfsf.cli._collection_pages import write_picture
     from jfsf.cli._pages import pair_page
-    from jfsf.export import export_mesh
     from jfsf.joint import itself, member
-    from jfsf.mesh import mirror_image
-    from jfsf.storage import write_atomically
 
     template, shape = map(kept, job.inputs[:2])
-    if job.inputs[0] == job.inputs[1]:
+    if _of_itself(job):
         found = itself(template.mesh)
     else:
         with np.load(job.inputs[2]) as way:
             T, turned = way["T_xy"], way["turned"]
-        if turned:
-            shape = shape._replace(mesh=mirror_image(shape.mesh))
+        shape = shape._replace(mesh=_turned(shape.mesh, bool(turned)))
         found = member(template.mesh, shape.mesh, T)
         maps = _maps(job)
         maps.parent.mkdir(exist_ok=True)
@@ -144,9 +150,60 @@ def put_template(job, report: bool) -> None:
     if report:
         both = template.mesh, shape.mesh
         write_picture(_out(job), job.out.stem, *both, found.maps)
-    own = found.registration
+    _write_registration(job.out, found.registration, found.confidence)
+
+
+def put_agreed(job) -> None:
+    """Put the template on a shape by all trusted ways, and write it as a mesh too.
+
+    job: the kept template, the kept shape and its `put_template` are its inputs; extras
+        are the maps from other shapes, then of each the kept shape and `put_template`.
+    """
+    from jfsf.export import export_mesh
+    from jfsf.joint import Beside, agreed_map
+    from jfsf.registration import register
+
+    template, shape = (kept(path).mesh for path in job.inputs[:2])
+    own, confidence = _read_registration(job.inputs[2])
+    if not _of_itself(job):
+        with np.load(job.extras[0]) as file:
+            turned, maps = (
+                file["turned"],
+                [file[f"T_{i}"] for i in range(len(file) - 1)],
+            )
+        pairs = zip(job.extras[1::2], job.extras[2::2], turned[1:], maps, strict=True)
+        others = [
+            Beside(
+                _turned(kept(path).mesh, turn), _read_registration(on)[0].vertices, T
+            )
+            for path, on, turn, T in pairs
+        ]
+        shape = _turned(shape, turned[0])
+        T = agreed_map(own.vertices, others, shape)
+        own = register(template, shape, T)
     values = {"quality": own.distance, "bridged": own.bridged}
-    on_shape = Mesh(own.vertices, template.mesh.faces)
+    on_shape = Mesh(own.vertices, template.faces)
     export_mesh(job.out.with_suffix(".ply"), on_shape, values=values)
-    arrays: dict[str, Any] = {**own._asdict(), "confidence": found.confidence}
-    write_atomically(job.out, lambda file: np.savez(file, **arrays))
+    _write_registration(job.out, own, confidence)
+
+
+def _turned(mesh: Mesh, turn: bool) -> Mesh:
+    from jfsf.mesh import mirror_image
+
+    return mirror_image(mesh) if turn else mesh
+
+
+def _write_registration(path: Path, registration, confidence: float) -> None:
+    from jfsf.storage import write_atomically
+
+    arrays: dict[str, Any] = {**registration._asdict(), "confidence": confidence}
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def _read_registration(path: Path):
+    """What `_write_registration` wrote: the registration, and the confidence."""
+    from jfsf.registration import Registration
+
+    with np.load(path) as file:
+        found = Registration(*(file[name] for name in Registration._fields))
+        return found, float(file["confidence"])

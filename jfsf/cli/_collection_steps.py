@@ -6,12 +6,20 @@ from pathlib import Path
 
 import numpy as np
 
-from jfsf.cli._collection_jobs import kept, match_pair, nothing, read_maps
+from jfsf.cli._collection_jobs import (
+    kept,
+    match_pair,
+    nothing,
+    put_agreed,
+    read_maps,
+)
 from jfsf.cli._collection_results import registered
 from jfsf.cli._words import in_options
 from jfsf.mesh import stem_of
 
-PARTS = "shapes", "pairs", "turned", "ways", "maps", "registered"  # of the results
+PARTS = (  # of the results
+    *("shapes", "pairs", "turned", "ways", "maps", "placed", "others", "registered"),
+)
 MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
 
 
@@ -120,8 +128,35 @@ def put(out, names, graph, run) -> dict[str, str]:
             T = map_along(graph.maps, graph.paths.way(i))
         _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
         inputs = _shape(out, names[base]), _shape(out, names[i]), way
-        jobs[names[i]] = Job(inputs, registered(out, names[i]))
-    failed = run(list(jobs.values()), label="registered")
+        jobs[names[i]] = Job(inputs, placed(out, names[i]))
+    failed = run(list(jobs.values()), label="templates")
+    return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
+
+
+def agree(out, names, graph, bad, run) -> dict[str, str]:
+    """The template once more, by all trusted ways; why not, by name.
+
+    bad: names of the shapes that it could not be put on.
+    """
+    from jfsf.batch import Job
+    from jfsf.joint import PairSettings
+
+    base, jobs, least = graph.paths.template, {}, PairSettings().trusted
+    for i in np.flatnonzero(graph.joined).tolist():
+        if names[i] in bad:
+            continue
+        known = graph.trusted_maps(i, least=least) if i != base else []
+        known = [(j, T) for j, T in known if names[j] not in bad]
+        turned = [n in graph.mirrored for n in (i, *(j for j, _ in known))]
+        maps = {f"T_{number}": np.asarray(T) for number, (_, T) in enumerate(known)}
+        others = out / "others" / f"{names[i]}.npz"
+        _write_way(others, turned=np.array(turned), **maps)
+        inputs = *(_shape(out, names[j]) for j in (base, i)), placed(out, names[i])
+        extras = [others]
+        for j, _ in known:
+            extras += [_shape(out, names[j]), placed(out, names[j])]
+        jobs[names[i]] = Job(inputs, registered(out, names[i]), tuple(extras))
+    failed = run(list(jobs.values()), label="by all ways", work=put_agreed)
     return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
 
 
@@ -131,9 +166,15 @@ def _write_way(path: Path, **arrays) -> None:
 
     if path.exists():
         with np.load(path) as file:
-            if all(np.array_equal(file[name], own) for name, own in arrays.items()):
+            same = set(file.files) == set(arrays)
+            if same and all(np.array_equal(file[n], own) for n, own in arrays.items()):
                 return
     write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def placed(out: Path, name: str) -> Path:
+    """The file of the template on a shape by its own map."""
+    return out / "placed" / f"{name}.npz"
 
 
 def _shape(out: Path, name: str) -> Path:

@@ -8,20 +8,15 @@ Read in this order:
 - `_paths`: the template, and the way from it to each shape
 - `_grow`: pairs are matched until sure maps reach every shape
 - `_mirror`: which shapes are mirror images of the others
+- `_agree`: where the template lies on a shape, by all ways that lead there
 - `_synchronise`: functional maps of all shapes to the template, at once
 - `_reasons`: why a shape was left out
+- `_member`: the template on one shape
 - `_collection`: many meshes to one topology
 """
 
-from jfsf.joint._collection import (
-    Collection,
-    CollectionSettings,
-    Member,
-    check_surface,
-    collection,
-    itself,
-    member,
-)
+from jfsf.joint._agree import Beside, agreed_map
+from jfsf.joint._collection import Collection, check_surface, collection
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._grow import (
     Graph,
@@ -31,6 +26,13 @@ from jfsf.joint._grow import (
     grow,
     matched,
 )
+from jfsf.joint._member import (
+    CollectionSettings,
+    Member,
+    agreed_member,
+    itself,
+    member,
+)
 from jfsf.joint._mirror import Mirror, grow_with_mirrors, mirror_images, suspects
 from jfsf.joint._pairs import first_pairs, more_pairs, unlikeness
 from jfsf.joint._paths import Paths, best_paths, map_along
@@ -39,6 +41,7 @@ from jfsf.joint._sketch import Sketch, sketch
 from jfsf.joint._synchronise import synchronise
 
 __all__ = [
+    "Beside",
     "Collection",
     "CollectionSettings",
     "Member",
@@ -50,6 +53,8 @@ __all__ = [
     "Paths",
     "Sketch",
     "Triangle",
+    "agreed_map",
+    "agreed_member",
     "best_paths",
     "check_surface",
     "collection",

@@ -1,14 +1,21 @@
 """Many meshes -> one topology: pairs, a template, and the template on every shape."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.initial import Orientation
-from jfsf.joint._grow import Graph, Matched, PairSettings, matched
+from jfsf.joint._agree import Beside
+from jfsf.joint._grow import Graph, Matched, matched
+from jfsf.joint._member import (
+    CollectionSettings,
+    Member,
+    agreed_member,
+    itself,
+    member,
+)
 from jfsf.joint._mirror import Mirror, grow_with_mirrors
 from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
@@ -17,41 +24,7 @@ from jfsf.joint._sketch import sketch
 from jfsf.matching import basis, check_matchable, match
 from jfsf.mesh import MeshError, closest, mirror_image, surface_tree
 from jfsf.model import ShapeModel, fit_model
-from jfsf.registration import Registration, RegistrationSettings, register
-from jfsf.settings import Settings
-from jfsf.types import ArrayLike, Maps, Match, Mesh
-
-
-@dataclass(frozen=True)
-class CollectionSettings:
-    """How a collection is matched.
-
-    match: of each pair.
-    pairs: which pairs, and which of their maps are trusted.
-    registration: of the template onto each shape.
-    """
-
-    match: Settings = Settings()
-    pairs: PairSettings = PairSettings()
-    registration: RegistrationSettings = RegistrationSettings()
-
-
-class Member(NamedTuple):
-    """A shape of a collection.
-
-    maps: X is the template, Y the shape.
-    match: where the maps are from; None for the template itself.
-    registration: the template on the shape.
-    """
-
-    maps: Maps
-    match: Match | None
-    registration: Registration
-
-    @property
-    def confidence(self) -> float:
-        """Of the maps; 1 for the template itself."""
-        return 1.0 if self.match is None else float(self.match.certificate.confidence)
+from jfsf.types import ArrayLike, Mesh
 
 
 class Collection(NamedTuple):
@@ -148,7 +121,8 @@ def collection(
     triangles are not trusted (`trust`), and more pairs are matched until trusted maps
     reach every shape or `PairSettings.pairs_a_shape` is spent. The maps on the way from
     the template to a shape make the start of the map between both, which is refined,
-    and by which the template is deformed onto the shape (`jfsf.register`).
+    and by which the template is deformed onto the shape (`jfsf.register`). Once more it
+    is deformed by the mean of all trusted ways that lead there (`agreed_map`).
 
     Args:
         meshes: two or more, each as `match` takes it, any units and poses.
@@ -224,44 +198,19 @@ def collection(
             say(f"template onto {names[i]}")
             T = map_along(graph.maps, way)
             members.append(member(base, mesh, T, settings=settings, cache=cache))
-    return Collection(names, tuple(meshes), graph, tuple(members))
-
-
-def member(
-    template: Mesh,
-    mesh: Mesh,
-    T: Int[ArrayLike, " n"],
-    *,
-    settings: CollectionSettings = CollectionSettings(),
-    cache: bool = True,
-) -> Member:
-    """The template on a shape, from a map that may be rough.
-
-    Args:
-        template: its topology is kept.
-        mesh: the shape.
-        T: the vertex of the shape for each vertex of the template.
-        settings, cache: as `collection`.
-
-    Raises:
-        MeshError, ValueError: as `match`.
-    """
-    # What is tried beside the start was weighed when the pairs were matched.
-    own = replace(settings.match, retry_below=0.0)
-    T = np.asarray(T, np.int32)
-    found = match(template, mesh, initial=T, settings=own, cache=cache)
-    maps = matched(found).maps
-    on_shape = register(template, mesh, maps.T_xy, settings=settings.registration)
-    return Member(maps, found, on_shape)
-
-
-def itself(
-    template: Mesh, *, settings: CollectionSettings = CollectionSettings()
-) -> Member:
-    """The template as a member of its own collection."""
-    own: Any = np.arange(len(template.vertices), dtype=np.int32)
-    on_itself = register(template, template, own, settings=settings.registration)
-    return Member(Maps(own, own), None, on_itself)
+    agreed: list[Member | None] = []
+    for i, (mesh, own) in enumerate(zip(meshes, members, strict=True)):
+        if own is None or i == graph.paths.template:
+            agreed.append(own)
+            continue
+        say(f"template onto {names[i]}, by all ways")
+        on = {j: one.registration for j, one in enumerate(members) if one is not None}
+        others = [
+            Beside(meshes[j], on[j].vertices, T)
+            for j, T in graph.trusted_maps(i, least=settings.pairs.trusted)
+        ]
+        agreed.append(agreed_member(base, mesh, own, others, settings=settings))
+    return Collection(names, tuple(meshes), graph, tuple(agreed))
 
 
 def check_surface(mesh: Mesh, name: str) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Int
 
 from jfsf.joint._cycles import Triangle, triangles, trust
 from jfsf.joint._pairs import (
@@ -16,7 +17,7 @@ from jfsf.joint._pairs import (
 )
 from jfsf.joint._paths import Paths, best_paths
 from jfsf.joint._sketch import Sketch
-from jfsf.types import Maps, Match
+from jfsf.types import ArrayLike, Maps, Match
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,23 @@ class Graph(NamedTuple):
     def maps(self) -> dict[Edge, Maps]:
         """Of each pair."""
         return {edge: one.maps for edge, one in self.matched.items()}
+
+    def trusted_maps(
+        self, shape: int, *, least: float
+    ) -> list[tuple[int, Int[ArrayLike, " m"]]]:
+        """Joined shapes that were matched with this one, and their maps to it.
+
+        Args:
+            shape: its number.
+            least: the least probability of a pair's maps.
+        """
+        found = []
+        for (a, b), likely in sorted(self.right.items()):
+            other = a + b - shape
+            if shape in (a, b) and likely >= least and self.joined[other]:
+                maps = self.matched[a, b].maps
+                found.append((other, maps.T_yx if a == shape else maps.T_xy))
+        return found
 
 
 def grow(
