@@ -106,6 +106,22 @@ def test_another_template_leaves_nothing_of_the_first(tmp_path):
     assert [name for name in new if again[name] != new[name]] == []
 
 
+def test_nothing_stays_of_what_is_left_out(tmp_path):
+    from jfsf.cli._collection_steps import forget
+
+    kinds = (
+        *("maps/{}.npz", "maps/report/{}.html", "placed/{}.npz"),
+        *("registered/{}.npz", "registered/{}.ply"),
+    )
+    for kind in kinds:
+        for name in ("scan", "scan.1"):  # a name may have a dot
+            path = tmp_path / kind.format(name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(name)
+    forget(tmp_path, ["scan", "never there"])
+    assert set(content(tmp_path)) == {kind.format("scan.1") for kind in kinds}
+
+
 def begun(scans, out, cache):
     """The command as a process of its own, in a group that can be killed."""
     command = [sys.executable, "-m", "jfsf", "collection", scans, "--out", out]

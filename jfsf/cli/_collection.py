@@ -25,6 +25,7 @@ from jfsf.cli._collection_results import (
 from jfsf.cli._collection_steps import (
     PARTS,
     agree,
+    forget,
     grown,
     kept_shapes,
     mirror_back,
@@ -181,6 +182,7 @@ def collection(
         for i in np.flatnonzero(~graph.joined).tolist()
     }
     reasons |= failed
+    forget(out, reasons)
     rows = rows_of(out, paths, shapes, graph, reasons)
     name = names[graph.paths.template]
     mesh = shapes[name].mesh

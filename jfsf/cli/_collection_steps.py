@@ -1,6 +1,5 @@
 """The steps of `jfsf collection`: each makes jobs, and reads what they wrote."""
 
-import glob
 from functools import partial
 from pathlib import Path
 
@@ -13,7 +12,9 @@ from jfsf.cli._collection_jobs import (
     put_agreed,
     read_maps,
 )
+from jfsf.cli._collection_pages import picture_of_shape
 from jfsf.cli._collection_results import registered
+from jfsf.cli._pages import pages_of
 from jfsf.cli._words import in_options
 from jfsf.mesh import stem_of
 
@@ -122,8 +123,7 @@ def put(out, names, graph, run) -> dict[str, str]:
         way = out / "ways" / f"{names[i]}.npz"
         if i == base:
             T = np.arange(len(kept(_shape(out, names[i])).mesh.vertices))
-            for stale in (out / "maps").glob(f"{glob.escape(names[i])}.*"):
-                stale.unlink()
+            (out / "maps" / f"{names[i]}.npz").unlink(missing_ok=True)
         else:
             T = map_along(graph.maps, graph.paths.way(i))
         _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
@@ -170,6 +170,17 @@ def _write_way(path: Path, **arrays) -> None:
             if same and all(np.array_equal(file[n], own) for n, own in arrays.items()):
                 return
     write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def forget(out: Path, names) -> None:
+    """Remove what an earlier run wrote of shapes that are left out now."""
+    for name in names:
+        maps = out / "maps" / f"{name}.npz"
+        on_shape = registered(out, name)
+        mesh, picture = on_shape.with_suffix(".ply"), picture_of_shape(out, name)
+        own = maps, *pages_of(maps), placed(out, name), on_shape, mesh, picture
+        for path in own:
+            path.unlink(missing_ok=True)
 
 
 def placed(out: Path, name: str) -> Path:

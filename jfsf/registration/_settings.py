@@ -32,7 +32,7 @@ class RegistrationSettings:
         read from.
     mending_rounds: how often flaws are mended after the last round, at most.
     starts: how often all rounds are made, with less force where flaws were left, at
-        most.
+        most. With 8 and 2, 12 faces of 80 bodies of FAUST stayed flipped.
     mending_reach: how far rotations around a flaw come from.
     easing: factor of the force around a flaw, each time.
     """
@@ -51,7 +51,7 @@ class RegistrationSettings:
     normal_weight: float = 0.05
     candidates: int = 12
     scale_neighbours: float = 0.01
-    mending_rounds: int = 8
-    starts: int = 2
+    mending_rounds: int = 12
+    starts: int = 4
     mending_reach: float = 0.005
     easing: float = 0.1
