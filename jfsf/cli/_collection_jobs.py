@@ -167,16 +167,13 @@ def put_agreed(job) -> None:
     own, confidence = _read_registration(job.inputs[2])
     if not _of_itself(job):
         with np.load(job.extras[0]) as file:
-            turned, maps = (
-                file["turned"],
-                [file[f"T_{i}"] for i in range(len(file) - 1)],
-            )
-        pairs = zip(job.extras[1::2], job.extras[2::2], turned[1:], maps, strict=True)
+            turned = file["turned"]
+            maps = [file[f"T_{i}"] for i in range(len(turned) - 1)]
+        meshes = [kept(path).mesh for path in job.extras[1::2]]
+        placed = [_read_registration(path)[0].vertices for path in job.extras[2::2]]
         others = [
-            Beside(
-                _turned(kept(path).mesh, turn), _read_registration(on)[0].vertices, T
-            )
-            for path, on, turn, T in pairs
+            Beside(_turned(mesh, turn), on, T)
+            for mesh, turn, on, T in zip(meshes, turned[1:], placed, maps, strict=True)
         ]
         shape = _turned(shape, turned[0])
         T = agreed_map(own.vertices, others, shape)

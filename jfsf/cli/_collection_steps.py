@@ -129,7 +129,7 @@ def put(out, names, graph, run) -> dict[str, str]:
         _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored))
         inputs = _shape(out, names[base]), _shape(out, names[i]), way
         jobs[names[i]] = Job(inputs, placed(out, names[i]))
-    failed = run(list(jobs.values()), label="templates")
+    failed = run(list(jobs.values()), label="maps")
     return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
 
 
@@ -156,7 +156,7 @@ def agree(out, names, graph, bad, run) -> dict[str, str]:
         for j, _ in known:
             extras += [_shape(out, names[j]), placed(out, names[j])]
         jobs[names[i]] = Job(inputs, registered(out, names[i]), tuple(extras))
-    failed = run(list(jobs.values()), label="by all ways", work=put_agreed)
+    failed = run(list(jobs.values()), label="registered", work=put_agreed)
     return {name: failed[job.out] for name, job in jobs.items() if failed[job.out]}
 
 
