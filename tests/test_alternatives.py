@@ -41,7 +41,7 @@ def attempts(monkeypatch):
             match = match._replace(T_xy=T_xy, T_yx=T_xy)
             pair.keep(Attempt("search", None, match), settings=Settings())
         pair.shares[-1] = share
-        monkeypatch.setattr(_match, "_attempted", lambda *args: pair)
+        monkeypatch.setattr(_match, "attempted", lambda *args: pair)
 
     return set_to
 

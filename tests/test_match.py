@@ -20,7 +20,7 @@ from jfsf.convert import sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.evidence import MISSED
 from jfsf.initial import SearchSettings, best_start, nonisometric_starts
-from jfsf.matching import _match
+from jfsf.matching import _shapes
 from jfsf.policy import PairState, _stages
 from jfsf.report import warnings_of
 from jfsf.runtime import (
@@ -450,7 +450,7 @@ def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatc
     (mesh_x, gt_x), (mesh_y, gt_y) = small("man_walk", 1100), small("man_up", 1060)
     _, opposite = template()
     cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
-    monkeypatch.setattr(_match, "reconstruct", lambda mesh: (mesh, mesh))
+    monkeypatch.setattr(_shapes, "reconstruct", lambda mesh: (mesh, mesh))
     found = match(cloud, mesh_y)
     assert found.T_xy.shape == (len(mesh_x.vertices),)
     evidence = found.certificate
@@ -471,7 +471,7 @@ def test_a_cloud_without_an_outside_is_matched_up_to_its_mirror_image(monkeypatc
 def test_a_given_map_of_a_cloud_has_no_rivals(monkeypatch):
     (mesh_x, _), (mesh_y, _) = shapes()
     cloud = mesh_x._replace(faces=np.zeros((0, 3), np.int32))
-    monkeypatch.setattr(_match, "reconstruct", lambda mesh: (mesh, mesh))
+    monkeypatch.setattr(_shapes, "reconstruct", lambda mesh: (mesh, mesh))
     T_xy = np.asarray(plain().T_xy)
     found = match(cloud, mesh_y, initial=T_xy)
     assert found.info.sources == ["given"]

@@ -14,7 +14,7 @@ from jfsf.evidence import MISSED
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
-from jfsf.matching import _match
+from jfsf.matching import _match, _partial
 from jfsf.mesh import (
     MeshError,
     boundary_edges,
@@ -148,7 +148,7 @@ def test_a_given_map_is_the_only_start_and_landmarks_are_judged(found, monkeypat
         T_yx = turned_round(inputs.initial, part_y.surface)
         return found._replace(T_xy=inputs.initial, T_yx=T_yx)
 
-    monkeypatch.setattr(_match, "_match", keep)
+    monkeypatch.setattr(_partial, "match_shapes", keep)
     at = PART.index[[5, 200, 300]]
     rows = np.stack([at, [5, 200, 40]], 1)  # the last is wrong
     given = jfsf.match(
@@ -178,7 +178,7 @@ def test_a_functional_map_is_turned_into_a_map_of_points(found, monkeypatch):
     def see(*meshes, T_xy, T_yx, **_):
         raise SeenError(np.asarray(T_xy), T_yx)
 
-    monkeypatch.setattr(_match, "match_parts", see)
+    monkeypatch.setattr(_partial, "match_parts", see)
     options = {"partial": True, "settings": SETTINGS, "cache": False}
     pair = turned(PART.mesh), WHOLE
     with pytest.raises(SeenError) as seen:
@@ -205,7 +205,8 @@ def test_units_do_not_matter_if_both_have_them(found):
 def test_two_closed_shapes_share_all(found, monkeypatch):
     n = len(WHOLE.vertices)
     whole = found._replace(T_xy=found.T_yx, matched_x=None, matched_y=None)
-    monkeypatch.setattr(_match, "_match", lambda *args, **options: whole)
+    for module in (_match, _partial):
+        monkeypatch.setattr(module, "match_shapes", lambda *args, **options: whole)
     same, closed = jfsf.match(WHOLE, WHOLE), partial_match(WHOLE, WHOLE)
     assert same.matched_x is None and same.matched_y is None
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)
