@@ -16,6 +16,7 @@ from pathlib import Path
 import device_option
 import jax
 import results_file
+from bench_compile import Compiling
 
 import jfsf
 from jfsf import data, policy
@@ -29,20 +30,15 @@ LEVELS = 0, 1, 2, 3
 LEVEL = "xla_backend_optimization_level"
 
 
-class Levels:
+class Levels(Compiling):
     """A runner that measures each program at each level; results are of the last.
 
     rows: a row a program and level.
     """
 
     def __init__(self, repeats: int) -> None:
+        super().__init__()
         self.repeats = repeats
-        self.rows: list[dict] = []
-        self.known: dict = {}
-
-    def map(self, name, stage: partial, inputs, at_a_time=1) -> list:
-        del name, at_a_time
-        return [self.one(stage, args) for args in inputs]
 
     def one(self, stage: partial, args: tuple):
         asked = stage.func, str(jax.tree.map(jax.typeof, args))

@@ -198,13 +198,13 @@ def collection(
             say(f"template onto {names[i]}")
             T = map_along(graph.maps, way)
             members.append(member(base, mesh, T, settings=settings, cache=cache))
+    on = {j: one.registration for j, one in enumerate(members) if one is not None}
     agreed: list[Member | None] = []
     for i, (mesh, own) in enumerate(zip(meshes, members, strict=True)):
         if own is None or i == graph.paths.template:
             agreed.append(own)
             continue
         say(f"template onto {names[i]}, by all ways")
-        on = {j: one.registration for j, one in enumerate(members) if one is not None}
         others = [
             Beside(meshes[j], on[j].vertices, T)
             for j, T in graph.trusted_maps(i, least=settings.pairs.trusted)

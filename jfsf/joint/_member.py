@@ -22,7 +22,7 @@ class CollectionSettings:
     match: of each pair.
     pairs: which pairs, and which of their maps are trusted.
     registration: of the template onto each shape.
-    agree_within: see `agreed_map`.
+    agree_within: see `agreed_map`. Set by hand.
     """
 
     match: Settings = Settings()
