@@ -22,6 +22,7 @@ from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import scan_of
 from jfsf.registration._start import start_of
+from jfsf.registration._unfold import unfold
 from jfsf.testing import blob, mirror
 from jfsf.types import Certificate, Mesh
 
@@ -210,6 +211,30 @@ def test_flaws_are_counted():
     flat = TEMPLATE.vertices.copy()
     flat[a] = flat[b]
     assert flaws_of(rest, flat, 1.0, scan, 1).collapsed[100]
+
+
+@pytest.mark.parametrize("corners", [[100], [100, 300, 700]])
+def test_what_is_turned_over_is_turned_back_and_the_rest_stays(corners):
+    rest, scan = at_rest(TEMPLATE), scan_of(TEMPLATE, RegistrationSettings())
+    folded = TEMPLATE.vertices.copy()
+    for face in corners:
+        a, b, c = TEMPLATE.faces[face]
+        folded[a] += 2.5 * (folded[[b, c]].mean(0) - folded[a])
+    flawed = lambda moved: flaws_of(rest, moved, 1.0, scan, 1).flipped
+    assert flawed(folded)[corners].all()
+    moved = unfold(rest, folded, 1.0, flawed)
+    assert not flawed(moved).any()
+    changed = (moved != folded).any(1)
+    assert changed.sum() < 40 * len(corners)
+    away = np.linalg.norm(moved - folded, axis=1)
+    assert away.max() <= np.linalg.norm(folded - TEMPLATE.vertices, axis=1).max()
+
+
+def test_a_flaw_that_nothing_mends_stays():
+    always = np.zeros(len(TEMPLATE.faces), bool)
+    always[7] = True
+    moved = unfold(at_rest(TEMPLATE), TEMPLATE.vertices, 1.0, lambda _: always)
+    np.testing.assert_array_equal(moved, TEMPLATE.vertices)
 
 
 @pytest.mark.parametrize("sign", [1, -1])

@@ -17,12 +17,12 @@ from jfsf.refine import Rest, closest_rotations, edges_of, rotations_of, turned
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import Scan, facing
 from jfsf.registration._settings import RegistrationSettings
+from jfsf.registration._unfold import unfold
 
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
-MENDED_RINGS = 2  # of faces around a flaw; one more after every `ROUNDS_A_RING`
-ROUNDS_A_RING = 4
+MENDED_RINGS = 2  # of faces around a flaw
 LEAST_KNOWN = 0.1  # of the area: with fewer images all are taken
 
 
@@ -120,30 +120,33 @@ def _to_images(template: Template, image, known, sign, settings) -> Drawn:
 def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
     """The template drawn to the surface of the scan, with as few flaws as may be."""
     force = np.ones(len(placed.moved))
-    best, fewest = placed, np.inf
-    for start in range(settings.starts):
-        # Again with less force where flaws were left: what has folded stays folded.
-        state = _softer(template, scan, placed, hold, force, settings)
-        for number in range(settings.mending_rounds + 1):
-            rings = MENDED_RINGS + start + number // ROUNDS_A_RING
-            flawed, count = _around_flaws(template, scan, state, rings)
-            if count < fewest:
-                best, fewest = state, count
-            if count == 0:
-                return state
-            force = force * np.where(flawed, settings.easing, 1)
-            if number < settings.mending_rounds:
-                eased, reach = (flawed, force), settings.reaches[-1]
-                state = _round(template, scan, state, hold, eased, reach, settings)
-    return best
+    state = best = _softer(template, scan, placed, hold, settings)
+    fewest = np.inf
+    for number in range(settings.mending_rounds + 1):
+        around, count = _around_flaws(template, scan, state)
+        if count < fewest:
+            best, fewest = state, count
+        if count == 0:
+            return state
+        force = force * np.where(around, settings.easing, 1)
+        if number < settings.mending_rounds:
+            eased, reach = (around, force), settings.reaches[-1]
+            state = _round(template, scan, state, hold, eased, reach, settings)
+
+    def flawed(moved):
+        flaws = flaws_of(template.rest, moved, best.scale, scan, best.sign)
+        return flaws.flipped | flaws.collapsed
+
+    moved = unfold(template.rest, *best[:2], flawed)
+    return best._replace(moved=moved)
 
 
-def _softer(template: Template, scan: Scan, state: Drawn, hold, force, settings):
+def _softer(template: Template, scan: Scan, state: Drawn, hold, settings):
     """The rounds from the stiffest to the softest."""
     for reach in settings.reaches:
-        flawed = _around_flaws(template, scan, state, MENDED_RINGS)[0]
+        flawed = _around_flaws(template, scan, state)[0]
         # Here and now only: with the next round the surroundings may be right.
-        eased = flawed, force * np.where(flawed, settings.easing, 1)
+        eased = flawed, np.where(flawed, settings.easing, 1)
         state = _round(template, scan, state, hold, eased, reach, settings)
         state = state._replace(scale=_rescaled(template.rest, *state[:2]))
     return state
@@ -179,7 +182,7 @@ def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, set
     return Drawn(moved, scale, drawn, sign)
 
 
-def _around_flaws(template: Template, scan: Scan, state: Drawn, rings: int):
+def _around_flaws(template: Template, scan: Scan, state: Drawn):
     """(n,) whether each vertex is near a face with a flaw, or nearly one; how many."""
     rest = template.rest
     nearly = {"least_area": NEARLY_COLLAPSED, "least_cosine": NEARLY_FLIPPED}
@@ -187,7 +190,7 @@ def _around_flaws(template: Template, scan: Scan, state: Drawn, rings: int):
     flawed = flaws.flipped | flaws.collapsed
     around = np.zeros(len(template.mass), bool)
     around[rest.mesh.faces[flawed]] = True
-    for _ in range(rings):
+    for _ in range(MENDED_RINGS):
         around |= rest.sums @ around[rest.edges[:, 1]] > 0
     return around, int(flawed.sum())
 

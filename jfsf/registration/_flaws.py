@@ -1,5 +1,6 @@
 """Faces of a deformed template that are turned over or have no area left."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +12,10 @@ from jfsf.registration._scan import Scan
 COLLAPSED = 1e-4  # of the area at rest
 RINGS = 2  # surroundings that say which way a face should look
 NEAR = 0.005  # of sqrt(area): a face lies on what is nearer than this
+
+
+# Positions (n, 3) of the vertices -> (m,) whether a face has a flaw.
+Flawed = Callable[[np.ndarray], np.ndarray]
 
 
 class Flaws(NamedTuple):

@@ -30,10 +30,8 @@ class RegistrationSettings:
     candidates: pieces of the scan that are looked at for each vertex.
     scale_neighbours: share of the vertices in a neighbourhood that scale and side are
         read from.
-    mending_rounds: how often flaws are mended after the last round, at most.
-    starts: how often all rounds are made, with less force where flaws were left, at
-        most. Of 80 bodies of FAUST 6 faces stay flipped; with 8 mending rounds and 2
-        starts it was 12.
+    mending_rounds: how often flaws are mended after the last round, at most. Where some
+        are left, corners of their faces are moved (`jfsf.registration._unfold`).
     mending_reach: how far rotations around a flaw come from.
     easing: factor of the force around a flaw, each time.
     """
@@ -52,7 +50,6 @@ class RegistrationSettings:
     normal_weight: float = 0.05
     candidates: int = 12
     scale_neighbours: float = 0.01
-    mending_rounds: int = 12
-    starts: int = 4
+    mending_rounds: int = 2
     mending_reach: float = 0.005
     easing: float = 0.1
