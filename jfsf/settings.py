@@ -75,6 +75,11 @@ class Settings:
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
         those that differ and rank highest. The map so far is one of them, if it ranks
         first: so with 1 nothing more is attempted then.
+    rigid_below: where a motion with one scale lays one shape so near to the other, in
+        the mean and both ways, as the map has it on the whole, the nearest points there
+        are the start of a last map, which is kept: of faces, teeth and bones it slides
+        less. Two disks may lie twice as far apart. 0 leaves it out. Not with landmarks
+        or a map that is given. Chosen by `experiments/fit_rigid.py`.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
@@ -117,6 +122,7 @@ class Settings:
     retry_below: float = 0.9
     coarse_vertices: int = 1200
     nonisometric_attempts: int = 1
+    rigid_below: float = 0.015
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn

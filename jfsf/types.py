@@ -279,7 +279,7 @@ FIGURES = tuple(name for name in Certificate._fields if name != "landmarks")
 
 
 # Where starts come from, and the stages that are timed, in their order.
-SOURCES = "given", "search", "landmarks", "coarse copies"
+SOURCES = "given", "search", "landmarks", "coarse copies", "motion"
 STAGES = (
     "spectra",
     "features",
@@ -288,6 +288,7 @@ STAGES = (
     "refinement",
     "bending and conversion",
     "coarse copies",
+    "motion",
 )
 
 

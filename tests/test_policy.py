@@ -16,6 +16,7 @@ from jfsf.arguments import MatchInputs
 from jfsf.evidence import Standing, confidence, of_certificate
 from jfsf.initial import Start
 from jfsf.policy import PairState, _others, _sources
+from jfsf.policy._rigid import Moved
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
@@ -156,7 +157,9 @@ def alike(monkeypatch):
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
     monkeypatch.setattr(_others, "share_among", share_among)
-    monkeypatch.setattr(_others, "is_disk", lambda spec: False)
+    for module in (_others, _sources):
+        monkeypatch.setattr(module, "is_disk", lambda spec: False)
+    monkeypatch.setattr(_sources, "moved_by_map", lambda *args, **options: None)
     monkeypatch.setattr(_others, "_are_round", lambda pair: False)
     return found
 
@@ -406,3 +409,34 @@ def test_retry_below_is_a_probability():
 def test_a_refinement_that_begins_above_the_search_needs_an_initial_map():
     with pytest.raises(ValueError, match="ks begins at 50, .* finds maps of 40"):
         run(Scripted([0.5]), settings=Settings(ks=(50, 60)))
+
+
+@pytest.mark.parametrize(
+    ("apart", "disks", "given", "moved"),
+    [
+        (0.01, False, {}, True),
+        (0.02, False, {}, False),
+        (0.02, True, {}, True),
+        (0.04, True, {}, False),
+        (0.01, False, {"landmarks": LANDMARKS}, False),
+        (0.01, False, {"initial": np.eye(3)}, False),
+    ],
+)
+def test_where_a_motion_brings_shapes_near_its_map_is_the_match(
+    monkeypatch, apart, disks, given, moved
+):
+    found = Moved(np.zeros(4, int), apart)
+    monkeypatch.setattr(_sources, "moved_by_map", lambda *args, **options: found)
+    monkeypatch.setattr(_sources, "is_disk", lambda spec: disks)
+    monkeypatch.setattr(_sources, "pulled_back", lambda T, spectra, size: np.eye(3))
+    (match,) = run(Scripted([0.95], [[0.1]], guided=0.95), **given)
+    assert (match.info.start == "motion") == moved
+    assert match.info.sources.count("motion") == moved
+    # Whatever the confidence of either.
+    np.testing.assert_allclose(likely(match), 0.95, atol=1e-6)
+
+
+def test_a_motion_is_not_asked_for_if_the_limit_is_0(monkeypatch):
+    monkeypatch.setattr(_sources, "moved_by_map", None)
+    (match,) = run(Scripted([0.95]), settings=Settings(rigid_below=0))
+    assert match.info.sources == ["search"]

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
 from jfsf.mesh import boundary_edges, edges, rims
-from jfsf.refine import closest_rotations
+from jfsf.policy._rigid import motion
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
@@ -84,10 +84,10 @@ def turned_maps(x: Disk, y: Disk, *, mirrors: bool = False) -> list[np.ndarray]:
     for angle in 2 * np.pi * np.arange(TURNS) / TURNS:
         c, s = np.cos(angle), np.sin(angle)
         at: Any = in_plane.query(flat @ np.array([[c, s], [-s, c]]))[1]
-        move = _motion(few_x, y.points[at], mirrors)
+        move = motion(few_x.points, y.points[at], few_x.share, mirrors=mirrors)
         for _ in range(MOTIONS - 1):
             at = in_space.query(move(few_x.points))[1]
-            move = _motion(few_x, y.points[at], mirrors)
+            move = motion(few_x.points, y.points[at], few_x.share, mirrors=mirrors)
         there, at = in_space.query(move(few_x.points))
         back = KDTree(move(few_x.points)).query(few_y.points)[0]
         cost = np.sqrt(few_x.share @ there**2) + np.sqrt(few_y.share @ back**2)
@@ -107,15 +107,6 @@ def _few(disk: Disk) -> Disk:
     some = rng.permutation(len(disk.points))[:FEW]
     points, flat, share = (values[some] for values in disk)
     return Disk(points, flat, share / share.sum())
-
-
-def _motion(x: Disk, images: np.ndarray, mirrors: bool):
-    """The rigid motion that brings the points of X nearest to images (Kabsch 1976)."""
-    centre_x, centre_y = x.share @ x.points, x.share @ images
-    flip = np.array([-1 if mirrors else 1, 1, 1])
-    spread = ((x.points - centre_x) * flip).T @ ((images - centre_y) * x.share[:, None])
-    turn = flip[:, None] * closest_rotations(spread)
-    return lambda points: (points - centre_x) @ turn + centre_y
 
 
 def _surface_of(spec: Spectrum) -> tuple[np.ndarray, np.ndarray, list[int]]:

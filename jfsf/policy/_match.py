@@ -49,15 +49,17 @@ def attempt_pairs(
             tried = [
                 (pair, own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
-                if turn < len(own) and _worth(pair, own[turn], settings)
+                if turn < len(own) and _worth(source, pair, own[turn], settings)
             ]
             if tried:
                 _attempt(source, tried, runner, settings)
 
 
-def _worth(pair: PairState, proposal: Proposal, settings: Settings) -> bool:
+def _worth(
+    source: Source, pair: PairState, proposal: Proposal, settings: Settings
+) -> bool:
     """In doubt, or where it ranks above the map so far."""
-    if pair.in_doubt(settings):
+    if source.wins or pair.in_doubt(settings):
         return True
     return bool(proposal.share > pair.shares[pair.won])
 
@@ -109,4 +111,4 @@ def _attempt(
         matches = match_starts(starts, runner, settings)
     for (pair, (start, *standing)), match in zip(tried, matches, strict=True):
         attempt = Attempt(source.name, start, match)
-        pair.keep(attempt, *standing, settings=settings)
+        pair.keep(attempt, *standing, settings=settings, wins=source.wins)

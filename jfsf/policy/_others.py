@@ -138,21 +138,29 @@ def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[St
     sign, starts = int(pair.inputs.sign), []
     size = settings.search.final_ks[-1]
     known = pair.attempts[0].start
-    x, y = copy.spectra
-    evecs_x, evecs_y, mass = (np.asarray(a) for a in (x.evecs, y.evecs, x.mass))
     for mirrors in (False, True):
         if sign * (1 - 2 * mirrors) < 0:
             continue
         for T_xy in turned_maps(*disks, mirrors=mirrors):
-            n = len(T_xy)
-            back = evecs_x[:n, :size].T * mass[:n]
-            C_yx = (back @ evecs_y[T_xy, :size]).astype(evecs_x.dtype)
+            C_yx = pulled_back(T_xy, copy.spectra, size)
             side = np.full_like(known.gap, 1 - 2 * mirrors)
             unknown = np.full_like(known.gap, np.nan)
             weight = np.full_like(known.gap, settings.search.descriptor_weight)
             fields: Any = (C_yx, side, unknown, weight, unknown)
             starts.append(Start(*fields))
     return starts
+
+
+def pulled_back(T_xy: np.ndarray, spectra, size: int) -> np.ndarray:
+    """C_yx of a map of points, (size, size) if there are as many eigenpairs.
+
+    T_xy has no padding.
+    """
+    x, y = spectra
+    evecs_x, evecs_y, mass = (np.asarray(a) for a in (x.evecs, y.evecs, x.mass))
+    n = len(T_xy)
+    back = evecs_x[:n, :size].T * mass[:n]
+    return (back @ evecs_y[T_xy, :size]).astype(evecs_x.dtype)
 
 
 def unstacked(starts: Start) -> list[Start]:

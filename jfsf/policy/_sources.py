@@ -12,6 +12,7 @@ from jfsf.attempt import check_search, given_start
 from jfsf.coarse import coarse_copy, padded_copies
 from jfsf.evidence import COMPARED, rivals_among, share_among
 from jfsf.initial import Start, nonisometric_starts, search_starts
+from jfsf.policy._disks import is_disk
 from jfsf.policy._others import (
     disk_starts,
     has_others,
@@ -19,12 +20,18 @@ from jfsf.policy._others import (
     mirror_share,
     mirrored_pairs,
     near_ties,
+    pulled_back,
     unstacked,
 )
 from jfsf.policy._pairs import Attempt, PairState
+from jfsf.policy._rigid import moved_by_map
 from jfsf.policy._stages import describe, match_starts, run_stage, search_inputs
 from jfsf.runtime import Runner
 from jfsf.settings import Settings
+
+# Eigenfunctions of disks depend on where they were cut, so there a motion is better
+# from farther on (`experiments/fit_rigid.py`).
+DISKS = 2.0
 
 
 class Proposal(NamedTuple):
@@ -46,12 +53,14 @@ class Source(NamedTuple):
     make: a list of starts for each of the pairs, the best first.
     asked: whether it is asked for a pair.
     refined: its maps are refined already: they are bent at once.
+    wins: what it finds is the map so far, made better: it is the match in any case.
     """
 
     name: str
     make: Callable[[Sequence[PairState], Runner, Settings], list[list[Proposal]]]
     asked: Callable[[PairState, Settings], bool] = PairState.in_doubt
     refined: bool = False
+    wins: bool = False
 
 
 def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
@@ -61,17 +70,45 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
         others = [Source("coarse copies", _rivals_of_given, lambda *_: True)]
         return [Source("given", _given), *(others if settings.retry_below else [])]
     check_search(settings)
+    # Without landmarks: these may say otherwise than nearest points.
+    moved = []
+    if settings.rigid_below and inputs.landmarks is None:
+        moved = [Source("motion", _moved, lambda *_: True, True, True)]
     if not settings.retry_below:
-        return [Source("search", partial(_search, landmarks=True))]
+        return [Source("search", partial(_search, landmarks=True)), *moved]
     # The first search does not know the landmarks, so it cannot be misled by them.
     sources = [Source("search", partial(_search, landmarks=False))]
     if inputs.landmarks is not None:
         sources.append(Source("landmarks", partial(_search, landmarks=True)))
-    return [*sources, Source("coarse copies", _from_copies, _needs_copies, True)]
+    sources.append(Source("coarse copies", _from_copies, _needs_copies, True))
+    return [*sources, *moved]
 
 
 def _needs_copies(pair: PairState, settings: Settings) -> bool:
     return pair.in_doubt(settings) or has_others(pair, settings)
+
+
+def _moved(pairs, runner, settings) -> list[list[Proposal]]:
+    """Where shapes nearly coincide after a motion, nearest points as a start."""
+    del runner
+    started, found = perf_counter(), []
+    for pair in pairs:
+        found.append([])
+        known, match, (x, y) = pair.attempts[pair.won].start, pair.best, pair.spectra
+        mirrors = bool(np.asarray(match.certificate.orientation) < 0)
+        moved = moved_by_map(x, y, np.asarray(match.T_xy), mirrors=mirrors)
+        if moved is None:
+            continue
+        disks = is_disk(x) and is_disk(y)
+        if moved.apart < settings.rigid_below * (DISKS if disks else 1):
+            # As large as any other map, so that one program finishes all.
+            C_yx = pulled_back(moved.T_xy, pair.spectra, settings.ks[-1])
+            standing = pair.shares[pair.won], pair.rivals[pair.won]
+            found[-1].append(Proposal(known._replace(C_yx=C_yx), *standing))
+    share = (perf_counter() - started) / max(len(pairs), 1)
+    for pair in pairs:
+        pair.seconds["motion"] = share
+    return found
 
 
 def _given(pairs, runner, settings) -> list[list[Proposal]]:

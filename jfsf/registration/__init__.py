@@ -6,6 +6,7 @@ Read in this order:
 - `_start`: size and side of the template, read from a map
 - `_scan`: the nearest point of a scan that faces alike
 - `_flaws`: faces that are turned over or collapsed
+- `_unfold`: corners of those that stay so are moved
 - `_draw`: the template drawn to the scan, round by round
 - `_register`: checks, units, and what comes back
 """
