@@ -79,12 +79,14 @@ def cases(name: str, root: Path | None) -> Iterator[Case]:
 
 def measure(name: str, x: Mesh, y: Mesh, at_x: np.ndarray, at_y: np.ndarray) -> dict:
     """A row: errors before and after; nothing where no motion brings X near."""
-    pair = attempted_pair(x, y, settings=replace(Settings(), rigid_below=WIDEST))
+    settings = replace(Settings(), rigid_below=WIDEST)
+    pair = attempted_pair(x, y, settings=settings)
     row: dict[str, Any] = {"pair": name, "apart": None}
     if pair.attempts[-1].source != "motion":
         print(row, flush=True)
         return row
-    after, before = pair.best, pair.attempts[pair.before].match
+    *others, after = pair.results(settings)
+    before = max(others, key=lambda match: float(match.certificate.confidence))
     mirrors = bool(before.certificate.orientation < 0)
     moved = moved_by_map(*pair.spectra, np.asarray(before.T_xy), mirrors=mirrors)
     some = np.random.default_rng(0).permutation(len(at_x))[:POINTS]

@@ -43,7 +43,6 @@ class PairState:
     mirror_share: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
-    before: the number of that one before the last was kept.
     copies: the same of the coarse copies, if there are any, and how these lie.
     seconds: by stage; its share where a stage ran for several pairs.
     """
@@ -58,7 +57,6 @@ class PairState:
     mirror_share: float = np.nan
     others: Start | None = None
     won: int = 0
-    before: int = 0
     copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
 
@@ -98,9 +96,9 @@ class PairState:
         self.shares.append(share)
         self.rivals.append(rivals)
         last = len(self.attempts) - 1
-        merit, before = (self._merit(i, settings) for i in (last, self.won))
-        if wins or merit > before:
-            self.before, self.won = self.won, last
+        merit, so_far = (self._merit(i, settings) for i in (last, self.won))
+        if wins or merit > so_far:
+            self.won = last
 
     def _merit(self, number: int, settings: Settings) -> tuple[float, float]:
         """Confidence of an attempt, its rivals counted, and its share: rivals may tie.
