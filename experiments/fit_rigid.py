@@ -1,7 +1,7 @@
-"""Where nearest points after a motion make a better start: `Settings.rigid_below`.
+"""Where nearest points after a similarity make a better start: `Settings.rigid_below`.
 
-Pairs are matched, and those that a motion brings anywhere near once more from nearest
-points. For each: how far apart the surfaces lie after the motion (`apart`), and the
+Pairs are matched, and those that a similarity brings near once more from nearest
+points. For each: how far apart the surfaces lie after it (`apart`), and the
 error before and after. The table has the mean errors of the pairs below several limits.
 
 The limit is chosen on SHREC'07 and on generated faces (`situations.py`), molars and

@@ -75,11 +75,11 @@ class Settings:
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
         those that differ and rank highest. The map so far is one of them, if it ranks
         first: so with 1 nothing more is attempted then.
-    rigid_below: where a motion with one scale lays one shape so near to the other, in
-        the mean and both ways, as the map has it on the whole, the nearest points there
-        are the start of a last map, which is kept: of faces, teeth and bones it slides
-        less. Two disks may lie twice as far apart. 0 leaves it out. Not with landmarks
-        or a map that is given. Chosen by `experiments/fit_rigid.py`.
+    rigid_below: where a similarity fitted to the map lays the shapes so near to each
+        other, in the mean and both ways, the nearest points after it are the start of
+        a last map, which is kept: of faces and teeth it slides less. Two disks may lie
+        twice as far apart. 0 leaves it out. Not with landmarks or a map that is given.
+        Chosen by `experiments/fit_rigid.py`.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide

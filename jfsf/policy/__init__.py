@@ -11,8 +11,8 @@ The last source, of starts for other proportions, tries all of them on coarse co
 map ranks above this one it goes on to the whole shapes. Maps that differ and rank
 nearly as high are rivals: a map that cannot be told from another one is not certain.
 
-Where a motion lays the shapes nearly on each other (`_rigid`), nearest points are the
-start of a last map, which is the map so far but slides less, and is kept.
+Where a similarity lays the shapes nearly on each other (`_rigid`), nearest points are
+the start of a last map, which is the map so far but slides less, and is kept.
 
 Some pairs without doubt are compared so, too (`_others`): where the search found other
 candidates that are about as good, as of a shape with a symmetry; where it says that the
@@ -23,7 +23,7 @@ Read in this order:
 
 - `_pairs`: a pair on the way, its attempts, and the best of them
 - `_stages`: the stages of an attempt, run for many pairs
-- `_rigid`: shapes that nearly coincide after a motion
+- `_rigid`: shapes that nearly coincide after a similarity
 - `_disks`: maps between two disks that turn the rim
 - `_others`: maps that may fit as well as one that is not in doubt
 - `_sources`: where starts come from: the search, landmarks, coarse copies

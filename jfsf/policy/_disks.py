@@ -15,7 +15,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
 from jfsf.mesh import boundary_edges, edges, rims
-from jfsf.policy._rigid import motion
+from jfsf.policy._rigid import motion, surface_of
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
@@ -111,9 +111,8 @@ def _few(disk: Disk) -> Disk:
 
 def _surface_of(spec: Spectrum) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Points, faces, and the rim if the shape is a disk, else none."""
-    n = int(np.sum(np.asarray(spec.mass) > 0))
-    points, faces = np.asarray(spec.vertices, float)[:n], np.asarray(spec.faces)
-    faces = faces[(faces[:, 0] != faces[:, 1]) | (faces[:, 1] != faces[:, 2])]
+    points, faces = surface_of(spec)
+    n = len(points)
     # Along the winding.
     closed = [rim[::-1] for rim in rims(faces)]
     if sum(map(len, closed)) < len(boundary_edges(faces)):  # rims touch

@@ -1,8 +1,8 @@
-"""Shapes that nearly coincide after a motion: faces, teeth, bones. Host side (numpy).
+"""Shapes that nearly coincide after a similarity: faces, teeth. Host side (numpy).
 
-Eigenfunctions slide along a surface, and bending does not undo all of it. Where a
-motion with one scale lays X on Y everywhere, as the map has it on the whole, nearest
-points slide less.
+A map read from eigenfunctions slides along the surface, and bending does not undo all
+of it. Where a similarity (a rigid motion and a scale), fitted to the map, lays X on Y
+everywhere, nearest points slide less.
 """
 
 from collections.abc import Callable
@@ -16,18 +16,18 @@ from jfsf.mesh import closest, surface_tree, vertex_normals
 from jfsf.refine import closest_rotations
 from jfsf.types import Mesh, Spectrum
 
-# Root mean square between moved points and their images, in sqrt(area), above which
-# shapes are in different poses: two poses of a body have 0.15 to 0.6.
+# All set by hand. Root mean square between moved points and their images, in
+# sqrt(area), above which nothing more is tried: the shapes are in different poses.
 FAR = 0.12
 SAMPLES = 500
-# Distance at which an image or a nearest point counts half, and a quarter.
+# Distance at which an image or a nearest point counts half, and a third.
 REACH = 0.05
 REWEIGHTED, NEAREST = 5, 20  # motions by the images, and by nearest points
 NORMAL_WEIGHT = 0.1  # distance that normals at an angle of 1 count for
 
 
 class Moved(NamedTuple):
-    """X laid on Y by a motion with one scale.
+    """X laid on Y by a similarity.
 
     T_xy: the vertex of Y nearest to each vertex of X there, whose normal is alike.
     apart: mean distance of either surface from the other, the larger of both, in
@@ -44,7 +44,7 @@ def moved_by_map(
     """Lay X on Y as a map has it on the whole. Padding is left out.
 
     First by the images of some vertices, those that fit the others counting more, then
-    by nearest points (Besl and McKay, 1992).
+    by nearest points on tangent planes (Chen and Medioni, 1992).
 
     Args:
         spec_x, spec_y: vertices, faces and mass are read.
@@ -54,7 +54,7 @@ def moved_by_map(
     Returns:
         None of clouds, and where the images are far from a motion of X.
     """
-    x, y = (_surface(spec) for spec in (spec_x, spec_y))
+    x, y = (surface_of(spec) for spec in (spec_x, spec_y))
     if not (len(x.faces) and len(y.faces)):
         return None
     at_x, at_y = _some(x), _some(y)
@@ -120,8 +120,8 @@ def motion(
     return lambda p: size * ((p - centre) * flip) @ turn + goal
 
 
-def _surface(spec: Spectrum) -> Mesh:
-    """Without padding."""
+def surface_of(spec: Spectrum) -> Mesh:
+    """The mesh of a spectrum, without padding."""
     n = int(np.sum(np.asarray(spec.mass) > 0))
     faces = np.asarray(spec.faces)
     real = (faces[:, 0] != faces[:, 1]) | (faces[:, 1] != faces[:, 2])

@@ -73,7 +73,7 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
     # Without landmarks: these may say otherwise than nearest points.
     moved = []
     if settings.rigid_below and inputs.landmarks is None:
-        moved = [Source("motion", _moved, lambda *_: True, True, True)]
+        moved = [Source("motion", _moved, lambda *_: True, refined=True, wins=True)]
     if not settings.retry_below:
         return [Source("search", partial(_search, landmarks=True)), *moved]
     # The first search does not know the landmarks, so it cannot be misled by them.
@@ -89,7 +89,7 @@ def _needs_copies(pair: PairState, settings: Settings) -> bool:
 
 
 def _moved(pairs, runner, settings) -> list[list[Proposal]]:
-    """Where shapes nearly coincide after a motion, nearest points as a start."""
+    """Where shapes nearly coincide after a similarity, nearest points as a start."""
     del runner
     started, found = perf_counter(), []
     for pair in pairs:
