@@ -229,9 +229,9 @@ class Certificate(NamedTuple):
         (`jfsf.evidence.rivals_among`); of a shape with a symmetry they are as good as
         this one. Those that were found: of a sphere there are more. nan if none were
         compared.
-    mirror_share: of the odds of the mirror image in those of both. Near 1 one of the
-        shapes may be mirrored. nan if it fits no better, or was not tried, as where
-        `mirror_gap` does not ask for it.
+    mirrored: probability that the mirror image of the map is right, and one of the
+        shapes is mirrored (`jfsf.evidence.mirror_probability`). nan if the mirror image
+        is in doubt itself, or was not tried, as where `mirror_gap` does not ask for it.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
         from log_odds and share (`jfsf.evidence.confidence`). With n rivals it is
         1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
@@ -266,7 +266,7 @@ class Certificate(NamedTuple):
     log_odds: Float[Array, ""]
     share: Float[Array, ""]
     rivals: Float[Array, ""]
-    mirror_share: Float[Array, ""]
+    mirrored: Float[Array, ""]
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
 

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from jfsf.joint import CollectionSettings
+from jfsf.joint._agree import WITHIN
 from jfsf.joint._cycles import AGREE
 from jfsf.parts import PartSettings, RegisterWeights
 
@@ -44,3 +46,23 @@ def test_how_often_wrong_maps_agree_is_the_scripts(load):
     fitted = script.fitted(np.array([agree, disagree]))
     assert fitted == found["fitted"] == AGREE.tolist()
     assert np.sum(list(found["by_class"].values()), 0).tolist() == [agree, disagree]
+
+
+def test_when_a_mirror_image_is_right_is_the_scripts(load):
+    script, found = load("fit_mirror")
+    # Byte for byte what the script writes.
+    assert script.SHIPPED.read_text(encoding="utf-8") == script.shipped(
+        found["factors"]
+    )
+    assert script.fit(found["rows"]) == pytest.approx(found["factors"], abs=0.02)
+    assert script.held_out(found["rows"]).keys() == script.KINDS.keys()
+
+
+def test_how_far_from_the_others_a_way_counts_little_is_nearly_the_best(load):
+    found = load("fit_agree")[1]
+    shipped = CollectionSettings().agree_within
+    assert WITHIN == shipped == found["settings"]["shipped"]
+    for row in found["sets"].values():
+        best = min(row[str(within)] for within in found["settings"]["distances"])
+        assert row[str(shipped)] < row["alone"]
+        assert row[str(shipped)] <= 1.01 * best

@@ -187,7 +187,7 @@ def test_the_cost_is_that_of_pieces_that_do_not_belong_together():
     assert cost(made_up(np.nan, spectrum_gap=np.nan)) == 2
     # A sphere has many maps; a left hand is no right one; other shapes are others.
     assert cost(made_up(0.9, rivals=9.0, share=0.1)) == pytest.approx(0.2)
-    assert cost(made_up(0.9, mirror_share=0.99)) > 1
+    assert cost(made_up(0.9, mirrored=0.99)) > 1
     assert cost(made_up(0.9, spectrum_gap=2.0)) > 1.4
 
 

@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 
 from jfsf import EvidenceSettings, Settings, policy
 from jfsf.arguments import MatchInputs
-from jfsf.evidence import Standing, confidence, of_certificate
+from jfsf.evidence import Standing, confidence, mirror_probability, of_certificate
 from jfsf.initial import Start
 from jfsf.policy import PairState, _others, _sources
 from jfsf.policy._rigid import Moved
@@ -46,7 +46,7 @@ def match_of(start, missed=0.0, landmarks=None, sign=1):
     figures = dict.fromkeys(Certificate._fields, np.zeros(()))
     missed = np.full(0 if landmarks is None else 1, missed)
     figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
-    figures |= {"rivals": np.nan, "mirror_share": np.nan}
+    figures |= {"rivals": np.nan, "mirrored": np.nan}
     evidence = Certificate(**figures)
     known = of_certificate(evidence, sign != 0, settings=EvidenceSettings())
     evidence = evidence._replace(confidence=known)
@@ -367,17 +367,16 @@ def test_maps_that_fit_equally_well_are_counted():
     assert runner.count("refinement") == 1 + 4 and runner.count("further starts") == 0
 
 
-@pytest.mark.parametrize("mirror", [0.999, 0.95])
+@pytest.mark.parametrize("mirror", [0.999, 0.95, 0.3])
 def test_a_mirror_image_that_fits_better_is_tried_on_the_copies(mirror):
     runner = Scripted([0.95], [[]], mirror=mirror)
     (match,) = run(runner, settings=Settings(retry_below=0.9), sign=1)
     evidence = match.certificate
+    # One that is in doubt itself says nothing. Energies are made up, and equal.
     share = shares_of([0.95, mirror])[1]
-    # One that fits as well says nothing: of a body it is the body turned round.
-    assert (share >= 0.9) == (mirror > 0.95)
-    expected = share if share >= 0.9 else np.nan
-    np.testing.assert_allclose(evidence.mirror_share, expected)
-    likely = min(0.95, 5 * (1 - share))
+    mirrored = mirror_probability(share, 1.0) if mirror >= 0.9 else np.nan
+    np.testing.assert_allclose(evidence.mirrored, mirrored)
+    likely = min(0.95, 1 - np.nan_to_num(mirrored))
     np.testing.assert_allclose(evidence.confidence, likely)
     # It is no map that was asked for.
     assert match.info.sources == ["search"] and np.isnan(evidence.share)

@@ -43,7 +43,7 @@ VALUES = {
     "orientation": 0.97,
     "finite": True,
     "rivals": 0,
-    "mirror_share": 0.5,
+    "mirrored": 0.5,
     "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
@@ -394,7 +394,7 @@ def test_words_say_what_is_known():
     (tie,) = findings(several, "preserve")
     assert "several maps fit equally well: 3 that differ were found" in tie.why
     assert "one of 3 maps that fit equally well" in " ".join(reasons(several))
-    mirrored = GOOD._replace(mirror_share=jnp.asarray(0.97))
+    mirrored = GOOD._replace(mirrored=jnp.asarray(0.97))
     for asked, other, side in (("preserve", "reverse", 1), ("reverse", "preserve", -1)):
         turned = mirrored._replace(orientation=side * GOOD.orientation)
         (turn,) = findings(turned, asked)

@@ -5,6 +5,7 @@ Read in this order:
 - `_bending`: how well shapes bent onto each other coincide, and at what cost
 - `_landmarks`: whether it agrees with landmarks, and features without those it misses
 - `_confidence`: the probability that a map is right
+- `_mirror`: how likely its mirror image is right
 - `_rivals`: how a map stands among others that fit nearly as well
 - `_vertices`: the probability that a vertex is mapped right
 - `_certificate`: all the evidence that `match` returns
@@ -15,7 +16,7 @@ from jfsf.evidence._certificate import certify, spectrum_gap
 from jfsf.evidence._confidence import (
     COMPARED,
     FACTORS,
-    MIRRORED,
+    LEAST,
     RANK_FACTORS,
     UNLIKE,
     column,
@@ -30,6 +31,7 @@ from jfsf.evidence._landmarks import (
     kept_landmarks,
     landmark_distances,
 )
+from jfsf.evidence._mirror import MIRRORED, mirror_columns, mirror_probability
 from jfsf.evidence._rivals import (
     Standing,
     map_distances,
@@ -49,6 +51,7 @@ from jfsf.evidence._vertices import (
 __all__ = [
     "COMPARED",
     "FACTORS",
+    "LEAST",
     "MIRRORED",
     "MISSED",
     "RANK_FACTORS",
@@ -67,6 +70,8 @@ __all__ = [
     "landmark_distances",
     "log_odds",
     "map_distances",
+    "mirror_columns",
+    "mirror_probability",
     "of_certificate",
     "rank",
     "ranks",

@@ -99,7 +99,7 @@ def certify(
         log_odds=unknown,
         share=unknown,
         rivals=unknown,
-        mirror_share=unknown,
+        mirrored=unknown,
         confidence=unknown,
         landmarks=missed,
     )

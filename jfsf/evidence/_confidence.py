@@ -22,9 +22,10 @@ l being the least share of a right map in the data.
 
 Evidence cannot tell a map from its rivals, and n of these leave it 1 / (1 + n) at most.
 A map of the orientation that was asked for is likely wrong where its mirror image fits
-far better: with t the share of that one in the odds of both, it has 5 (1 - t) at most.
-And nothing is known of shapes that differ more than those which the constants were
-fitted to: with g the `spectrum_gap`, it has 1/2 + 1/2 / (1 + exp(a (g - u))) at most.
+far better: with t the probability of this one (`mirror_probability`), it has 1 - t at
+most. And nothing is known of shapes that differ more than those which the constants
+were fitted to: with g the `spectrum_gap`, it has 1/2 + 1/2 / (1 + exp(a (g - u))) at
+most.
 """
 
 import json
@@ -45,9 +46,6 @@ _AS_IT_IS = ("orientation", "nn_agreement")
 # limbs, the largest gaps are 1.09, 1.07, 0.99; a torus, a rod, an ellipsoid or a bent
 # one differ from bodies by 1.6 or more, and a rod from a torus or a box by 1.14.
 STEEP, UNLIKE = 30.0, 1.12
-# Share of a mirror image in the odds of both: above, one of the shapes may be mirrored.
-# Set by hand, as a and u are.
-MIRRORED = 0.8
 # Shares beyond this, and below 1 minus this, count as this.
 MOST_SHARE = 0.999
 
@@ -115,7 +113,7 @@ def confidence(
     missed: Float[Array, "..."] | float = 0.0,
     left_and_right: Bool[Array, "..."] | bool = True,
     rivals: Float[Array, "..."] | float = jnp.nan,
-    mirror_share: Float[Array, "..."] | float = jnp.nan,
+    mirrored: Float[Array, "..."] | float = jnp.nan,
     spectrum_gap: Float[Array, "..."] | float = jnp.nan,
     *,
     missed_weight: float = 3.0,
@@ -130,7 +128,8 @@ def confidence(
         left_and_right: whether these can be told. If not, a map and its mirror image
             are equally likely, and the probability is half of it.
         rivals: how many other maps are as likely, see `jfsf.evidence.rivals_among`.
-        mirror_share: of the odds of the mirror image; nan if it was not tried.
+        mirrored: probability that the mirror image is the right map, see
+            `jfsf.evidence.mirror_probability`; nan if it was not tried.
         spectrum_gap: how unlike the shapes are, see there.
         missed_weight: see `jfsf.settings.EvidenceSettings`.
 
@@ -146,9 +145,9 @@ def confidence(
     likely *= jnp.minimum(known / COMPARED["least_share"], 1)
     number, other, gap = (
         jnp.nan_to_num(jnp.asarray(known, likely.dtype))
-        for known in (rivals, mirror_share, spectrum_gap)
+        for known in (rivals, mirrored, spectrum_gap)
     )
-    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 5 * (1 - other)))
+    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 1 - other))
     likely = jnp.minimum(likely, (1 + jax.nn.sigmoid(STEEP * (UNLIKE - gap))) / 2)
     likely **= 1 + missed_weight * missed
     return jnp.where(left_and_right, likely, likely / 2)
@@ -160,7 +159,7 @@ def of_certificate(
     """The confidence of a map with this evidence.
 
     Args:
-        evidence: `log_odds`, `share`, `rivals`, `mirror_share`, `spectrum_gap` and
+        evidence: `log_odds`, `share`, `rivals`, `mirrored`, `spectrum_gap` and
             `landmarks` are read.
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
         settings: `jfsf.settings.EvidenceSettings`.
@@ -174,7 +173,7 @@ def of_certificate(
         missed,
         told,
         evidence.rivals,
-        evidence.mirror_share,
+        evidence.mirrored,
         evidence.spectrum_gap,
         missed_weight=settings.missed_weight,
     )

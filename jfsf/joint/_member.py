@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.joint._agree import Beside, agreed_map
+from jfsf.joint._agree import WITHIN, Beside, agreed_map
 from jfsf.joint._grow import PairSettings, matched
 from jfsf.matching import match
 from jfsf.registration import Registration, RegistrationSettings, register
@@ -22,13 +22,13 @@ class CollectionSettings:
     match: of each pair.
     pairs: which pairs, and which of their maps are trusted.
     registration: of the template onto each shape.
-    agree_within: see `agreed_map`. Set by hand.
+    agree_within: see `agreed_map`.
     """
 
     match: Settings = Settings()
     pairs: PairSettings = PairSettings()
     registration: RegistrationSettings = RegistrationSettings()
-    agree_within: float = 0.02
+    agree_within: float = WITHIN
 
 
 class Member(NamedTuple):

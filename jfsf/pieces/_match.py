@@ -153,7 +153,7 @@ def cost(certificate: Certificate) -> float:
     """
     likely = confidence(
         certificate.log_odds,
-        mirror_share=certificate.mirror_share,
+        mirrored=certificate.mirrored,
         spectrum_gap=certificate.spectrum_gap,
     )
     misfit = min(float(np.nan_to_num(certificate.spectrum_gap, nan=1.0)), 1.0)

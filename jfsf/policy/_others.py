@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from scipy.special import expit
 
-from jfsf.evidence import MIRRORED, ranks, share_among
+from jfsf.evidence import LEAST, ranks, share_among
 from jfsf.initial import Start
 from jfsf.policy._disks import as_disk, is_disk, turned_maps
 from jfsf.policy._pairs import PairState
@@ -21,10 +21,6 @@ from jfsf.settings import Settings
 # `normal_gap` below which shapes are round: 0.0005 for two spheres, 0.005 for molars,
 # 0.008 for bodies.
 ROUND = 0.004
-# A mirror image fits clearly better if its share is this much, or if it leaves so many
-# times less apart. Set by hand: of 48 pairs of bodies, which are symmetric, the largest
-# share is 0.89, with 2.6 times less apart; of bones it is 0.85, with nothing apart.
-CLEAR_SHARE, LESS_APART = 0.9, 4.0
 # Eigenvalues repeat if the next is larger by no more than this share; of the first 12
 # of bodies at most 2 do, of shapes that turn about an axis 4 to 6.
 REPEATED, REPEATED_AMONG, LEAST_REPEATED = 0.02, 12, 4
@@ -105,23 +101,24 @@ def mirror_of(copy: PairState) -> PairState:
     return replace(copy, inputs=asked, **fresh)
 
 
-def mirror_share(copy: PairState, mirror: PairState, settings: Settings) -> float:
-    """Share of the odds of the best map of `mirror` in those of both orientations.
+def mirror_figures(
+    copy: PairState, mirror: PairState, settings: Settings
+) -> tuple[float, float] | None:
+    """What `mirror_probability` reads: of the best maps of both orientations.
 
-    nan if that one is in doubt itself, or not clearly better (`CLEAR_SHARE`), or if
-    both are one map: then the search found none of the other orientation.
+    None if that of `mirror` is in doubt itself, or if both are one map: then the search
+    found none of the other orientation.
     """
     odds = float(mirror.best.certificate.log_odds)
     if not expit(odds) >= settings.retry_below:
-        return np.nan
+        return None
     own = [attempt.match for attempt in copy.attempts]
     both = [own[int(np.argmax(ranks(own, settings=settings)))], mirror.best]
     standing = share_among(both, copy.spectra, settings=settings)
-    share = float(standing.share[1])
-    apart, least = (float(match.certificate.residual) for match in both)
-    less = share > MIRRORED and apart > LESS_APART * least
-    clear = share >= CLEAR_SHARE or less
-    return share if clear and standing.differ[0, 1] else np.nan
+    if not standing.differ[0, 1]:
+        return None
+    energy, least = (float(match.certificate.energy) for match in both)
+    return float(standing.share[1]), (energy + LEAST) / (least + LEAST)
 
 
 def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[Start]:

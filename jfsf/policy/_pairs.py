@@ -40,7 +40,7 @@ class PairState:
     shares: for each of them, how it stands among the maps of the coarse copies
         (`jfsf.evidence.share_among`); nan if it was not compared with these.
     rivals: likewise how many of these are as likely (`jfsf.evidence.rivals_among`).
-    mirror_share: see `Certificate`; nan if the mirror image was not tried.
+    mirrored: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
     copies: the same of the coarse copies, if there are any, and how these lie.
@@ -54,7 +54,7 @@ class PairState:
     attempts: list[Attempt] = field(default_factory=list)
     shares: list[float] = field(default_factory=list)
     rivals: list[float] = field(default_factory=list)
-    mirror_share: float = np.nan
+    mirrored: float = np.nan
     others: Start | None = None
     won: int = 0
     copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
@@ -133,7 +133,7 @@ class PairState:
         known = {
             "share": self.shares[number],
             "rivals": self.rivals[number],
-            "mirror_share": self.mirror_share,
+            "mirrored": self.mirrored,
         }
         if np.isnan([*known.values()]).all():
             return match

@@ -10,14 +10,14 @@ import numpy as np
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import check_search, given_start
 from jfsf.coarse import coarse_copy, padded_copies
-from jfsf.evidence import COMPARED, rivals_among, share_among
+from jfsf.evidence import COMPARED, mirror_probability, rivals_among, share_among
 from jfsf.initial import Start, nonisometric_starts, search_starts
 from jfsf.policy._disks import is_disk
 from jfsf.policy._others import (
     disk_starts,
     has_others,
+    mirror_figures,
     mirror_of,
-    mirror_share,
     mirrored_pairs,
     near_ties,
     pulled_back,
@@ -170,7 +170,8 @@ def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
         for pair, copy in zip(pairs, copies, strict=True)
     ]
     for i, mirror in mirrors.items():
-        pairs[i].mirror_share = mirror_share(copies[i], mirror, settings)
+        if figures := mirror_figures(copies[i], mirror, settings):
+            pairs[i].mirrored = mirror_probability(*figures)
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds["coarse copies"] = share

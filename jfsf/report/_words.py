@@ -52,7 +52,7 @@ _WHY_UNKNOWN = {
     "share": ("not compared", "no other map was tried"),
     "rivals": ("not compared", "no other map was tried"),
     "mirror_gap": ("not known", "no orientation was asked for, or no search was made"),
-    "mirror_share": ("not compared", "it was not tried, or fits no better"),
+    "mirrored": ("not compared", "the mirror image was not tried"),
     "spectrum_gap": ("not measured", "an older version made the file"),
     **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
     **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),
@@ -114,7 +114,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "log_odds": "of a right map, by its own evidence; 0 is one half",
         "share": "of the odds, among maps that differ; 0.5: another fits as well",
         "rivals": "other maps that fit as well, of those that were tried",
-        "mirror_share": "of the odds, of the mirror image; near 1 it fits far better",
+        "mirrored": "probability that the mirror image is right instead",
         "confidence": verdict(float(certificate.confidence)),
     }
     if _of_parts(certificate):
@@ -172,7 +172,7 @@ def findings(
             "--orientation any.",
         ),
         (
-            float(certificate.mirror_share) > MIRRORED,
+            float(certificate.mirrored) > MIRRORED,
             "the mirror image fits far better; is one of them mirrored? try "
             f"--orientation {_other(orientation)}",
             "Left and right of one shape may be exchanged, as in a scan that was "
@@ -321,10 +321,10 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     if figure["rivals"] > 0:
         number = _number(certificate)
         sentences.append(f"It is one of {number} maps that fit equally well.")
-    if figure["mirror_share"] > MIRRORED:
+    if figure["mirrored"] > MIRRORED:
         sentences.append(
-            "Of the odds of this map and of its mirror image the mirror image has "
-            f"{figure['mirror_share']:.0%}."
+            "That the mirror image is right instead has a probability of "
+            f"{figure['mirrored']:.0%}."
         )
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
