@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +89,11 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
         (out / lost).unlink()
     assert run(*args).exit_code == 1
     assert content(out) == before
+    # Of a mesh that is gone nothing stays that counts.
+    (scans / "woman_walk.ply").unlink()
+    assert run(*args).exit_code == 1
+    left = {name for name in content(out) if Path(name).stem == "woman_walk"}
+    assert {Path(name).parts[0] for name in left} <= {"shapes", "ways"}
 
 
 @pytest.mark.slow  # matches in earnest, in processes of its own
@@ -107,19 +113,41 @@ def test_another_template_leaves_nothing_of_the_first(tmp_path):
 
 
 def test_nothing_stays_of_what_is_left_out(tmp_path):
-    from jfsf.cli._collection_steps import forget
+    from jfsf.cli._collection_steps import forget, known_before
 
     kinds = (
         *("maps/{}.npz", "maps/report/{}.html", "placed/{}.npz"),
-        *("registered/{}.npz", "registered/{}.ply"),
+        *("registered/{}.npz", "registered/{}.ply", "others/{}.npz"),
+        *("landmarks/{}.mrk.json", "landmarks/{}.fcsv", "labels/{}.csv"),
+        "values/{}.npy",
     )
     for kind in kinds:
         for name in ("scan", "scan.1"):  # a name may have a dot
             path = tmp_path / kind.format(name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(name)
+    assert known_before(tmp_path) == {"scan", "scan.1"}
     forget(tmp_path, ["scan", "never there"])
+    assert known_before(tmp_path) == {"scan.1"}
     assert set(content(tmp_path)) == {kind.format("scan.1") for kind in kinds}
+
+
+@pytest.mark.parametrize("end", [".mrk.json", ".fcsv", ".json"])
+def test_landmarks_keep_the_ending_of_their_file(tmp_path, end):
+    from jfsf.cli._collection_results import write_landmarks_of
+    from jfsf.landmarks import Landmarks, read_landmarks
+
+    mesh = small("man_t", 300)[0]
+    moved = mesh.vertices + [1.0, 2.0, 3.0]
+    (tmp_path / "registered").mkdir()
+    np.savez(tmp_path / "registered" / "scan.npz", vertices=moved)
+    marks = Landmarks(("a", "b"), mesh.vertices[:2], None, "LPS")
+    rows = [{"name": "scan", "reason": ""}, {"name": "bad", "reason": "fits none"}]
+    write_landmarks_of(tmp_path, rows, mesh, marks, Path(f"template{end}"))
+    assert [path.name for path in (tmp_path / "landmarks").iterdir()] == [f"scan{end}"]
+    found = read_landmarks(tmp_path / "landmarks" / f"scan{end}")
+    assert found.names == marks.names
+    np.testing.assert_allclose(found.points, moved[:2], atol=1e-5)
 
 
 def begun(scans, out, cache):

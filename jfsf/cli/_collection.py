@@ -28,6 +28,7 @@ from jfsf.cli._collection_steps import (
     forget,
     grown,
     kept_shapes,
+    known_before,
     mirror_back,
     number_of,
     outcomes,
@@ -182,7 +183,7 @@ def collection(
         for i in np.flatnonzero(~graph.joined).tolist()
     }
     reasons |= failed
-    forget(out, reasons)
+    forget(out, {*reasons, *(known_before(out) - set(paths))})
     rows = rows_of(out, paths, shapes, graph, reasons)
     name = names[graph.paths.template]
     mesh = shapes[name].mesh
@@ -190,7 +191,7 @@ def collection(
     written, notes = write_model_of(out, rows, mesh.faces, **kinds)
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
-        written += write_landmarks_of(out, rows, mesh, points, landmarks.suffix)
+        written += write_landmarks_of(out, rows, mesh, points, landmarks)
     written += write_carried(out, rows, paths, shapes, name, carried)
     if report:
         written.append(write_index_page(out, rows, shapes, graph))

@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.cli._collection_results import registered
+from jfsf.cli._collection_results import SLICER, registered
 from jfsf.types import ArrayLike
 
 
@@ -80,3 +80,14 @@ def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> lis
             result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
             write_column(out / one.what / f"{name}{one.suffix}", result)
     return [out / one.what for one in carried]
+
+
+def carried_files(out: Path, name: str) -> list[Path]:
+    """The files of what was carried to a shape, landmarks included, that are there."""
+    from jfsf.landmarks import SUFFIXES
+    from jfsf.transfer import FORMATS
+
+    columns = dict.fromkeys(("labels", "values"), FORMATS)
+    kinds = {"landmarks": (SLICER, *SUFFIXES), **columns}
+    paths = [out / kind / f"{name}{end}" for kind in kinds for end in kinds[kind]]
+    return [path for path in paths if path.exists()]

@@ -12,6 +12,8 @@ from jfsf.cli._collection_pages import write_model_pages
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
+SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
+
 COLUMNS = (
     "name",
     "trust",
@@ -99,12 +101,20 @@ def write_model_of(
 
 
 def write_landmarks_of(
-    out: Path, rows, mesh: Mesh, landmarks, suffix: str
+    out: Path, rows, mesh: Mesh, landmarks, path: Path
 ) -> list[Path]:
-    """Write the template's landmarks on each joined shape."""
+    """Write the template's landmarks on each joined shape, in the format of their file.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        mesh: the template.
+        landmarks: read from `path`.
+    """
     from jfsf.landmarks import Landmarks, on_surface, write_landmarks
 
     found = on_surface(landmarks, mesh)
+    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
     folder = out / "landmarks"
     folder.mkdir(exist_ok=True)
     for row in rows:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from jfsf.cli._collection_carried import carried_files
 from jfsf.cli._collection_jobs import (
     kept,
     match_pair,
@@ -149,7 +150,7 @@ def agree(out, names, graph, bad, run) -> dict[str, str]:
         known = [(j, T) for j, T in known if names[j] not in bad]
         turned = [n in graph.mirrored for n in (i, *(j for j, _ in known))]
         maps = {f"T_{number}": np.asarray(T) for number, (_, T) in enumerate(known)}
-        others = out / "others" / f"{names[i]}.npz"
+        others = _others(out, names[i])
         _write_way(others, turned=np.array(turned), **maps)
         inputs = *(_shape(out, names[j]) for j in (base, i)), placed(out, names[i])
         extras = [others]
@@ -172,13 +173,21 @@ def _write_way(path: Path, **arrays) -> None:
     write_atomically(path, lambda file: np.savez(file, **arrays))
 
 
+def known_before(out: Path) -> set[str]:
+    """Names of the shapes that the template is on, also by an earlier run."""
+    files = (out / "registered").glob("*.npz")
+    return {path.name.removesuffix(".npz") for path in files}
+
+
 def forget(out: Path, names) -> None:
-    """Remove what an earlier run wrote of shapes that are left out now."""
+    """Remove what an earlier run wrote of shapes that are left out now, or gone."""
     for name in names:
         maps = out / "maps" / f"{name}.npz"
         on_shape = registered(out, name)
         mesh, picture = on_shape.with_suffix(".ply"), picture_of_shape(out, name)
-        own = maps, *pages_of(maps), placed(out, name), on_shape, mesh, picture
+        own = [maps, *pages_of(maps), placed(out, name), on_shape, mesh, picture]
+        own.append(_others(out, name))
+        own += carried_files(out, name)
         for path in own:
             path.unlink(missing_ok=True)
 
@@ -186,6 +195,10 @@ def forget(out: Path, names) -> None:
 def placed(out: Path, name: str) -> Path:
     """The file of the template on a shape by its own map."""
     return out / "placed" / f"{name}.npz"
+
+
+def _others(out: Path, name: str) -> Path:
+    return out / "others" / f"{name}.npz"
 
 
 def _shape(out: Path, name: str) -> Path:

@@ -19,6 +19,7 @@ Read in this order:
 
 from jfsf.transfer._atlas import Atlas, atlas, check_size
 from jfsf.transfer._files import (
+    FORMATS,
     Column,
     check_format,
     read_labels,
@@ -33,6 +34,7 @@ from jfsf.transfer._texture import Baked, look_up, texture
 from jfsf.transfer._values import values
 
 __all__ = [
+    "FORMATS",
     "Atlas",
     "Baked",
     "Column",
