@@ -23,6 +23,7 @@ from jfsf.mapfiles import (
     write_mat,
     write_match,
 )
+from jfsf.mapfiles._formats import CERTIFICATE_KEYS, LATER_KEYS
 from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
 SUFFIXES = [".vts", ".map", ".mat", ".npz"]
@@ -621,3 +622,17 @@ def test_a_file_of_version_0_2_is_read(tmp_path):
     )
     certificate = read_match(path).certificate
     assert certificate.log_stretch_std == 0.3 and np.isnan(certificate.recall)
+
+
+def test_figures_that_a_file_may_lack_are_those_of_a_certificate():
+    # A field with a new name must not make all older files unreadable.
+    assert set(LATER_KEYS) <= set(CERTIFICATE_KEYS)
+
+
+@pytest.mark.parametrize("name", sorted(LATER_KEYS))
+def test_a_file_without_a_later_figure_is_read(tmp_path, name):
+    path = tmp_path / "match.npz"
+    write_match(path, match())
+    changed(path, **{name: None})
+    found = read_match(path).certificate
+    assert np.isnan(getattr(found, name.removeprefix("certificate_")))

@@ -26,7 +26,7 @@ LATER_KEYS = {
     "certificate_mirror_gap": None,
     "certificate_spectrum_gap": None,
     "certificate_rivals": None,
-    "certificate_mirror_share": None,
+    "certificate_mirrored": None,
     "certificate_recall": None,
     "certificate_log_stretch_std": "certificate_unevenness",
 }
