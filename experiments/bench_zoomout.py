@@ -22,10 +22,8 @@ import jax.numpy as jnp
 import numpy as np
 import results_file
 from bench_filter import EVERY, interleave
-from pyFM.functional import FunctionalMapping
-from pyFM.mesh import TriMesh
+from peer_recipes import pyfm
 from pyFM.refine.zoomout import zoomout_refine
-from pyFM.spectral import FM_to_p2p
 
 import jfsf
 from jfsf.convert import nearest, quick_sinkhorn, sinkhorn
@@ -37,7 +35,6 @@ from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, spectrum, uniform
 
 KS = tuple(range(20, 101, 5))
-WHOLE = 150  # eigenpairs of pyFM's recipe
 
 
 @partial(jax.jit, static_argnames=("inside", "last", "tiled"))
@@ -64,27 +61,6 @@ def theirs(spec_x, spec_y, C_yx):
         return_p2p=True,
     )
     return T_xy, None
-
-
-def recipe(mesh_x, mesh_y):
-    """pyFM from the meshes to the map."""
-    meshes = [
-        TriMesh(mesh.vertices, mesh.faces, normalize=True) for mesh in (mesh_y, mesh_x)
-    ]
-    model = FunctionalMapping(*meshes)
-    model.preprocess(n_descr=100, descr_type="WKS", subsample_step=5, k_process=WHOLE)
-    model.fit(K=(30, 30), w_descr=1, w_lap=0.1, w_dcomm=1, w_orient=1)
-    start, step = KS[0], KS[1] - KS[0]
-    assert model.FM_12 is not None
-    C_yx = zoomout_refine(
-        model.FM_12[:start, :start],
-        model.mesh1.eigenvectors,
-        model.mesh2.eigenvectors,
-        nit=(WHOLE - start) // step,
-        step=step,
-        A2=model.mesh2.A,
-    )
-    return FM_to_p2p(C_yx, model.mesh1.eigenvectors, model.mesh2.eigenvectors), None
 
 
 def main() -> None:
@@ -133,7 +109,7 @@ def main() -> None:
         "jfsf match": lambda: jax.block_until_ready(
             jfsf.match(mesh_x, mesh_y, cache=False)
         ),
-        "pyFM recipe": partial(recipe, mesh_x, mesh_y),
+        "pyFM recipe": lambda: (pyfm(mesh_x, mesh_y), None),
     }
     rows = {}
     for contest, rival in ((zooms, "pyFM zoomout"), (wholes, "pyFM recipe")):

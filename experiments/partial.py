@@ -28,7 +28,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import results_file
-from bench_zoomout import recipe
+from peer_recipes import pyfm
 from protocol import RIGHT
 from scipy.spatial import KDTree
 
@@ -156,7 +156,7 @@ def _run(method, x, y, same_unit: bool):
             extra["log_odds"] = float(found.certificate.log_odds)
             extra["gap"] = min(float(found.certificate.gap), 1e3)
         return np.asarray(found.T_xy), inside, extra
-    T_xy = np.asarray(recipe(x, y)[0] if method == "pyfm" else _zoomout(x, y))
+    T_xy = np.asarray(pyfm(x, y) if method == "pyfm" else _zoomout(x, y))
     image = KDTree(y.vertices[np.unique(T_xy)])
     away = image.query(y.vertices)[0] / np.sqrt(surface_area(y))
     return T_xy, away < NEAR, {}
