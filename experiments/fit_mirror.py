@@ -43,7 +43,7 @@ SHIPPED = HERE.parent / "jfsf" / "evidence" / "mirror.json"
 OUT = HERE / "results" / "fit_mirror.json"
 NAMES = "constant", "margin", "energy"
 SPREAD = 10.0
-PAIRS = 20  # of each kind
+PAIRS, ALL = 20, 132  # of each kind, and all of the embedded bodies
 # All pairs with candidates of both orientations are compared.
 SETTINGS = replace(
     Settings(), evidence=replace(Settings().evidence, mirror_gap=np.finfo(float).max)
@@ -95,7 +95,7 @@ def pairs_of(name: str, root: Path) -> Iterator[Pair]:
 
 # Whether one of each pair is mirrored, and the pairs, by the root of the data.
 KINDS: dict[str, tuple[int, Callable[[Path], Iterator[Pair]]]] = {
-    "bodies": (0, lambda root: generated(plain(48))),
+    "bodies": (0, lambda root: generated(plain(ALL))),
     "swollen arms": (0, lambda root: generated(bodies(PAIRS, False))),
     "swollen arms, mirrored": (1, lambda root: generated(bodies(PAIRS, True))),
     "bones": (0, lambda root: generated(bones(PAIRS), turned=True)),

@@ -4,6 +4,8 @@ Functions (mesh_x, mesh_y) -> T_xy. Packages are imported when a recipe is calle
 that a process which runs one of them loads nothing of the others.
 """
 
+from typing import Any
+
 import numpy as np
 
 # Eigenpairs; sizes of ZoomOut; size of the first fit, of which ZoomOut takes the block.
@@ -42,7 +44,8 @@ def pyfm(mesh_x, mesh_y) -> np.ndarray:
         step=STEP,
         A2=model.mesh2.A,
     )
-    return FM_to_p2p(C_yx, model.mesh1.eigenvectors, model.mesh2.eigenvectors)
+    own, other = model.mesh2.eigenvectors, model.mesh1.eigenvectors
+    return np.asarray(FM_to_p2p(C_yx, other, own))
 
 
 def geomfum(mesh_x, mesh_y) -> np.ndarray:
@@ -79,15 +82,17 @@ def geomfum(mesh_x, mesh_y) -> np.ndarray:
             search = NearestNeighbors(n_neighbors=1, algorithm="brute").fit(Y)
             return search.kneighbors(X, return_distance=False)
 
-    y, x = (
+    shapes: Any = (
         TriangleMesh(mesh.vertices / np.sqrt(_area(mesh)), mesh.faces)
         for mesh in (mesh_y, mesh_x)
     )
+    y, x = shapes
     signature = WaveKernelSignature(domain=WksDefaultDomain(n_domain=100))
     steps = [signature, ArangeSubsampler(subsample_step=5), L2InnerNormalizer()]
     for shape in (y, x):
         shape.laplacian.find_spectrum(spectrum_size=WHOLE, set_as_basis=True)
-    desc_y, desc_x = (DescriptorPipeline(steps).apply(shape) for shape in (y, x))
+    pipeline: Any = DescriptorPipeline(steps)
+    desc_y, desc_x = (pipeline.apply(shape) for shape in (y, x))
     _use(FITTED, x, y)
     weight, operators = GEOMFUM_WEIGHTS, OperatorCommutativityEnforcing
     energy = FactorSum(

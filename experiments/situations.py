@@ -186,7 +186,7 @@ SITUATIONS = {
         "bodies with a swollen arm, one of them mirrored",
         lambda number: bodies(number, mirror=True),
         lambda row: row["says_mirror"] and row["confidence"] < DOUBTFUL,
-        'in most pairs "the mirror image fits far better", and a low confidence',
+        '"the mirror image fits far better", and a low confidence',
         "`--orientation reverse`",
     ),
     "left and right, bones": Situation(

@@ -46,7 +46,7 @@ VALUES = {
     "orientation": 0.97,
     "finite": True,
     "rivals": 0,
-    "mirrored": 0.5,
+    "mirrored": 0.0,
     "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }

@@ -673,7 +673,7 @@ def test_a_map_of_the_other_direction_is_refused():
 # The command line.
 
 VALUES = {"empty": 0, "bijectivity_x": 0, "bijectivity_y": 0, "finite": True}
-VALUES |= {"rivals": 0, "mirrored": 0.5}
+VALUES |= {"rivals": 0, "mirrored": 0.0}
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))
 
 

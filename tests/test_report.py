@@ -43,7 +43,7 @@ VALUES = {
     "orientation": 0.97,
     "finite": True,
     "rivals": 0,
-    "mirrored": 0.5,
+    "mirrored": 0.0,
     "spectrum_gap": 0.1,
     "landmarks": np.zeros(0),
 }
@@ -402,7 +402,7 @@ def test_words_say_what_is_known():
             "the mirror image fits far better; is one of them mirrored? try "
             f"--orientation {other}"
         )
-    assert "the mirror image has 97%" in " ".join(reasons(mirrored))
+    assert "right map with a probability of 97%" in " ".join(reasons(mirrored))
     (kinds,) = findings(GOOD._replace(spectrum_gap=jnp.asarray(1.5)), "preserve")
     assert "different kinds" in kinds.why and "factor of 4.5" in kinds.why
     said = {

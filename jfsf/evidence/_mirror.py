@@ -15,9 +15,11 @@ import json
 from importlib.resources import files
 
 import numpy as np
+from jaxtyping import Float
 from scipy.special import expit, logit
 
 from jfsf.evidence._confidence import MOST_SHARE
+from jfsf.types import ArrayLike
 
 # Of the mirror image: above, it is more likely right than the map.
 MIRRORED = 0.5
@@ -26,8 +28,10 @@ MIRROR_FACTORS: dict[str, float] = json.loads(
 )["factors"]
 
 
-def mirror_columns(share, energy_ratio) -> np.ndarray:
-    """(..., 2) log(s / (1 - s)) and log(E / E'), as the regression reads them.
+def mirror_columns(
+    share: ArrayLike, energy_ratio: ArrayLike
+) -> Float[np.ndarray, "... 2"]:
+    """log(s / (1 - s)) and log(E / E'), as the regression reads them.
 
     s counts as 0.999 at most, and as 0.001 at least.
     """

@@ -323,7 +323,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         sentences.append(f"It is one of {number} maps that fit equally well.")
     if figure["mirrored"] > MIRRORED:
         sentences.append(
-            "That the mirror image is right instead has a probability of "
+            "The mirror image is the right map with a probability of "
             f"{figure['mirrored']:.0%}."
         )
     back = max(figure["bijectivity_x"], figure["bijectivity_y"])
