@@ -338,7 +338,7 @@ def line(row: Row) -> str:
     return (
         f"{row['name']}: error {row['error']:.3f} confidence {number('confidence'):.3f}"
         f" share {number('share'):.2f} rivals {number('rivals'):.0f} mirror gap "
-        f"{number('mirror_gap'):+.2f} share {number('mirrored'):.2f} attempts "
+        f"{number('mirror_gap'):+.2f} mirrored {number('mirrored'):.2f} attempts "
         f"{row['attempts']} {row['seconds']:.1f} s"
         f"{'' if row['expected'] else '  NOT AS EXPECTED'}"
     )

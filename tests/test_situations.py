@@ -115,3 +115,12 @@ def test_the_guide_has_the_table(situations):
     page = ROOT / "jfsf" / "guide" / "troubleshooting.md"
     text = page.read_text(encoding="utf-8")
     assert situations.table() in text
+
+
+@pytest.mark.slow  # matches in earnest, doubtful pairs too
+@pytest.mark.parametrize("name", ["left and right", "left and right, bones", "bodies"])
+def test_a_mirrored_shape_is_said_to_be(situations, name):
+    found = situations.of_pairs(name, 2)
+    assert [row["expected"] for row in found["pairs"]] == [True, True]
+    for row in found["pairs"]:
+        assert row["says_mirror"] == (name != "bodies")
