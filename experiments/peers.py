@@ -9,6 +9,9 @@ medians of `--repeats` calls. Processes and calls of different packages take tur
 Memory is the most that a warm process held.
 
 Pairs are of the embedded bodies, spread over all; with `--data ROOT` of FAUST's, too.
+jfsf's settings and constants were chosen on both sets, and geomfum's weights on one of
+the bodies' pairs. pyFM's is the best recipe that we found, and pycpd's numbers were set
+once, by hand.
 A package that is not installed is skipped, and the file says so:
 
     pip install pyfmaps geomfum scikit-learn pycpd
@@ -38,7 +41,7 @@ import peer_recipes
 PEERS = {"jfsf": "jfsf", "pyfm": "pyfmaps", "geomfum": "geomfum", "pycpd": "pycpd"}
 SLOW = ("pycpd",)  # a minute a call: called once a pair, and twice cold
 OUT = Path(__file__).parent / "results" / "peers.json"
-READY, STOP = "ready", ""
+READY = "ready"
 
 
 def main() -> None:
