@@ -3,12 +3,14 @@
 Of each pair of the sets of parts: all starts of `match(partial=True)`, with what is
 read of them (residual, energy, share) and the error of the map that each is drawn to;
 then the maps of the first few between the regions, refined, with log odds and errors.
+And the starts where units may differ, with the error of the map of coarse copies.
 
 Weights are those of a conditional logit (McFadden 1974): within a pair, the chance of a
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
-0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`); how
-often the first map is right, by the weights of the package, is said of every set.
+0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`), that
+of the size to the starts where units may differ. How often the first map is right, by
+the weights of the package, is said of every set.
 `stops` says the same if no other map is tried after one with so much log odds
 (`PartSettings.sure`), and `tries` if so many are tried at most
 (`PartSettings.refined`). A killed run goes on from what it has written.
@@ -19,7 +21,7 @@ often the first map is right, by the weights of the package, is said of every se
 import argparse
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import datasets
@@ -33,7 +35,8 @@ from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import surface_area
 from jfsf.parts import PartSettings, RegisterWeights
 from jfsf.parts import _match as parts
-from jfsf.parts._starts import both_sides, starts
+from jfsf.parts._region import near_vertices
+from jfsf.parts._starts import Start, both_sides, starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 SETTINGS = PartSettings()
@@ -62,7 +65,7 @@ def main() -> None:
             if (name, pair.x, pair.y) in known:
                 continue
             x, y = datasets.load_pair_of(data_set, pair)
-            found = candidates(x, y)
+            found = candidates(x, y) | {"starts_any_unit": of_any_unit(x, y)}
             about = {"set": name, "role": data_set.role(0), "x": pair.x, "y": pair.y}
             rows.append(about | found)
             best = min(one["error"] for one in found["starts"])
@@ -89,28 +92,60 @@ def shipped() -> dict[str, float]:
 
 def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     """Figures and errors of the starts of a pair, and of the refined first few."""
-    swapped = parts.openness(x.mesh) < parts.openness(y.mesh)
-    if swapped:
-        x, y = y, x
-    some = np.random.default_rng(0).permutation(len(x.truth))[:POINTS]
-    rows = GeodesicSolver(y.mesh).rows(y.truth[some]) / np.sqrt(surface_area(y.mesh))
-
-    def error(T_xy) -> float:
-        return float(rows[np.arange(len(some)), T_xy[x.truth[some]]].mean())
-
+    x, y, swapped = in_order(x, y)
+    error = errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, settings=SETTINGS)
     begin = sorted(starts(sides), key=lambda start: start.rank)
     found, refined = [], []
     for start in begin:
         state = parts._drawn(sides, start)
-        figures = {name: float(getattr(start.registered, name)) for name in FIGURES}
-        found.append({"error": error(state.T_xy), **figures})
+        own = figures(start)
+        found.append({"error": error(state.T_xy), **own})
         if len(refined) < REFINED:
             after = parts._refined(state, sides, refine)
             if after is not None:
-                own = {"error": error(after.T_xy), "log_odds": after.log_odds}
-                refined.append(own | figures)
+                last = {"error": error(after.T_xy), "log_odds": after.log_odds}
+                refined.append(last | own)
     return {"swapped": swapped, "starts": found, "refined": refined}
+
+
+def of_any_unit(x: datasets.Shape, y: datasets.Shape) -> list[dict]:
+    """Figures and errors of the starts of a pair whose units may differ.
+
+    `size` is the factor of the part's lengths.
+    """
+    x, y, _ = in_order(x, y, same_unit=False)
+    error = errors_of(x, y)
+    sides = both_sides(x.mesh, y.mesh, same_unit=False, settings=SETTINGS)
+    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    return [
+        {
+            "error": error(sides.on_y[start.registered.T[near]]),
+            "size": float(start.scale / start.registered.scale),
+            **figures(start),
+        }
+        for start in starts(sides)
+    ]
+
+
+def in_order(
+    x: datasets.Shape, y: datasets.Shape, same_unit: bool = True
+) -> tuple[datasets.Shape, datasets.Shape, bool]:
+    """The part, the whole, and whether they were exchanged."""
+    open_x, open_y = (parts.openness(one.mesh, same_unit) for one in (x, y))
+    return (y, x, True) if open_x < open_y else (x, y, False)
+
+
+def errors_of(x: datasets.Shape, y: datasets.Shape) -> Callable[[np.ndarray], float]:
+    """A function from T_xy to its mean error, as a share of sqrt(area of Y)."""
+    some = np.random.default_rng(0).permutation(len(x.truth))[:POINTS]
+    rows = GeodesicSolver(y.mesh).rows(y.truth[some]) / np.sqrt(surface_area(y.mesh))
+    return lambda T_xy: float(rows[np.arange(len(some)), T_xy[x.truth[some]]].mean())
+
+
+def figures(start: Start) -> dict[str, float]:
+    """What ranks a start."""
+    return {name: float(getattr(start.registered, name)) for name in FIGURES}
 
 
 def refine(part_x, part_y, T_xy):
@@ -121,7 +156,8 @@ def refine(part_x, part_y, T_xy):
 
 def columns(maps: list[dict], names: Sequence[str]) -> np.ndarray:
     """(maps, names); logarithms of what is read of a start."""
-    log = lambda name, value: np.log(max(value, 1e-6)) if name in FIGURES else value
+    logs = *FIGURES, "size"
+    log = lambda name, value: np.log(max(value, 1e-6)) if name in logs else value
     return np.array([[log(name, one[name]) for name in names] for one in maps])
 
 
@@ -134,13 +170,14 @@ def fit(rows: list[dict]) -> dict[str, float]:
     weights: dict[str, float] = dict(zip(FIGURES, first / first[1], strict=True))
 
     def with_rank(maps: list[dict]) -> list[dict]:
-        ranks = columns(maps, FIGURES) @ np.array(list(weights.values()))
+        ranks = columns(maps, FIGURES) @ [weights[name] for name in FIGURES]
         return [one | {"rank": r} for one, r in zip(maps, ranks, strict=True)]
 
-    maps = [with_rank(row["refined"]) for row in own]
-    second = _logit(maps, ("rank", "log_odds"))
-    if second is not None and second[0] > 0:
-        weights["log_odds"] = second[1] / second[0]
+    others = {"log_odds": "refined", "size": "starts_any_unit"}
+    for name, kind in others.items():
+        second = _logit([with_rank(row[kind]) for row in own], ("rank", name))
+        if second is not None and second[0] > 0:
+            weights[name] = second[1] / second[0]
     return {name: round(float(w), 2) for name, w in weights.items()}
 
 
@@ -172,7 +209,12 @@ def right(rows: list[dict]) -> dict[str, dict]:
     for name in dict.fromkeys(row["set"] for row in rows):
         own = [row for row in rows if row["set"] == name]
         row = {"role": own[0]["role"], "pairs": len(own)}
-        for kind, names in (("starts", FIGURES), ("refined", (*FIGURES, "log_odds"))):
+        kinds: dict[str, tuple[str, ...]] = {
+            "starts": FIGURES,
+            "starts_any_unit": (*FIGURES, "size"),
+            "refined": (*FIGURES, "log_odds"),
+        }
+        for kind, names in kinds.items():
             maps = [one[kind] for one in own if one[kind]]
             first = [min(m, key=lambda one: by_rank(one, names))["error"] for m in maps]
             best = [min(one["error"] for one in m) for m in maps]

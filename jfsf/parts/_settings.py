@@ -19,21 +19,15 @@ class RegisterWeights(NamedTuple):
     residual, energy, share: of the logarithms of what is read of a whole that was drawn
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
+    size: where units may differ, of the logarithm of the factor of the part's lengths.
+        A small part leaves little apart, and bends little, wherever it lies.
     """
 
     residual: float = 6.1
     energy: float = 1.0
     share: float = -2.67
     log_odds: float = -0.15
-
-    @property
-    def size(self) -> float:
-        """Of the logarithm of the factor of the part's lengths, in any unit.
-
-        A small part leaves little apart, and bends little, wherever it lies: residuals
-        are lengths, and energies areas.
-        """
-        return -(self.residual + 2 * self.energy)
+    size: float = -1.8
 
 
 @dataclass(frozen=True)
