@@ -19,8 +19,9 @@ class RegisterWeights(NamedTuple):
     residual, energy, share: of the logarithms of what is read of a whole that was drawn
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
-    size: where units may differ, of the logarithm of the factor of the part's lengths.
-        A small part leaves little apart, and bends little, wherever it lies.
+    size: of the logarithm of the factor of the part's lengths, read only where units
+        may differ. A small part leaves little apart and bends little, wherever it
+        lies.
     """
 
     residual: float = 6.1
