@@ -1,4 +1,5 @@
-"""Fit what ranks the maps of parts: `jfsf.parts.RegisterWeights`.
+"""Fit what ranks the maps of parts: `jfsf.parts.RegisterWeights`; and how likely a map
+of parts is right: jfsf/evidence/regions.json.
 
 Of each pair of the sets of parts: all starts of `match(partial=True)`, with what is
 read of them (residual, energy, share) and the error of the map that each is drawn to;
@@ -11,6 +12,15 @@ map to be the right one is proportional to exp(-weights . figures). Right is bel
 0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`), that
 of the size to the starts where units may differ. How often the first map is right, by
 the weights of the package, is said of every set.
+
+The confidence (`jfsf.evidence.region_confidence`) is a logistic regression of a mean
+error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
+1. Its constant is such that the mean over the maps that are chosen is the share of the
+right ones among these: they are right more often than others of the same evidence.
+`confidence` has what it scores on each set that it was not fitted to, and by factors
+that were fitted to all sets but one on that one, `held_out`: of all refined maps, and
+of those that are chosen.
+
 `stops` says the same if no other map is tried after one with so much log odds
 (`PartSettings.sure`), and `tries` if so many are tried at most
 (`PartSettings.refined`). A killed run goes on from what it has written.
@@ -24,11 +34,13 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import calibration
 import datasets
 import numpy as np
 import protocol
 import results_file
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
+from scipy.special import expit
 
 import jfsf
 from jfsf.geometry import GeodesicSolver
@@ -36,7 +48,7 @@ from jfsf.mesh import surface_area
 from jfsf.parts import PartSettings, RegisterWeights
 from jfsf.parts import _match as parts
 from jfsf.parts._region import near_vertices
-from jfsf.parts._starts import Start, both_sides, starts
+from jfsf.parts._starts import Start, both_sides, first_starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 SETTINGS = PartSettings()
@@ -44,6 +56,11 @@ NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
+HERE = Path(__file__).parent
+REGIONS = HERE.parent / "jfsf" / "evidence" / "regions.json"
+ANY = np.array([-50, 50])  # where a constant is looked for
+# Of what tells right regions: whether more of it speaks for a map.
+SIGNS = {"log_odds": 1, "region_cost": -1}
 ENOUGH = 1.5, 2.0, 2.5, 3.0, 3.5, 4.0  # log odds
 REFINED = 5  # maps a pair
 
@@ -52,7 +69,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Fit what ranks the maps of parts.")
     parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
     parser.add_argument("--sets", nargs="+", choices=SETS, default=SETS)
-    out = Path(__file__).parent / "results" / "fit_parts.json"
+    out = HERE / "results" / "fit_parts.json"
     parser.add_argument("--out", type=Path, default=out)
     args = parser.parse_args()
     if args.data is None:
@@ -72,6 +89,14 @@ def main() -> None:
             print(f"{name} {pair.x} {pair.y}: best start {best:.3f}", flush=True)
             write(args.out, rows)
     print(json.dumps(write(args.out, rows), indent=1))
+    factors = fit_confidence(rows)
+    if factors:
+        REGIONS.write_text(regions(factors), encoding="utf-8")
+
+
+def regions(factors: dict[str, float]) -> str:
+    """The text of the file that the package loads."""
+    return json.dumps({"script": Path(__file__).name, "factors": factors}, indent=1)
 
 
 def write(path: Path, rows: list[dict]) -> dict:
@@ -80,6 +105,10 @@ def write(path: Path, rows: list[dict]) -> dict:
     found = {"fitted": fit(rows), "right": right(rows)}
     sure, most = SETTINGS.sure, SETTINGS.refined
     found["stops"] = {str(e): chosen(rows, e, most) for e in ENOUGH}
+    found["confidence"] = {
+        "factors": fit_confidence(rows),
+        "scores": confidence_scores(rows),
+    }
     found["tries"] = {str(n): chosen(rows, sure, n) for n in range(1, REFINED + 1)}
     results_file.write(path, settings=settings, **found, rows=rows)
     return found
@@ -95,9 +124,8 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     x, y, swapped = in_order(x, y)
     error = errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, settings=SETTINGS)
-    begin = sorted(starts(sides), key=lambda start: start.rank)
     found, refined = [], []
-    for start in begin:
+    for _, start in first_starts(sides, 1):
         state = parts._drawn(sides, start)
         own = figures(start)
         found.append({"error": error(state.T_xy), **own})
@@ -124,7 +152,7 @@ def of_any_unit(x: datasets.Shape, y: datasets.Shape) -> list[dict]:
             "size": float(start.scale / start.registered.scale),
             **figures(start),
         }
-        for start in starts(sides)
+        for _, start in first_starts(sides, 1)
     ]
 
 
@@ -181,6 +209,54 @@ def fit(rows: list[dict]) -> dict[str, float]:
     return {name: round(float(w), 2) for name, w in weights.items()}
 
 
+def fit_confidence(rows: list[dict], role: str = "fit") -> dict[str, float]:
+    """Factors of the confidence; empty before there is a pair to fit to."""
+    own = [row for row in rows if role in (row["role"], "all") and row["refined"]]
+    if not own:
+        return {}
+    maps = [one for row in own for one in row["refined"]]
+    weight = [1 / len(row["refined"]) for row in own for _ in row["refined"]]
+    right = np.array([protocol.is_right(one["error"]) for one in maps])
+    fitted = calibration.fit(_evidence(maps), right, np.array(weight), SIGNS)
+    first = [chosen_of(row["refined"]) for row in own]
+    share = np.mean([protocol.is_right(one["error"]) for one in first])
+    z = _evidence(first) @ fitted[1:]
+    fitted[0] = brentq(lambda b: expit(b + z).mean() - share, *(-z.mean() + ANY))
+    names = "constant", *SIGNS
+    return {n: round(float(b), 3) for n, b in zip(names, fitted, strict=True)}
+
+
+def _evidence(maps: list[dict]) -> np.ndarray:
+    """(maps, 2) log odds, and the cost by the weights of the package."""
+    weights = [shipped()[name] for name in FIGURES]
+    odds = [one["log_odds"] for one in maps]
+    return np.stack([odds, columns(maps, FIGURES) @ weights], 1)
+
+
+def confidence_scores(rows: list[dict]) -> dict[str, dict]:
+    """Of each set: how well the confidence holds and tells right maps from wrong."""
+    found: dict[str, dict] = {}
+    for name in dict.fromkeys(row["set"] for row in rows):
+        own = [row for row in rows if row["set"] == name and row["refined"]]
+        others = [row for row in rows if row["set"] != name]
+        by = {"held_out": fit_confidence(others, "all")}
+        if own[0]["role"] != "fit":
+            by["shipped"] = fit_confidence(rows)
+        every = [one for row in own for one in row["refined"]]
+        kinds = {"maps": every, "chosen": [chosen_of(row["refined"]) for row in own]}
+        for key, factors in by.items():
+            if factors:
+                b = np.array(list(factors.values()))
+                found[f"{name}, {key}"] = {
+                    kind: calibration.scores(
+                        expit(b[0] + _evidence(maps) @ b[1:]),
+                        np.array([protocol.is_right(one["error"]) for one in maps]),
+                    )
+                    for kind, maps in kinds.items()
+                }
+    return found
+
+
 def _logit(choices: list[list[dict]], names: Sequence[str]) -> np.ndarray | None:
     """Weights of the conditional logit, or None without a pair that teaches."""
     data = []
@@ -224,6 +300,25 @@ def right(rows: list[dict]) -> dict[str, dict]:
     return found
 
 
+def chosen_of(
+    refined: list[dict], enough: float = SETTINGS.sure, most: int = SETTINGS.refined
+) -> dict:
+    """The map that is chosen; `tried` is how many were refined for it.
+
+    Args:
+        refined: maps of a pair.
+        enough, most: as `chosen`.
+    """
+    names = *FIGURES, "log_odds"
+    weights = np.array([shipped()[name] for name in names])
+    rank = lambda one: columns([one], FIGURES)[0] @ weights[:-1]
+    maps = sorted(refined, key=rank)[:most]
+    first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
+    some = maps[: first[0] + 1] if first else maps
+    best = (columns(some, names) @ weights).argmin()
+    return some[best] | {"tried": len(some)}
+
+
 def chosen(rows: list[dict], enough: float, most: int) -> dict[str, dict]:
     """Right maps of each set, their mean error, and maps refined a pair.
 
@@ -232,24 +327,15 @@ def chosen(rows: list[dict], enough: float, most: int) -> dict[str, dict]:
         enough: log odds after which no other map is tried.
         most: maps that are tried at most.
     """
-    names = *FIGURES, "log_odds"
-    weights = np.array([shipped()[name] for name in names])
     found: dict[str, dict] = {}
     for name in dict.fromkeys(row["set"] for row in rows):
-        errors, tried = [], []
-        for row in (row for row in rows if row["set"] == name):
-            rank = lambda one: columns([one], FIGURES)[0] @ weights[:-1]
-            maps = sorted(row["refined"], key=rank)[:most]
-            first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
-            some = maps[: first[0] + 1] if first else maps
-            if some:
-                score = columns(some, names) @ weights
-                errors.append(some[score.argmin()]["error"])
-            tried.append(len(some))
+        own = [row["refined"] for row in rows if row["set"] == name and row["refined"]]
+        maps = [chosen_of(refined, enough, most) for refined in own]
+        errors = [one["error"] for one in maps]
         found[name] = {
             "right": sum(map(protocol.is_right, errors)),
             "error": float(np.mean(errors)),
-            "refined": float(np.mean(tried)),
+            "refined": float(np.mean([one["tried"] for one in maps])),
         }
     return found
 

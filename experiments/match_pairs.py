@@ -25,7 +25,7 @@ results/match_SET_exhaustive.json.
 compared with those of one job.
 
 Parts are matched as such, once, and the regions that are found are compared with the
-true ones. They have no confidence: sure and unsure are counted for wholes only.
+true ones.
 """
 
 import argparse

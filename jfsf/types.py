@@ -220,6 +220,9 @@ class Certificate(NamedTuple):
     spectrum_gap: the largest difference between the logarithms of the first eigenvalues
         of both shapes (`jfsf.evidence.spectrum_gap`), whatever the map; 0.1 for bodies
         in other poses, 1 for bodies with other limbs.
+    region_cost: of parts, how badly one whole lies on the other where it was drawn onto
+        it: what is left apart, how much it bends, how little of the part it covers
+        (`jfsf.parts.RegisterWeights`). Small is good; nan for shapes matched as wholes.
     log_odds: of a map that is right, by its own evidence (`jfsf.evidence.log_odds`);
         nan without a surface.
     share: of the odds of the map in those of all distinct maps that were compared with
@@ -237,7 +240,8 @@ class Certificate(NamedTuple):
         1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
         far better, and for shapes of different kinds (`spectrum_gap`), which it was not
         fitted to; half where left and right cannot be told. nan for point clouds
-        without a surface, and for parts: it is not fitted to these.
+        without a surface. Of parts it is that of the region that both share
+        (`jfsf.evidence.region_confidence`).
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
         `jfsf.evidence.MISSED` the map misses it. Empty without landmarks.
@@ -263,6 +267,7 @@ class Certificate(NamedTuple):
     area_std: Float[Array, ""]
     normal_gap: Float[Array, ""]
     spectrum_gap: Float[Array, ""]
+    region_cost: Float[Array, ""]
     log_odds: Float[Array, ""]
     share: Float[Array, ""]
     rivals: Float[Array, ""]

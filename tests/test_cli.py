@@ -40,6 +40,7 @@ ROOT = Path(__file__).parents[1]
 PAIR = ("man_walk", "man_up")
 FACES = {"man_walk": 1400, "man_up": 1340}  # which leave clean manifolds
 VALUES = {
+    "region_cost": np.nan,
     "empty": 0,
     "bijectivity_x": 0.01,
     "bijectivity_y": 0.01,
@@ -526,8 +527,8 @@ def test_info_says_that_a_mesh_is_one_sided(folder):
         ({}, "reverse", "swapped"),
         ({"confidence": 0.65}, "preserve", "doubtful, confidence 65%"),
         ({"confidence": 0.02}, "preserve", "probably wrong, confidence 2%"),
-        ({"confidence": np.nan, "log_odds": 2.5}, "preserve", None),
-        ({"confidence": np.nan, "log_odds": -1}, "preserve", "region is more likely"),
+        ({"confidence": 0.75, "region_cost": -19.0}, "preserve", None),
+        ({"confidence": 0.3, "region_cost": -19.0}, "preserve", "the region is prob"),
         ({"finite": False}, "preserve", "not finite"),
         ({"landmarks": [0.1, 0.9]}, "preserve", "landmark 2 ends far"),
         ({"empty": 3}, "preserve", "3 vertices"),
@@ -546,10 +547,6 @@ def test_the_least_confident_pairs_come_first():
     values = ("", 0.9), ("", None), ("no file", None), ("", 0.1)
     rows = [{"reason": why, "confidence": value} for why, value in values]
     assert doubtful_first(rows) == [rows[2], rows[3], rows[0], rows[1]]
-    # Parts stand where their log odds put them: 0.5 and 0.99.
-    parts = [{"reason": "", "confidence": None, "log_odds": z} for z in (0.0, 4.6)]
-    ordered = [rows[2], rows[3], parts[0], rows[0], parts[1], rows[1]]
-    assert doubtful_first([*parts, *rows]) == ordered
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ X = testing.blob(0)
 Y = Mesh(testing.blob(1).vertices, X.faces)
 N = len(X.vertices)
 VALUES = {"empty": 0, "bijectivity_x": 0, "bijectivity_y": 0, "finite": True}
-VALUES |= {"rivals": 0, "mirrored": 0.0}
+VALUES |= {"rivals": 0, "mirrored": 0.0, "region_cost": float("nan")}
 GOOD = Certificate(*(jnp.asarray(VALUES.get(n, 0.9)) for n in Certificate._fields))
 GOOD = GOOD._replace(landmarks=jnp.zeros(0))
 

@@ -25,7 +25,10 @@ Y = Mesh(testing.blob(1).vertices, X.faces)
 N = len(X.vertices)
 GOOD = Certificate(*(jnp.asarray(0.9) for _ in Certificate._fields))
 GOOD = GOOD._replace(
-    finite=jnp.asarray(True), empty=jnp.asarray(0), landmarks=jnp.zeros(0)
+    finite=jnp.asarray(True),
+    empty=jnp.asarray(0),
+    landmarks=jnp.zeros(0),
+    region_cost=jnp.asarray(jnp.nan),
 )
 
 

@@ -3,6 +3,9 @@
 The factors are fitted anew from time to time: nothing here depends on their values.
 """
 
+import json
+from importlib.resources import files
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -23,6 +26,7 @@ from jfsf.evidence import (
     mirror_probability,
     of_certificate,
     rank,
+    region_confidence,
     rivals_among,
     share_among,
     spectrum_gap,
@@ -160,11 +164,37 @@ def test_there_is_no_confidence_without_evidence():
     assert np.isnan(confidence(jnp.nan)) and np.isnan(confidence(jnp.nan, 0.7))
 
 
-def certificate(z, share=np.nan, landmarks=()):
+def certificate(z, share=np.nan, landmarks=(), region_cost=np.nan):
     figures = dict.fromkeys(Certificate._fields, jnp.zeros(()))
     known = {"log_odds": z, "share": share, "landmarks": landmarks}
+    known |= {"region_cost": region_cost}
     known = {name: jnp.asarray(value, float) for name, value in known.items()}
     return Certificate(**{**figures, **known})
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
+    text = (files("jfsf.evidence") / "regions.json").read_text()
+    b = json.loads(text)["factors"]
+    settings = EvidenceSettings(missed_weight=2)
+
+    @jax.jit
+    def likely(evidence):
+        return region_confidence(evidence, settings=settings)
+
+    def of(*known, landmarks=()):
+        own = certificate(*known[:1], np.nan, landmarks, *known[1:])
+        found = likely(jax.tree.map(lambda v: v.astype(dtype), own))
+        assert found.dtype == dtype
+        return float(found)
+
+    z = b["constant"] + 1.5 * b["log_odds"] - 18 * b["region_cost"]
+    wanted = 1 / (1 + np.exp(-z))
+    assert of(1.5, -18.0) == pytest.approx(wanted, rel=1e-5)
+    assert of(2.5, -18.0) > of(1.5, -18.0) > of(1.5, -17.0)
+    half = np.array([0.0, 9.0])  # one of two is missed
+    assert of(1.5, -18.0, landmarks=half) == pytest.approx(wanted**2, rel=1e-5)
+    assert np.isnan(of(1.5, np.nan)) and np.isnan(of(np.nan, -18.0))
 
 
 def test_landmarks_tell_left_from_right_and_may_be_missed():

@@ -40,6 +40,20 @@ def test_the_weights_of_parts_are_the_scripts(load):
     assert right(found["stops"][str(settings.sure)]) == shipped
 
 
+def test_how_likely_a_region_is_right_is_the_scripts(load):
+    script, found = load("fit_parts")
+    factors = found["confidence"]["factors"]
+    # Byte for byte what the script writes.
+    assert script.REGIONS.read_text(encoding="utf-8") == script.regions(factors)
+    assert script.fit_confidence(found["rows"]) == pytest.approx(factors, abs=0.02)
+    # What speaks for a map on two sets does on the third.
+    scores = found["confidence"]["scores"]
+    held = {name: one for name, one in scores.items() if "held_out" in name}
+    assert len(held) == 3
+    for one in held.values():
+        assert one["maps"]["auc"] > 0.75 and one["chosen"]["wrong_of_sure"] == 0
+
+
 def test_how_often_wrong_maps_agree_is_the_scripts(load):
     script, found = load("fit_cycles")
     agree, disagree = (found["triangles"][name] for name in ("agree", "disagree"))

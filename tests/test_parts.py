@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import data, testing
-from jfsf.evidence import MISSED
+from jfsf.evidence import MISSED, region_confidence
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.mapfiles import MapFileError, read_match, write_match
@@ -49,8 +49,17 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import register, whole_at_rest
 from jfsf.parts._shape import part_samples
-from jfsf.parts._starts import _rank, both_sides, scale_of, start_of, starts
+from jfsf.parts._starts import (
+    _cost,
+    both_sides,
+    first_starts,
+    scale_of,
+    start_from,
+    start_of,
+    starts,
+)
 from jfsf.refine import ArapSettings
+from jfsf.settings import EvidenceSettings
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.
@@ -107,8 +116,12 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
     # One ring of vertices along the cut is a tenth of so coarse a part.
     assert overlap(found.matched_y, inside) > 0.8
     assert found.matched_y.shape == found.T_yx.shape == (len(WHOLE.vertices),)
-    # It is fitted to whole shapes.
-    assert np.isnan(found.certificate.confidence)
+    evidence, wanted = (
+        found.certificate,
+        region_confidence(found.certificate, settings=EvidenceSettings()),
+    )
+    assert evidence.confidence == wanted > 0.9
+    assert evidence.region_cost < 0
     assert found.confidence_x is None
     for side, mesh in (("x", turned(PART.mesh)), ("y", WHOLE)):
         member = np.asarray(getattr(found, f"membership_{side}"))
@@ -650,8 +663,46 @@ def test_weights_change_the_choice():
     least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))
     nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0, 0))
     for one in found:
-        assert _rank(one, least) == pytest.approx(np.log(one.share))
-        assert _rank(one, nearest_fit) == pytest.approx(np.log(one.residual))
+        assert _cost(one, least) == pytest.approx(np.log(one.share))
+        assert _cost(one, nearest_fit) == pytest.approx(np.log(one.residual))
+
+
+def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept():
+    sides = both_sides(PART.mesh, WHOLE, settings=replace(QUICK, registered_again=2))
+    said = []
+    once = sorted(starts(sides, said.append), key=lambda start: start.rank)
+    num, said = len(once), []
+    found = first_starts(sides, 1, progress=said.append)
+    assert said == [
+        "assignments",
+        *(f"registration {i + 1} of {num}" for i in range(num)),
+        *(f"registration {i + 1} of 2 again" for i in range(2)),
+    ]
+    better = [min(one.rank, start_from(sides, one).rank) for one in once[:2]]
+    wanted = [*better, *(one.rank for one in once[2:])]
+    assert [start.rank for _, start in found] == pytest.approx(sorted(wanted))
+    assert all(own is sides for own, _ in found)
+    # A start is not left for one that misses more landmarks.
+    far = replace(QUICK, max_landmark_distance=1e-9)
+    known = both_sides(PART.mesh, WHOLE, landmarks=LANDMARKS, settings=far)
+    least = min(start.missed for start in starts(known))
+    assert all(start.missed <= least for _, start in first_starts(known, 1))
+
+
+@pytest.mark.parametrize("way", [(0.6, -0.8, 0), (0, 1, 0), (0, -1, 0)])
+def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way):
+    sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
+    beside = PART.mesh.vertices + 0.25 * np.sqrt(AREA) * np.array(way)
+    start = start_of(sides, KDTree(WHOLE.vertices).query(beside)[1], 1.0)
+    wanted = in_unit(WHOLE).vertices[PART.index[sides.on_x]]
+
+    def off(one):
+        return away(sides.whole.mesh.vertices[one.registered.T], wanted)
+
+    again = start_from(sides, start)
+    assert off(start) > 0.05 and off(again) < off(start) / 2
+    assert again.rank < start.rank
+    assert again.scale == pytest.approx(1 / start.registered.scale)
 
 
 def test_a_region_of_too_few_vertices_is_an_error(matched_with):

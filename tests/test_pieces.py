@@ -46,7 +46,7 @@ def made_up(confidence, **others):
     values: dict[str, Any] = dict.fromkeys(Certificate._fields, 0.5)
     values |= {"finite": True, "landmarks": np.zeros(0), "rivals": 0.0}
     values |= {"confidence": confidence, "log_odds": logit(confidence)}
-    values |= {"spectrum_gap": 0.1, "mirrored": np.nan} | others
+    values |= {"spectrum_gap": 0.1, "mirrored": np.nan, "region_cost": np.nan} | others
     arrays = {name: np.asarray(value) for name, value in values.items()}
     return Certificate(**arrays)
 

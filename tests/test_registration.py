@@ -280,6 +280,7 @@ FIGURES = dict.fromkeys(Certificate._fields, np.asarray(0.95))
 FIGURES |= {"confidence": np.asarray(0.6), "landmarks": np.zeros(0)}
 FIGURES |= {"empty": np.asarray(0), "finite": np.asarray(True)}
 FIGURES |= {"rivals": np.asarray(0.0), "mirrored": np.asarray(0.0)}
+FIGURES |= {"region_cost": np.asarray(np.nan)}
 FIGURES |= {f"bijectivity_{side}": np.asarray(0.01) for side in "xy"}
 DOUBTFUL = Certificate(**FIGURES)
 

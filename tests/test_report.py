@@ -13,7 +13,6 @@ from shapes import small
 
 from jfsf.data import Sample, load
 from jfsf.initial import Candidates
-from jfsf.parts import PartSettings
 from jfsf.plot import body_colours, frame, matched_colours
 from jfsf.report import (
     Considered,
@@ -37,6 +36,7 @@ from jfsf.types import FIGURES, STAGES, Certificate, Maps, Match, MatchInfo, Mes
 PAIR = ("man_walk", "man_up")
 PLAIN = np.eye(3)
 VALUES = {
+    "region_cost": np.nan,
     "empty": 0,
     "bijectivity_x": 0.01,
     "bijectivity_y": 0.01,
@@ -252,9 +252,8 @@ def test_measured_figures_are_those_of_the_metrics():
 def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     x, y, found = pair()
     inside = [own > np.median(own) for own in (s.mesh.vertices[:, 1] for s in (x, y))]
-    nan = jnp.asarray(np.nan)
     part = found._replace(
-        certificate=GOOD._replace(confidence=nan, log_odds=jnp.asarray(-1.5)),
+        certificate=of_parts(0.3, log_odds=-1.5),
         matched_x=inside[0],
         matched_y=inside[1],
         membership_x=np.where(inside[0], 0.9, 0.1),
@@ -275,23 +274,35 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
     assert np.array_equal(unpacked(back["steps"], "u1") < 255, inside[0])
     rows = {name: value for name, value, _ in record["figures"]}
     assert 30 < float(rows["matched of X"][:-1]) < 70 and "matched of Y" in rows
-    assert "more likely wrong than right" in record["findings"][0]["why"]
+    assert "region is probably wrong" in record["findings"][0]["why"]
     said = " ".join(record["reasons"])
-    assert "log odds of the region are -1.50" in said and "candidate" not in said
+    assert "between the regions (-1.50)" in said and "candidate" not in said
+    assert "cost -18.5" in said
 
 
-def test_a_region_is_doubted_until_it_is_sure():
-    """As sure as the search must be to end with it."""
-    sure = PartSettings().sure
+def of_parts(confidence, **others):
+    """The certificate of a region that two parts share."""
+    known = {"confidence": confidence, "region_cost": -18.5} | others
+    return GOOD._replace(**{name: jnp.asarray(v) for name, v in known.items()})
 
-    def said(log_odds):
-        nan = jnp.asarray(np.nan)
-        own = GOOD._replace(confidence=nan, log_odds=jnp.asarray(log_odds))
-        return " ".join(warnings_of(own, "preserve"))
 
-    assert "more likely wrong than right, log odds -0.10" in said(-0.1)
-    assert "not sure to be right, log odds +1.90" in said(sure - 0.1)
-    assert "region" not in said(sure)
+@pytest.mark.parametrize(
+    ("likely", "words"),
+    [(0.2, "probably wrong"), (0.65, "doubtful"), (0.75, None), (0.95, None)],
+)
+def test_a_region_is_doubted_by_its_confidence(likely, words):
+    said = warnings_of(of_parts(likely), "preserve")
+    assert len(said) == (words is not None)
+    # Ends of a body may lie outside of it.
+    assert words is None or said[0].startswith(
+        f"the region is {words}, confidence {likely:.0%}"
+    )
+    assert "hands" not in " ".join(said)
+    reading = readings(of_parts(likely))
+    assert reading["confidence"][1] == verdict(likely)
+    assert "next region" in reading["gap"][1]
+    why = " ".join(reasons(of_parts(likely)))
+    assert "0.93 beyond those of the next region" in why
 
 
 @pytest.mark.slow

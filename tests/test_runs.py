@@ -323,7 +323,7 @@ def batch(pairs, out, *args):
 
 def fake_match(mesh_x, mesh_y, **_):
     values = {"orientation": 0.9, "finite": True, "gap": 0.5, "bijectivity_x": 0.5}
-    values["landmarks"] = np.zeros(0)
+    values |= {"landmarks": np.zeros(0), "region_cost": np.nan}
     certificate = Certificate(
         *(jnp.asarray(values.get(name, 0.0)) for name in Certificate._fields)
     )
@@ -377,14 +377,15 @@ def test_the_command(client, tmp_path, monkeypatch):
 
 
 def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
-    odds = iter([2.5, -0.5])
+    likely = iter([0.9, 0.25])
 
     def match_of_parts(mesh_x, mesh_y, *, partial, **_):
         assert partial and len(mesh_x.vertices) == len(mesh_y.vertices) == 162
         found = fake_match(mesh_x, mesh_y)
-        unknown, own = jnp.asarray(jnp.nan), jnp.asarray(next(odds))
         certificate = found.certificate._replace(
-            confidence=unknown, log_odds=own, gap=jnp.asarray(jnp.inf)
+            confidence=jnp.asarray(next(likely)),
+            region_cost=jnp.asarray(-19.0),
+            gap=jnp.asarray(jnp.inf),
         )
         inside = np.arange(162) < 100
         return found._replace(
@@ -407,8 +408,8 @@ def test_parts_of_damaged_meshes(client, tmp_path, monkeypatch):
     text = (out / "summary.json").read_text()
     assert "Infinity" not in text and "NaN" not in text
     record = json.loads(text)
-    assert [row["log_odds"] for row in record["pairs"]] == [-0.5, 2.5]
-    assert all(row["confidence"] is None for row in record["pairs"])
+    assert [row["confidence"] for row in record["pairs"]] == pytest.approx([0.25, 0.9])
+    assert {row["region_cost"] for row in record["pairs"]} == {-19.0}
     said = [[w for w in row["warnings"] if "region" in w] for row in record["pairs"]]
     assert len(said[0]) == 1 and not said[1]
     (first, _) = record["pairs"]

@@ -94,14 +94,11 @@ def summary_table(rows: list[dict[str, Any]]) -> Table:
 def doubtful_first(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Failed pairs, then the others from the least confidence to the most.
 
-    Parts have no confidence: they stand where their own evidence puts them. Pairs
-    without either come last.
+    Pairs without a confidence come last.
     """
 
     def place(row):
-        likely, odds = row["confidence"], row.get("log_odds")
-        if likely is None and odds is not None:
-            likely = 0.5 * (1 + math.tanh(odds / 2))  # the logistic function
+        likely = row["confidence"]
         return not row["reason"], math.inf if likely is None else likely
 
     return sorted(rows, key=place)

@@ -7,6 +7,7 @@ Read in this order:
 - `_confidence`: the probability that a map is right
 - `_mirror`: how likely its mirror image is right
 - `_rivals`: how a map stands among others that fit nearly as well
+- `_regions`: the probability that the region of two parts is right
 - `_vertices`: the probability that a vertex is mapped right
 - `_certificate`: all the evidence that `match` returns
 """
@@ -32,6 +33,7 @@ from jfsf.evidence._landmarks import (
     landmark_distances,
 )
 from jfsf.evidence._mirror import MIRRORED, mirror_columns, mirror_probability
+from jfsf.evidence._regions import REGION_FACTORS, region_confidence
 from jfsf.evidence._rivals import (
     Standing,
     map_distances,
@@ -55,6 +57,7 @@ __all__ = [
     "MIRRORED",
     "MISSED",
     "RANK_FACTORS",
+    "REGION_FACTORS",
     "SURE",
     "UNLIKE",
     "VERTEX_EVIDENCE",
@@ -75,6 +78,7 @@ __all__ = [
     "of_certificate",
     "rank",
     "ranks",
+    "region_confidence",
     "rivals_among",
     "share_among",
     "spectrum_gap",

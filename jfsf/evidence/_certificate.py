@@ -96,6 +96,7 @@ def certify(
         log_stretch_std=stretch,
         **bent._asdict(),
         spectrum_gap=spectrum_gap(spec_x, spec_y).astype(dtype),
+        region_cost=unknown,
         log_odds=unknown,
         share=unknown,
         rivals=unknown,

@@ -153,6 +153,17 @@ def confidence(
     return jnp.where(left_and_right, likely, likely / 2)
 
 
+def missed_share(evidence: Certificate, *, settings: Any) -> Float[Array, ""]:
+    """Share of the landmarks that a map misses; 0 without any.
+
+    Args:
+        evidence: `landmarks` are read.
+        settings: `jfsf.settings.EvidenceSettings`.
+    """
+    missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
+    return jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
+
+
 def of_certificate(
     evidence: Certificate, left_and_right: Any, *, settings: Any
 ) -> Float[Array, ""]:
@@ -164,8 +175,7 @@ def of_certificate(
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
         settings: `jfsf.settings.EvidenceSettings`.
     """
-    missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
-    missed = jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
+    missed = missed_share(evidence, settings=settings)
     told = left_and_right | (evidence.landmarks.size > 0)
     return confidence(
         evidence.log_odds,

@@ -16,7 +16,7 @@ from jfsf.arguments import (
     checked_landmarks,
 )
 from jfsf.convert import nearest
-from jfsf.evidence import landmark_distances
+from jfsf.evidence import landmark_distances, region_confidence
 from jfsf.matching._attempted import Host, match_shapes
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.mesh import MeshError, boundary_edges, vertex_areas
@@ -109,6 +109,8 @@ def match_partial(
         pairs = settings.distance_pairs
         away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
         certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
+    likely = region_confidence(certificate, settings=settings.evidence)
+    certificate = certificate._replace(confidence=likely)
     match = Match(T_xy, T_yx, C_yx, certificate)
     return _with_region(match, meshes, member_x, member_y)
 

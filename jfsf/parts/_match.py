@@ -7,8 +7,8 @@ whole shapes. So the work is to find that region.
 1. Assign a few samples by what a cut leaves (`_beam`): many assignments. Landmarks are
    samples whose partners are known. A map that is given is the only start.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
-   each of them (`_register`). What is left apart, and the energy, rank these starts
-   (`_starts`).
+   each of them (`_register`), the best of them twice. What is left apart, and the
+   energy, rank these starts (`_starts`).
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. The
    refinement spreads the one region over all of the other: where its own evidence
@@ -55,6 +55,7 @@ class Parts(NamedTuple):
     T_xy, T_yx: of all vertices; outside of the region the nearest after bending.
     membership_x, membership_y: how clearly a vertex is in the region, in [0, 1].
     certificate: of the map between the regions, refined, even where it is not kept.
+        Without a confidence, which depends on landmarks outside of the region too.
     scale: factor that brings X to the size of Y.
     """
 
@@ -80,7 +81,7 @@ class _State(NamedTuple):
     """A map on the way.
 
     x: X at the size of Y.
-    rank: of its start.
+    start: what it was drawn by first.
     T_xy, T_yx: the map so far.
     inside: the vertices of Y that X covers.
     match: between the regions, once it is refined.
@@ -89,7 +90,7 @@ class _State(NamedTuple):
     x: Target
     drawn: Drawn
     scale: float
-    rank: float
+    start: Start
     T_xy: np.ndarray
     T_yx: np.ndarray
     inside: np.ndarray
@@ -102,7 +103,7 @@ class _State(NamedTuple):
 
     def score(self, settings: PartSettings) -> float:
         """Small is good: the evidence before the refinement and that after it."""
-        return self.rank + settings.register_weights.log_odds * self.log_odds
+        return self.start.rank + settings.register_weights.log_odds * self.log_odds
 
 
 def match_parts(
@@ -217,7 +218,7 @@ def _drawn(sides: Sides, start: Start) -> _State:
     moved = _moved(sides, start.registered)
     bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
-    return _state(sides, x, scale, start.rank, moved, T_xy)
+    return _state(sides, x, scale, start, moved, T_xy)
 
 
 def _moved(sides: Sides, found: Registered) -> np.ndarray:
@@ -235,12 +236,12 @@ def _moved(sides: Sides, found: Registered) -> np.ndarray:
     return np.einsum("nk,nki->ni", weight, at)
 
 
-def _state(sides: Sides, x: Target, scale, rank, moved, T_xy) -> _State:
+def _state(sides: Sides, x: Target, scale, start: Start, moved, T_xy) -> _State:
     """Draw, and read the map and the region."""
     y = sides.y.mesh
     drawn = draw_onto(y, x, moved, T_xy, sides.sign, sides.curvature_y)
     T_yx, inside = covered_by(x, y, drawn, sides.sign)
-    return _State(x, drawn, scale, rank, drawn.T_xy, T_yx, inside)
+    return _State(x, drawn, scale, start, drawn.T_xy, T_yx, inside)
 
 
 def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
@@ -263,7 +264,7 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
         return refined
     T_xy = drawn.T_xy.copy()
     T_xy[part_x.index] = part_y.index[np.asarray(match.T_xy)]
-    after = _state(sides, state.x, state.scale, state.rank, drawn.moved, T_xy)
+    after = _state(sides, state.x, state.scale, state.start, drawn.moved, T_xy)
     T_yx = after.T_yx.copy()
     T_yx[part_y.index] = part_x.index[np.asarray(match.T_yx)]
     outside = np.ones(len(T_xy), bool)
@@ -285,14 +286,13 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
 
 def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
-    gap = np.asarray(margin, certificate.gap.dtype)
-    # It is fitted to whole shapes.
-    unknown = np.full_like(np.asarray(certificate.confidence), np.nan)
-    certificate = certificate._replace(confidence=unknown, gap=gap)
+    dtype = certificate.gap.dtype
+    known = {"gap": margin, "region_cost": state.start.cost, "confidence": np.nan}
+    known = {name: np.asarray(value, dtype) for name, value in known.items()}
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
         *memberships(state.x, sides.y.mesh, state.drawn.moved, sides.sign),
-        certificate,
+        certificate._replace(**known),
         state.scale,
     )

@@ -16,6 +16,9 @@ ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)
 class RegisterWeights(NamedTuple):
     """Of what ranks maps; a small sum is good.
 
+    The first three make `Certificate.region_cost`, and the confidence of parts was
+    fitted to it by these numbers.
+
     residual, energy, share: of the logarithms of what is read of a whole that was drawn
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
@@ -24,11 +27,11 @@ class RegisterWeights(NamedTuple):
         lies.
     """
 
-    residual: float = 6.1
+    residual: float = 4.84
     energy: float = 1.0
-    share: float = -2.67
-    log_odds: float = -0.15
-    size: float = -1.8
+    share: float = -2.38
+    log_odds: float = -0.26
+    size: float = -1.89
 
 
 @dataclass(frozen=True)
@@ -123,6 +126,8 @@ class PartSettings:
         open whole,
     covered_reach: beside this share of the reach.
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
+    registered_again: the best assignments, whose whole is drawn once more from where it
+        came to.
     register_weights: of what ranks the assignments.
 
     Region:
@@ -197,6 +202,7 @@ class PartSettings:
     covered_distance: float = 0.03
     covered_reach: float = 0.5
     trimmed_reach: float = 0.14
+    registered_again: int = 8
     register_weights: RegisterWeights = RegisterWeights()
     refined: int = 2
     sure: float = 2.0

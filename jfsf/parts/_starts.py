@@ -2,11 +2,12 @@
 
 Each start is an assignment of a few samples (`_beam`), or a map that is given, and a
 coarse copy of Y drawn onto X by it (`_register`). What is left apart, the energy, and
-the share of Y that is used rank the starts.
+the share of Y that is used rank the starts. The best are drawn once more, from where
+they came to: one that begins a tenth of the shape off is then still on its way.
 """
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
@@ -65,13 +66,15 @@ class Start(NamedTuple):
     """An assignment, and Y drawn onto X by it.
 
     scale: of X, in the assignment.
-    rank: by the weights of `RegisterWeights`. Small is good.
+    cost: of the drawing, by the weights of `RegisterWeights`. Small is good.
+    rank: the same; where units may differ, with that of the size.
     missed: landmarks whose image is far from where it should be, see
         `PartSettings.max_landmark_distance`.
     """
 
     scale: float
     registered: Registered
+    cost: float
     rank: float
     missed: int = 0
 
@@ -157,13 +160,18 @@ def starts(
         T = _by_distances(scale * from_x[there], from_y, settings)
         return _start(sides, T, scale, curvature_of[scale])
 
-    num = len(assigned.scale)
+    given = list(zip(assigned.partner, assigned.scale.tolist(), strict=True))
+    num = len(given)
+    yield from _at_once(start, given, lambda i: say(f"registration {i + 1} of {num}"))
+
+
+def _at_once(draw: Callable, given: Iterable, say: Callable) -> Iterator[Start]:
+    """`draw` of each, on all cores; `say` is told its number before it is there."""
     # They spend their time in libraries that let other threads run.
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = pool.map(start, assigned.partner, assigned.scale.tolist())
-        for i in range(num):
-            say(f"registration {i + 1} of {num}")
-            yield next(found)
+        for i, start in enumerate([pool.submit(draw, *own) for own in given]):
+            say(i)
+            yield start.result()
 
 
 def first_starts(
@@ -180,20 +188,32 @@ def first_starts(
         T_xy: a map that is to be the only start, whatever `sign` says.
         progress: as `starts`.
     """
+    say = progress or (lambda name: None)
     begin = []
     if T_xy is not None:
         # Which way round it is shows in how much the whole bends by it.
         for sides in (both, mirrored(both)):
-            if progress is not None:
-                progress("registration of the initial map")
+            say("registration of the initial map")
             begin.append((sides, start_of(sides, np.asarray(T_xy))))
         return [min(begin, key=lambda pair: pair[1].rank)]
     for way in (1, -1) if sign == 0 else (sign,):
         sides = both if way > 0 else mirrored(both)
         begin += [(sides, start) for start in starts(sides, progress)]
+    order = lambda pair: (pair[1].missed, pair[1].rank)
     least = min(start.missed for _, start in begin)
-    begin = [pair for pair in begin if pair[1].missed == least]
-    return sorted(begin, key=lambda pair: pair[1].rank)
+    begin = sorted((p for p in begin if p[1].missed == least), key=order)
+    best = begin[: both.settings.registered_again]
+    name = f"of {len(best)} again"
+    further = _at_once(start_from, best, lambda i: say(f"registration {i + 1} {name}"))
+    again = [(sides, new) for (sides, _), new in zip(best, further, strict=True)]
+    better = [min(two, key=order) for two in zip(best, again, strict=True)]
+    return sorted([*better, *begin[len(best) :]], key=order)
+
+
+def start_from(sides: Sides, start: Start) -> Start:
+    """Y, at rest again, drawn onto X by the map and the size that a start has found."""
+    scale = start.scale / start.registered.scale
+    return _start(sides, start.registered.T, scale, sides.curvature_x(scale))
 
 
 def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
@@ -214,10 +234,10 @@ def _start(sides: Sides, T: np.ndarray, scale: float, curvature_x: np.ndarray) -
     settings, part = sides.settings, scaled(sides.coarse_x, scale)
     curved = curvature_x[sides.on_x], sides.curvature_y[sides.on_y]
     found = register(sides.whole, part, T, curvature=curved, settings=settings)
-    rank = _rank(found, settings)
+    cost = rank = _cost(found, settings)
     if not sides.same_unit:
-        rank += settings.register_weights.size * np.log(scale / found.scale)
-    return Start(scale, found, float(rank), _missed(sides, found))
+        rank += settings.register_weights.size * float(np.log(scale / found.scale))
+    return Start(scale, found, cost, rank, _missed(sides, found))
 
 
 def _by_distances(
@@ -273,8 +293,8 @@ def _missed(sides: Sides, found: Registered) -> int:
     return int(np.sum(away > sides.settings.max_landmark_distance))
 
 
-def _rank(found: Registered, settings: PartSettings) -> float:
+def _cost(found: Registered, settings: PartSettings) -> float:
     weights = settings.register_weights[:3]
     figures = found.residual, found.energy, found.share
     logs = (np.log(max(float(f), 1e-6)) for f in figures)
-    return sum(w * log for w, log in zip(weights, logs, strict=True))
+    return float(sum(w * log for w, log in zip(weights, logs, strict=True)))

@@ -13,7 +13,6 @@ from jfsf.evidence import (  # whatever settings the map was made with
     MISSED,
     UNLIKE,
 )
-from jfsf.parts import PartSettings
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning.
@@ -38,10 +37,6 @@ MIN_RECALL = 0.9
 SMALL_GAP = 0.1
 # Of the odds of all maps that were compared: below, another one fits better.
 MIN_SHARE = 0.5
-# Of a region, its log odds. Of 37 pairs of parts 23 of the 24 wrong ones have less, and
-# 6 of the 13 right ones too (match_becos_pf.json, match_becos_pp.json, match_psmal.json
-# in experiments/results; it was chosen on these sets).
-SURE_REGION = PartSettings().sure
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
 # Of figures that are nan: a word in place of the number, and why.
@@ -57,6 +52,7 @@ _WHY_UNKNOWN = {
     **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
     **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),
     "log_odds": _NOT_BENT,
+    "region_cost": ("not measured", "the shapes were matched as wholes"),
 }
 
 
@@ -74,7 +70,7 @@ class Finding(NamedTuple):
 def verdict(confidence: float) -> str:
     """The confidence of a certificate in words."""
     if np.isnan(confidence):
-        return "unknown: parts, and shapes that were not bent as surfaces, have none"
+        return "unknown: shapes that were not bent as surfaces have none"
     if confidence >= LIKELY:
         return "very likely right"
     if confidence >= DOUBTFUL:
@@ -111,6 +107,7 @@ def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
         "area_std": "how unevenly the bending lets triangles grow; 0 if evenly",
         "normal_gap": "how far normals of the bent shapes differ; 0 if not at all",
         "spectrum_gap": "how unlike the shapes are; 0.1 for poses, 1 for other limbs",
+        "region_cost": "what drawing one part onto the other leaves; small is good",
         "log_odds": "of a right map, by its own evidence; 0 is one half",
         "share": "of the odds, among maps that differ; 0.5: another fits as well",
         "rivals": "other maps that fit as well, of those that were tried",
@@ -202,17 +199,16 @@ def findings(
             "decides (--landmarks); so do faces.",
         ),
         (
-            likely < DOUBTFUL,
+            likely < DOUBTFUL and not _of_parts(certificate),
             f"{verdict(likely)}, confidence {likely:.0%}: look at the picture; "
             "landmarks at hands, feet and head decide",
             "See whether a candidate looks right where the map does not. Then give "
             "landmarks at the ends: hands, feet, head (--landmarks).",
         ),
         (
-            _of_parts(certificate) and float(certificate.log_odds) < SURE_REGION,
-            f"the region is {region_verdict(float(certificate.log_odds))}, log odds "
-            f"{float(certificate.log_odds):+.2f}: look at the picture; landmarks "
-            "decide",
+            likely < DOUBTFUL and _of_parts(certificate),
+            f"the region is {verdict(likely)}, confidence {likely:.0%}: look at the "
+            "picture; landmarks decide",
             "See whether what is grey on Y is what X lacks. Then give landmarks that "
             "both shapes have (--landmarks).",
         ),
@@ -308,8 +304,14 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         )
     if np.isnan(figure["confidence"]):
         sentences.append(
-            "There is no confidence: it was fitted to whole shapes that are bent onto "
-            "each other as surfaces."
+            "There is no confidence: it was fitted to shapes that are bent onto each "
+            "other as surfaces."
+        )
+    elif _of_parts(certificate):
+        sentences.append(
+            "The confidence is read from the log odds of the map between the regions "
+            f"({figure['log_odds']:+.2f}), and from how well one shape lies on the "
+            f"other where it was drawn onto it (cost {figure['region_cost']:.1f})."
         )
     else:
         sentences.append(
@@ -334,12 +336,11 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     )
     gap = figure["gap"]
     if _of_parts(certificate):
-        odds = float(figure["log_odds"])
-        means = region_verdict(odds)
-        sentences.append(f"The log odds of the region are {odds:+.2f}: {means}.")
         if np.isfinite(gap):
-            beyond = f"{gap:+.2f} beyond those of the next region that was refined"
-            sentences.append(f"They are {beyond}.")
+            sentences.append(
+                f"Its log odds are {gap:+.2f} beyond those of the next region that "
+                "was refined."
+            )
     elif np.isinf(gap):
         sentences.append("The search found no second map that differs.")
     elif gap < SMALL_GAP:
@@ -355,17 +356,9 @@ def _counted(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
 
-def region_verdict(log_odds: float) -> str:
-    """What the log odds of the region that two parts share mean, in words."""
-    if log_odds >= SURE_REGION:
-        return "likely right"
-    return "more likely wrong than right" if log_odds < 0 else "not sure to be right"
-
-
 def _of_parts(certificate: Certificate) -> bool:
-    """Whether it is of a region that two shapes share: clouds have no log odds."""
-    unknown = np.isnan(float(certificate.confidence))
-    return bool(unknown and not np.isnan(float(certificate.log_odds)))
+    """Whether it is of a region that two shapes share."""
+    return not np.isnan(float(certificate.region_cost))
 
 
 def _standing(share: float) -> str:
