@@ -241,7 +241,7 @@ class Certificate(NamedTuple):
         far better, and for shapes of different kinds (`spectrum_gap`), which it was not
         fitted to; half where left and right cannot be told. nan for point clouds
         without a surface. Of parts it is that of the region that both share
-        (`jfsf.evidence.region_confidence`).
+        (`jfsf.evidence.region_confidence`); nan if their units may differ.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
         `jfsf.evidence.MISSED` the map misses it. Empty without landmarks.

@@ -24,6 +24,7 @@ from jfsf.mesh import (
     vertex_normals,
 )
 from jfsf.parts import (
+    Parts,
     PartSettings,
     RegisterWeights,
     cut,
@@ -81,8 +82,9 @@ SETTINGS = jfsf.Settings(
 )
 
 
-def partial_match(mesh_x, mesh_y):
-    return jfsf.match(mesh_x, mesh_y, partial=True, settings=SETTINGS, cache=False)
+def partial_match(mesh_x, mesh_y, **options):
+    options |= {"settings": SETTINGS, "cache": False}
+    return jfsf.match(mesh_x, mesh_y, partial=True, **options)
 
 
 def turned(mesh: Mesh, seed: int = 0) -> Mesh:
@@ -131,6 +133,17 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
         mass = vertex_areas(*mesh)
         share = getattr(found, f"overlap_{side}")
         assert share == pytest.approx(mass[matched].sum() / mass.sum(), rel=1e-5)
+
+
+def test_there_is_no_confidence_where_units_may_differ(found, monkeypatch):
+    unknown = found.certificate._replace(confidence=np.float32(np.nan))
+    members = np.asarray(found.membership_x), np.asarray(found.membership_y)
+    parts = Parts(np.asarray(found.T_xy), np.asarray(found.T_yx), *members, unknown, 1)
+    monkeypatch.setattr(_partial, "match_parts", lambda *_, **__: parts)
+    for same_unit in (True, False):
+        again = partial_match(turned(PART.mesh), WHOLE, same_unit=same_unit)
+        assert np.isnan(again.certificate.confidence) != same_unit
+        assert again.certificate.region_cost == unknown.region_cost
 
 
 @pytest.mark.slow

@@ -305,6 +305,12 @@ def test_a_region_is_doubted_by_its_confidence(likely, words):
     assert "0.93 beyond those of the next region" in why
 
 
+def test_a_region_without_a_confidence_is_to_be_looked_at():
+    (said,) = warnings_of(of_parts(np.nan), "preserve")
+    assert "not known where units may differ" in said
+    assert "parts in one unit" in " ".join(reasons(of_parts(np.nan)))
+
+
 @pytest.mark.slow
 def test_pages_without_times_are_equal(tmp_path):
     texts = []

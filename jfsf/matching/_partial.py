@@ -109,8 +109,9 @@ def match_partial(
         pairs = settings.distance_pairs
         away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
         certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
-    likely = region_confidence(certificate, settings=settings.evidence)
-    certificate = certificate._replace(confidence=likely)
+    if same_unit:  # it was fitted to no others: a small part fits anywhere
+        likely = region_confidence(certificate, settings=settings.evidence)
+        certificate = certificate._replace(confidence=likely)
     match = Match(T_xy, T_yx, C_yx, certificate)
     return _with_region(match, meshes, member_x, member_y)
 

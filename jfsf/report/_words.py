@@ -70,7 +70,10 @@ class Finding(NamedTuple):
 def verdict(confidence: float) -> str:
     """The confidence of a certificate in words."""
     if np.isnan(confidence):
-        return "unknown: shapes that were not bent as surfaces have none"
+        return (
+            "unknown: shapes that were not bent as surfaces, and parts whose units may "
+            "differ, have none"
+        )
     if confidence >= LIKELY:
         return "very likely right"
     if confidence >= DOUBTFUL:
@@ -213,6 +216,13 @@ def findings(
             "both shapes have (--landmarks).",
         ),
         (
+            np.isnan(likely) and _of_parts(certificate),
+            "how likely the region is right is not known where units may differ: look "
+            "at the picture; landmarks, or one unit, decide",
+            "See whether what is grey on Y is what X lacks. Give both shapes in one "
+            "unit if you can, or landmarks that both have (--landmarks).",
+        ),
+        (
             # Where several fit equally well that is said already.
             float(certificate.share) < MIN_SHARE and not certificate.rivals > 0,
             f"another map that differs fits as well or better (share "
@@ -305,7 +315,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     if np.isnan(figure["confidence"]):
         sentences.append(
             "There is no confidence: it was fitted to shapes that are bent onto each "
-            "other as surfaces."
+            "other as surfaces, and to parts in one unit."
         )
     elif _of_parts(certificate):
         sentences.append(
