@@ -210,16 +210,16 @@ def fit(rows: list[dict]) -> dict[str, float]:
 
 
 def fit_confidence(rows: list[dict], role: str = "fit") -> dict[str, float]:
-    """Factors of the confidence; empty before there is a pair to fit to."""
+    """Factors of the confidence; empty before right and wrong maps were chosen."""
     own = [row for row in rows if role in (row["role"], "all") and row["refined"]]
-    if not own:
+    first = [chosen_of(row["refined"]) for row in own]
+    share = np.mean([protocol.is_right(one["error"]) for one in first] or [0])
+    if not 0 < share < 1:
         return {}
     maps = [one for row in own for one in row["refined"]]
     weight = [1 / len(row["refined"]) for row in own for _ in row["refined"]]
     right = np.array([protocol.is_right(one["error"]) for one in maps])
     fitted = calibration.fit(_evidence(maps), right, np.array(weight), SIGNS)
-    first = [chosen_of(row["refined"]) for row in own]
-    share = np.mean([protocol.is_right(one["error"]) for one in first])
     z = _evidence(first) @ fitted[1:]
     fitted[0] = brentq(lambda b: expit(b + z).mean() - share, *(-z.mean() + ANY))
     names = "constant", *SIGNS
