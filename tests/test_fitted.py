@@ -46,6 +46,7 @@ def test_how_likely_a_region_is_right_is_the_scripts(load):
     # Byte for byte what the script writes.
     assert script.REGIONS.read_text(encoding="utf-8") == script.regions(factors)
     assert script.fit_confidence(found["rows"]) == pytest.approx(factors, abs=0.02)
+    assert script.fit_confidence(found["rows"][:1]) == {}
     # What speaks for a map on two sets does on the third.
     scores = found["confidence"]["scores"]
     held = {name: one for name, one in scores.items() if "held_out" in name}
