@@ -1,0 +1,105 @@
+"""What ZoomOut makes of the first start of `match(partial=True)`, beside `match`.
+
+Of each pair of the sets of parts (`protocol.py`): the error of the first start, which
+is a map of coarse copies, and of what is refined from it:
+
+- ZoomOut (Melzi et al. 2019), 20 to 100 eigenfunctions of each shape, in steps of 5;
+- the same with the slanted diagonal of partial functional maps (Rodola et al. 2017,
+  section 4): where the part has a share r of the area of the whole, 1 / r times as many
+  eigenfunctions of the whole, which by Weyl's law have the same frequencies;
+- `jfsf.match(partial=True, initial=)`, from that start alone.
+
+The authors' code of partial functional maps is MATLAB and is not run here.
+
+    python experiments/part_peers.py --data ROOT [--sets psmal] [--out RESULT.json]
+"""
+
+import argparse
+import os
+from pathlib import Path
+
+import datasets
+import fit_parts
+import numpy as np
+import protocol
+import results_file
+
+import jfsf
+from jfsf.mesh import surface_area
+from jfsf.parts._region import near_vertices
+from jfsf.parts._starts import both_sides, first_starts
+from jfsf.spectral import spectrum
+
+WIDTHS = range(20, 101, 5)
+MOST = 400  # eigenfunctions of the whole
+METHODS = "start", "zoomout", "slanted", "jfsf"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
+    parser.add_argument("--sets", nargs="+", default=fit_parts.SETS)
+    out = Path(__file__).parent / "results" / "part_peers.json"
+    parser.add_argument("--out", type=Path, default=out)
+    args = parser.parse_args()
+    if args.data is None:
+        parser.error("give --data ROOT or set JFSF_DATA")
+    rows = []
+    for name in args.sets:
+        data_set = protocol.below(protocol.SETS[name], Path(args.data))
+        for pair in datasets.pairs_of(data_set):
+            errors = measure(*datasets.load_pair_of(data_set, pair))
+            rows.append({"set": name, "x": pair.x, "y": pair.y, **errors})
+            print(rows[-1], flush=True)
+            settings = {"widths": list(WIDTHS)}
+            results_file.write(
+                args.out, settings=settings, summary=summary(rows), rows=rows
+            )
+
+
+def measure(x: datasets.Shape, y: datasets.Shape) -> dict[str, float]:
+    """The error of each method; X is the part."""
+    x, y, _ = fit_parts.in_order(x, y)
+    error = fit_parts.errors_of(x, y)
+    sides = both_sides(x.mesh, y.mesh, settings=fit_parts.SETTINGS)
+    ((_, first), *_) = first_starts(sides, 1)
+    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    start = sides.on_y[first.registered.T[near]]
+    share = min(surface_area(x.mesh) / surface_area(y.mesh), 1.0)
+    evecs = [np.asarray(spectrum(m, WIDTHS[-1]).evecs, float) for m in (x.mesh, y.mesh)]
+    found = jfsf.match(x.mesh, y.mesh, partial=True, initial=start.astype(np.int32))
+    maps = start, zoomout(*evecs, start), zoomout(*evecs, start, share), found.T_xy
+    return {
+        method: error(np.asarray(T_xy))
+        for method, T_xy in zip(METHODS, maps, strict=True)
+    }
+
+
+def zoomout(evecs_x, evecs_y, T_xy, share: float = 1.0) -> np.ndarray:
+    """A map refined; of the whole 1 / `share` times as many eigenfunctions count."""
+    for k_x in WIDTHS:
+        phi_x, phi_y = evecs_x[:, :k_x], evecs_y[:, : round(k_x / share)]
+        C_yx = np.linalg.lstsq(phi_x, phi_y[T_xy], rcond=None)[0]
+        points = phi_y @ C_yx.T
+        # So many columns are faster compared with all than by a tree.
+        T_xy = np.argmin(np.sum(points**2, 1) - 2 * phi_x @ points.T, 1)
+    return T_xy
+
+
+def summary(rows: list[dict]) -> dict[str, dict]:
+    """Right maps and mean errors of each set and method."""
+    found: dict[str, dict] = {}
+    for name in dict.fromkeys(row["set"] for row in rows):
+        own = [row for row in rows if row["set"] == name]
+        found[name] = {"pairs": len(own)}
+        for method in METHODS:
+            errors = [row[method] for row in own]
+            right = sum(map(protocol.is_right, errors))
+            found[name][method] = {"right": right, "mean": float(np.mean(errors))}
+    return found
+
+
+if __name__ == "__main__":
+    main()
