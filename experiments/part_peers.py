@@ -4,9 +4,6 @@ Of each pair of the sets of parts (`protocol.py`): the error of the first start,
 is a map of coarse copies, and of what is refined from it:
 
 - ZoomOut (Melzi et al. 2019), 20 to 100 eigenfunctions of each shape, in steps of 5;
-- the same with the slanted diagonal of partial functional maps (Rodola et al. 2017,
-  section 4): where the part has a share r of the area of the whole, 1 / r times as many
-  eigenfunctions of the whole, which by Weyl's law have the same frequencies;
 - `jfsf.match(partial=True, initial=)`, from that start alone.
 
 The authors' code of partial functional maps is MATLAB and is not run here.
@@ -25,14 +22,12 @@ import protocol
 import results_file
 
 import jfsf
-from jfsf.mesh import surface_area
 from jfsf.parts._region import near_vertices
 from jfsf.parts._starts import both_sides, first_starts
 from jfsf.spectral import spectrum
 
 WIDTHS = range(20, 101, 5)
-MOST = 400  # eigenfunctions of the whole
-METHODS = "start", "zoomout", "slanted", "jfsf"
+METHODS = "start", "zoomout", "jfsf"
 
 
 def main() -> None:
@@ -67,20 +62,21 @@ def measure(x: datasets.Shape, y: datasets.Shape) -> dict[str, float]:
     ((_, first), *_) = first_starts(sides, 1)
     near = near_vertices(sides.coarse_x, sides.x.mesh)
     start = sides.on_y[first.registered.T[near]]
-    share = min(surface_area(x.mesh) / surface_area(y.mesh), 1.0)
-    evecs = [np.asarray(spectrum(m, WIDTHS[-1]).evecs, float) for m in (x.mesh, y.mesh)]
+    phi_x, phi_y = (
+        np.asarray(spectrum(shape.mesh, WIDTHS[-1]).evecs, float) for shape in (x, y)
+    )
     found = jfsf.match(x.mesh, y.mesh, partial=True, initial=start.astype(np.int32))
-    maps = start, zoomout(*evecs, start), zoomout(*evecs, start, share), found.T_xy
+    maps = start, zoomout(phi_x, phi_y, start), found.T_xy
     return {
         method: error(np.asarray(T_xy))
         for method, T_xy in zip(METHODS, maps, strict=True)
     }
 
 
-def zoomout(evecs_x, evecs_y, T_xy, share: float = 1.0) -> np.ndarray:
-    """A map refined; of the whole 1 / `share` times as many eigenfunctions count."""
-    for k_x in WIDTHS:
-        phi_x, phi_y = evecs_x[:, :k_x], evecs_y[:, : round(k_x / share)]
+def zoomout(evecs_x, evecs_y, T_xy) -> np.ndarray:
+    """A map refined."""
+    for k in WIDTHS:
+        phi_x, phi_y = evecs_x[:, :k], evecs_y[:, :k]
         C_yx = np.linalg.lstsq(phi_x, phi_y[T_xy], rcond=None)[0]
         points = phi_y @ C_yx.T
         # So many columns are faster compared with all than by a tree.
