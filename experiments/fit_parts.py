@@ -1,10 +1,11 @@
 """Fit what ranks the maps of parts: `jfsf.parts.RegisterWeights`; and how likely a map
 of parts is right: jfsf/evidence/regions.json.
 
-Of each pair of the sets of parts: all starts of `match(partial=True)`, with what is
-read of them (residual, energy, share) and the error of the map that each is drawn to;
-then the maps of the first few between the regions, refined, with log odds and errors.
-And the starts where units may differ, with the error of the map of coarse copies.
+Of each pair of the sets of parts, and of pairs that are made of whole shapes
+(`made_parts.py`): all starts of `match(partial=True)`, with what is read of them
+(residual, energy, share) and the error of the map of coarse copies; then the maps of
+the first few between the regions, refined, with log odds and errors. And, but for the
+made pairs, the starts where units may differ.
 
 Weights are those of a conditional logit (McFadden 1974): within a pair, the chance of a
 map to be the right one is proportional to exp(-weights . figures). Right is below
@@ -31,11 +32,13 @@ of those that are chosen.
 import argparse
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 
 import calibration
 import datasets
+import made_parts
 import numpy as np
 import protocol
 import results_file
@@ -48,9 +51,11 @@ from jfsf.mesh import surface_area
 from jfsf.parts import PartSettings, RegisterWeights
 from jfsf.parts import _match as parts
 from jfsf.parts._region import near_vertices
-from jfsf.parts._starts import Start, both_sides, first_starts
+from jfsf.parts._sides import both_sides
+from jfsf.parts._starts import Start, first_starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
+MADE = "made_parts"  # of sets with the role "fit"
 SETTINGS = PartSettings()
 NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
@@ -62,13 +67,14 @@ ANY = np.array([-50, 50])  # where a constant is looked for
 # Of what tells right regions: whether more of it speaks for a map.
 SIGNS = {"log_odds": 1, "region_cost": -1}
 ENOUGH = 1.5, 2.0, 2.5, 3.0, 3.5, 4.0  # log odds
-REFINED = 5  # maps a pair
+REFINED = 4  # maps a pair
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Fit what ranks the maps of parts.")
     parser.add_argument("--data", type=Path, default=os.environ.get("JFSF_DATA"))
-    parser.add_argument("--sets", nargs="+", choices=SETS, default=SETS)
+    every = *SETS, MADE
+    parser.add_argument("--sets", nargs="+", choices=every, default=every)
     out = HERE / "results" / "fit_parts.json"
     parser.add_argument("--out", type=Path, default=out)
     args = parser.parse_args()
@@ -77,21 +83,34 @@ def main() -> None:
     rows = json.loads(args.out.read_text())["rows"] if args.out.exists() else []
     known = {(row["set"], row["x"], row["y"]) for row in rows}
     for name in args.sets:
-        data_set = protocol.below(protocol.SETS[name], Path(args.data))
-        for pair in datasets.pairs_of(data_set):
-            if (name, pair.x, pair.y) in known:
+        for about, load in pairs_of(name, Path(args.data)):
+            key = name, about["x"], about["y"]
+            if key in known:
                 continue
-            x, y = datasets.load_pair_of(data_set, pair)
-            found = candidates(x, y) | {"starts_any_unit": of_any_unit(x, y)}
-            about = {"set": name, "role": data_set.role(0), "x": pair.x, "y": pair.y}
-            rows.append(about | found)
+            x, y = load()
+            found = candidates(x, y)
+            found["starts_any_unit"] = [] if name == MADE else of_any_unit(x, y)
+            rows.append({"set": name, **about, **found})
             best = min(one["error"] for one in found["starts"])
-            print(f"{name} {pair.x} {pair.y}: best start {best:.3f}", flush=True)
+            print(*key, f"best start {best:.3f}", flush=True)
             write(args.out, rows)
     print(json.dumps(write(args.out, rows), indent=1))
     factors = fit_confidence(rows)
     if factors:
         REGIONS.write_text(regions(factors), encoding="utf-8")
+
+
+def pairs_of(name: str, root: Path) -> Iterator[tuple[dict, Callable]]:
+    """Role and names of the shapes of each pair of a set, and what loads both."""
+    if name == MADE:
+        for pair in made_parts.pairs(root):
+            about = {"role": "fit", "x": pair.name, "y": ""}
+            yield about, partial(tuple, (pair.x, pair.y))
+        return
+    data_set = protocol.below(protocol.SETS[name], root)
+    for i, pair in enumerate(datasets.pairs_of(data_set)):
+        about = {"role": data_set.role(i), "x": pair.x, "y": pair.y}
+        yield about, partial(datasets.load_pair_of, data_set, pair)
 
 
 def regions(factors: dict[str, float]) -> str:
@@ -124,17 +143,24 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     x, y, swapped = in_order(x, y)
     error = errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, settings=SETTINGS)
-    found, refined = [], []
-    for _, start in first_starts(sides, 1):
-        state = parts._drawn(sides, start)
-        own = figures(start)
-        found.append({"error": error(state.T_xy), **own})
-        if len(refined) < REFINED:
-            after = parts._refined(state, sides, refine)
-            if after is not None:
-                last = {"error": error(after.T_xy), "log_odds": after.log_odds}
-                refined.append(last | own)
+    begin = [start for _, start in first_starts(sides, 1)]
+    refined = []
+    for start in begin[:REFINED]:
+        after = parts._refined(parts._drawn(sides, start), sides, refine)
+        if after is not None:
+            own = {"error": error(after.T_xy), "log_odds": after.log_odds}
+            refined.append(own | figures(start))
+    found = _coarse(sides, begin, error)
     return {"swapped": swapped, "starts": found, "refined": refined}
+
+
+def _coarse(sides, begin: list[Start], error: Callable) -> list[dict]:
+    """Figures of starts, and errors of their maps of coarse copies."""
+    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    return [
+        {"error": error(sides.on_y[start.registered.T[near]]), **figures(start)}
+        for start in begin
+    ]
 
 
 def of_any_unit(x: datasets.Shape, y: datasets.Shape) -> list[dict]:
@@ -145,14 +171,10 @@ def of_any_unit(x: datasets.Shape, y: datasets.Shape) -> list[dict]:
     x, y, _ = in_order(x, y, same_unit=False)
     error = errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, same_unit=False, settings=SETTINGS)
-    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    begin = [start for _, start in first_starts(sides, 1)]
     return [
-        {
-            "error": error(sides.on_y[start.registered.T[near]]),
-            "size": float(start.scale / start.registered.scale),
-            **figures(start),
-        }
-        for _, start in first_starts(sides, 1)
+        {**one, "size": float(start.scale / start.registered.scale)}
+        for one, start in zip(_coarse(sides, begin, error), begin, strict=True)
     ]
 
 
@@ -203,7 +225,8 @@ def fit(rows: list[dict]) -> dict[str, float]:
 
     others = {"log_odds": "refined", "size": "starts_any_unit"}
     for name, kind in others.items():
-        second = _logit([with_rank(row[kind]) for row in own], ("rank", name))
+        some = [with_rank(row[kind]) for row in own if row[kind]]
+        second = _logit(some, ("rank", name))
         if second is not None and second[0] > 0:
             weights[name] = second[1] / second[0]
     return {name: round(float(w), 2) for name, w in weights.items()}

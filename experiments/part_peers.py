@@ -23,7 +23,8 @@ import results_file
 
 import jfsf
 from jfsf.parts._region import near_vertices
-from jfsf.parts._starts import both_sides, first_starts
+from jfsf.parts._sides import both_sides
+from jfsf.parts._starts import first_starts
 from jfsf.spectral import spectrum
 
 WIDTHS = range(20, 101, 5)

@@ -47,12 +47,12 @@ def test_how_likely_a_region_is_right_is_the_scripts(load):
     assert script.REGIONS.read_text(encoding="utf-8") == script.regions(factors)
     assert script.fit_confidence(found["rows"]) == pytest.approx(factors, abs=0.02)
     assert script.fit_confidence(found["rows"][:1]) == {}
-    # What speaks for a map on two sets does on the third.
+    # What speaks for a map on the other sets does on each.
     scores = found["confidence"]["scores"]
     held = {name: one for name, one in scores.items() if "held_out" in name}
-    assert len(held) == 3
+    assert len(held) == 4
     for one in held.values():
-        assert one["maps"]["auc"] > 0.75 and one["chosen"]["wrong_of_sure"] == 0
+        assert one["maps"]["auc"] > 0.7 and one["chosen"]["wrong_of_sure"] == 0
 
 
 def test_how_often_wrong_maps_agree_is_the_scripts(load):

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import data, testing
+from jfsf.cli import _app
 from jfsf.evidence import MISSED, region_confidence
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
@@ -50,9 +51,9 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import register, whole_at_rest
 from jfsf.parts._shape import part_samples
+from jfsf.parts._sides import both_sides
 from jfsf.parts._starts import (
     _cost,
-    both_sides,
     first_starts,
     scale_of,
     start_from,
@@ -94,9 +95,27 @@ def turned(mesh: Mesh, seed: int = 0) -> Mesh:
 
 
 @pytest.fixture(scope="module")
-def found():
+def steps():
+    """Names of those of `found`."""
+    return []
+
+
+@pytest.fixture(scope="module")
+def found(steps):
     """The part, turned, matched with the whole."""
-    return partial_match(turned(PART.mesh), WHOLE)
+    return partial_match(turned(PART.mesh), WHOLE, progress=steps.append)
+
+
+def test_the_bar_of_the_command_line_counts_all_steps(found, steps):
+    parts = SETTINGS.parts
+    # Refinements are as many as are needed; the last step writes.
+    spared = parts.refined + parts.refinements - 1
+    spared -= steps.count("refinement of a region")
+    drawn = [name for name in steps if name.startswith("registration")]
+    assert sum("again" in name for name in drawn) <= parts.registered_again
+    assert len(drawn) <= _app._REGISTRATIONS
+    rest = _app._PART_STAGES - _app._REGISTRATIONS - 1
+    assert len(steps) - len(drawn) == rest - spared
 
 
 def error(T, wanted) -> float:
@@ -330,6 +349,9 @@ def test_a_scale_far_from_one_is_found_where_units_may_differ():
     narrow = start_of(sides._replace(same_unit=True), PART.index)
     size = settings.register_weights.size * np.log(start.scale)
     assert start.rank == pytest.approx(narrow.rank + size, abs=0.2)
+    tried = [start.scale for start in starts(sides)]
+    assert len(tried) == len(found.scale) + settings.alignments
+    assert set(tried) > set(found.scale)
 
 
 LANDMARKS = np.stack([PART.index, np.arange(len(PART.index))], 1)[[7, 90, 240], ::-1]
@@ -547,6 +569,7 @@ QUICK = PartSettings(
     samples_of_part=40,
     samples_of_whole=80,
     assignments=4,
+    alignments=2,
     first_updates=5,
     reaches=(0.2, 0.1),
     drawn_curvature_weights=(0.0,),
@@ -672,7 +695,7 @@ def test_a_refined_map_that_is_not_sure_is_not_kept(found):
 def test_weights_change_the_choice():
     sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
     found = [start.registered for start in starts(sides)]
-    assert len(found) > 1
+    assert len(found) == QUICK.assignments + QUICK.alignments
     least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))
     nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0, 0))
     for one in found:
@@ -688,6 +711,7 @@ def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept():
     found = first_starts(sides, 1, progress=said.append)
     assert said == [
         "assignments",
+        "rigid motions",
         *(f"registration {i + 1} of {num}" for i in range(num)),
         *(f"registration {i + 1} of 2 again" for i in range(2)),
     ]

@@ -65,8 +65,11 @@ from jfsf.report import Side, attempts, warnings_of, write_report
 # Of a match, if the first map is right: spectra, features, search, refinement, bending
 # and conversion, writing.
 _STAGES = 6
-# Of parts: spectra, assignments, registrations, refinements at most, writing.
-_PART_STAGES = 3 + PartSettings().assignments + PartSettings().refined
+# Of parts: spectra, assignments, rigid motions, registrations, refinements at most,
+# writing.
+_PARTS = PartSettings()
+_REGISTRATIONS = _PARTS.assignments + _PARTS.alignments + _PARTS.registered_again
+_PART_STAGES = 4 + _REGISTRATIONS + _PARTS.refined + _PARTS.refinements - 1
 
 
 class _OneLine(TyperGroup):

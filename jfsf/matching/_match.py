@@ -74,8 +74,7 @@ def match(
             initial map replaces that search: it is turned into a T_xy, its scale is
             read from it, and no other is tried. Cuts change the sizes of arrays, so it
             runs on the host, with `match` of the cuts inside: it cannot be traced. It
-            takes some ten times as long. Two closed surfaces share all. There is no
-            confidence for parts.
+            takes some four times as long. Two closed surfaces share all.
         same_unit: with `partial`, whether both are in one unit. Then bodies may differ
             in size by a factor of 1.5. Else a size between 0.3 and 3 times that of the
             file is looked for, which takes longer and is less certain. Sizes of whole
@@ -89,9 +88,9 @@ def match(
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
         With `partial` membership_x, membership_y, matched_x and matched_y of each
         vertex in place of the last two, and the shares of the areas that are matched;
-        the certificate is that of the overlap, without a confidence; its gap counts the
-        rivals that were found. A vertex that is not matched has the image nearest to it
-        after bending.
+        the certificate is that of the overlap, its gap the log odds beside those of the
+        next map that was refined, and its confidence nan unless `same_unit`. A vertex
+        that is not matched has the image nearest to it after bending.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.

@@ -11,7 +11,9 @@ Read in this order:
 - `_register`: a coarse copy of the whole, drawn onto the part from a start far off
 - `_region`: the whole itself drawn onto the part; which part of it that covers
 - `_membership`: how clearly a vertex is in that region
-- `_starts`: coarse copies drawn by each of the assignments, ranked
+- `_sides`: both shapes in one unit, and coarse copies of them
+- `_alignments`: rigid motions that lay one copy on the other
+- `_starts`: a copy drawn by each assignment and each motion, ranked
 - `_match`: the region that both share, and the maps
 """
 

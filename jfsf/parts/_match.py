@@ -5,10 +5,11 @@ out of both, the shapes are whole again: the usual refinement then is as accurat
 whole shapes. So the work is to find that region.
 
 1. Assign a few samples by what a cut leaves (`_beam`): many assignments. Landmarks are
-   samples whose partners are known. A map that is given is the only start.
+   samples whose partners are known. And lay coarse copies on each other by rigid
+   motions (`_alignments`). A map that is given is the only start.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
-   each of them (`_register`), the best of them twice. What is left apart, and the
-   energy, rank these starts (`_starts`).
+   each of these (`_register`), by the best of them twice. What is left apart, and the
+   energy, rank the starts (`_starts`).
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. The
    refinement spreads the one region over all of the other: where its own evidence
@@ -41,7 +42,8 @@ from jfsf.parts._region import (
 )
 from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._starts import Sides, Start, both_sides, first_starts
+from jfsf.parts._sides import Sides, both_sides
+from jfsf.parts._starts import Start, first_starts
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both

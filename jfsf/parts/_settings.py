@@ -11,6 +11,7 @@ REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 CURVATURE_WEIGHTS = (*(0.1,) * 6, *(0.03,) * 3, 0.0)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
 ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
+ANY_ALIGNED_SCALES = tuple(float(s) for s in np.exp(np.linspace(-1.1, 1.1, 8)))
 
 
 class RegisterWeights(NamedTuple):
@@ -23,15 +24,14 @@ class RegisterWeights(NamedTuple):
         onto a part (`jfsf.parts._register`).
     log_odds: of those of the map between the regions, once it is refined.
     size: of the logarithm of the factor of the part's lengths, read only where units
-        may differ. A small part leaves little apart and bends little, wherever it
-        lies.
+        may differ. A small part leaves little apart, wherever it lies.
     """
 
-    residual: float = 4.84
+    residual: float = 3.89
     energy: float = 1.0
-    share: float = -2.38
-    log_odds: float = -0.26
-    size: float = -1.89
+    share: float = -0.76
+    log_odds: float = -0.12
+    size: float = -1.71
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,23 @@ class PartSettings:
     unassigned_cost_open: the same beside an open whole, which may lack the partner.
     assignments: the best ones, by which the part is bent.
     min_partner_distance: mean distance of their partners, in which two of these differ.
-    max_landmark_distance: a start misses a landmark whose image is further away than
-        this from where it should be. Those that miss more than others are dropped.
+
+    Rigid alignment of coarse copies, by which the whole is drawn too:
+
+    rotations: that are tried, spread over all.
+    aligned_scales: factors of the part's lengths that are tried with each.
+    any_aligned_scales: the same where units may differ; in the bands of assignments.
+    alignment_cell: of the grid of shifts.
+    alignment_blur: width of the Gaussian by which both surfaces are blurred.
+    alignment_density: how much a surface counts beside its normals.
+    alignments: the best ones, by which the whole is drawn; 0 leaves them out.
+    min_alignment_distance: mean distance of where two of these lay the part.
 
     Registration, where a coarse copy of the whole is drawn onto one of the part by each
-    assignment:
+    of these starts:
 
+    max_landmark_distance: a start misses a landmark whose image is further away than
+        this from where it should be. Those that miss more than others are dropped.
     anchor_radius: distance from an anchor below which its weight for the first dense
         map levels off.
     coarse_whole: vertices of the copy of the whole.
@@ -126,13 +137,12 @@ class PartSettings:
         open whole,
     covered_reach: beside this share of the reach.
     trimmed_reach: from this reach on, what lies beyond the whole's boundary is not.
-    registered_again: the best assignments, whose whole is drawn once more from where it
-        came to.
-    register_weights: of what ranks the assignments.
+    registered_again: the best starts, by which it is drawn again from where it came to.
+    register_weights: of what ranks the starts.
 
     Region:
 
-    refined: the best assignments, by which all of the whole is drawn onto the part, and
+    refined: the best starts, by which all of the whole is drawn onto the part, and
         the map between the regions refined: at most.
     sure: log odds (`jfsf.types.Certificate`) from which on a refined map is kept, and
         no other is tried. Below, the map by drawing stays. 2 is seven to one.
@@ -187,6 +197,14 @@ class PartSettings:
     unassigned_cost_open: float = 0.75
     assignments: int = 16
     min_partner_distance: float = 0.1
+    rotations: int = 400
+    aligned_scales: tuple[float, ...] = (0.9, 1.15)
+    any_aligned_scales: tuple[float, ...] = ANY_ALIGNED_SCALES
+    alignment_cell: float = 0.1
+    alignment_blur: float = 0.1
+    alignment_density: float = 0.3
+    alignments: int = 8
+    min_alignment_distance: float = 0.15
     max_landmark_distance: float = 0.15
     anchor_radius: float = 0.05
     coarse_whole: int = 1000
@@ -204,7 +222,7 @@ class PartSettings:
     trimmed_reach: float = 0.14
     registered_again: int = 8
     register_weights: RegisterWeights = RegisterWeights()
-    refined: int = 2
+    refined: int = 3
     sure: float = 2.0
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)
@@ -221,7 +239,7 @@ class PartSettings:
         for name in (
             *("scale_bands", "any_scale_bands"),
             *("samples_of_whole", "boundary_samples", "partners", "beam_candidates"),
-            *("cells", "grouped_anchors", "min_groups", "assignments"),
+            *("cells", "grouped_anchors", "min_groups", "assignments", "rotations"),
             *("first_updates", "updates", "draw_steps"),
             *("carried_by", "refined", "refinements", "min_vertices"),
         ):
@@ -235,6 +253,7 @@ class PartSettings:
             *(
                 *("rim_width", "uncovered_weight", "first_reach"),
                 *("max_landmark_distance", "max_curvature"),
+                *("alignment_cell", "alignment_blur"),
             ),
         ):
             if getattr(self, name) <= 0:
@@ -245,6 +264,8 @@ class PartSettings:
             "ball_radii",
             "scales",
             "any_scales",
+            "aligned_scales",
+            "any_aligned_scales",
             "reaches",
             "curvature_times",
         ):

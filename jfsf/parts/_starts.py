@@ -1,71 +1,37 @@
 """From where two shapes of which one is a part may be drawn together. Host side.
 
-Each start is an assignment of a few samples (`_beam`), or a map that is given, and a
-coarse copy of Y drawn onto X by it (`_register`). What is left apart, the energy, and
-the share of Y that is used rank the starts. The best are drawn once more, from where
-they came to: one that begins a tenth of the shape off is then still on its way.
+Each start is an assignment of a few samples (`_beam`), a rigid motion (`_alignments`),
+or a map that is given, and a coarse copy of Y drawn onto X by it (`_register`). What is
+left apart, the energy, and the share of Y that is used rank the starts. The best are
+drawn once more, from where they came to: one that begins a tenth of the shape off is
+then still on its way.
 """
 
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from jfsf.geometry import GeodesicSolver
-from jfsf.mesh import decimate, orient, surface_area, vertex_normals
+from jfsf.parts._alignments import aligned
 from jfsf.parts._beam import anchors_of, assign
-from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
-from jfsf.parts._region import near_vertices, outward, scaled
-from jfsf.parts._register import Registered, Whole, register, whole_at_rest
+from jfsf.parts._region import scaled
+from jfsf.parts._register import Registered, register
 from jfsf.parts._settings import PartSettings
-from jfsf.parts._shape import PartSamples, along_cut, part_samples
-from jfsf.types import ArrayLike, Mesh
+from jfsf.parts._shape import along_cut
+from jfsf.parts._sides import Sides, mirrored
+from jfsf.types import ArrayLike
 
 # Of distances, from which on their ratio is read.
 FEW = 10
 
 
-class Sides(NamedTuple):
-    """Both shapes in the unit of Y, and coarse copies of both.
-
-    coarse_x: the copy of X.
-    whole: that of Y.
-    on_x: the vertex of X nearest to each of its copy.
-    from_y: the vertex of the copy nearest to each of Y.
-    on_y: the vertex of Y nearest to each of its copy.
-    usual_curvature: (times,) of Y, see `jfsf.parts._curvature`.
-    curvature_y: (n_y, times) of Y in these units.
-    sign: -1 for maps that mirror, and the whole is mirrored.
-    settings: with the scales that are tried.
-    same_unit: whether both shapes were in one unit.
-    """
-
-    x: PartSamples
-    y: PartSamples
-    coarse_x: Mesh
-    whole: Whole
-    on_x: np.ndarray
-    from_y: np.ndarray
-    on_y: np.ndarray
-    usual_curvature: np.ndarray
-    curvature_y: np.ndarray
-    sign: int
-    settings: PartSettings
-    same_unit: bool = True
-
-    def curvature_x(self, scale: float) -> np.ndarray:
-        """(n_x, times) of X at that size, like `curvature_y`."""
-        own = curvature(scaled(self.x.mesh, scale), self.settings.curvature_times)
-        return standard_curvature(own, self.usual_curvature, self.settings)
-
-
 class Start(NamedTuple):
-    """An assignment, and Y drawn onto X by it.
+    """Y drawn onto X by an assignment, a rigid motion, or a map that is given.
 
-    scale: of X, in the assignment.
+    scale: of X, in what it was drawn by.
     cost: of the drawing, by the weights of `RegisterWeights`. Small is good.
     rank: the same; where units may differ, with that of the size.
     missed: landmarks whose image is far from where it should be, see
@@ -79,90 +45,40 @@ class Start(NamedTuple):
     missed: int = 0
 
 
-def both_sides(
-    mesh_x: Mesh,
-    mesh_y: Mesh,
-    *,
-    landmarks: ArrayLike | None = None,
-    descriptors: tuple[ArrayLike, ArrayLike] | None = None,
-    same_unit: bool = True,
-    settings: PartSettings,
-) -> Sides:
-    """For maps that keep left and right.
-
-    Args:
-        mesh_x, mesh_y: both shapes.
-        landmarks: rows (vertex of X, vertex of Y).
-        descriptors: of X and of Y, a row a vertex.
-        same_unit: whether both are in one unit; else any size of X is as likely.
-        settings: how many samples, and the sizes of the copies.
-    """
-    if not same_unit:
-        settings = replace(
-            settings,
-            scales=settings.any_scales,
-            scale_bands=settings.any_scale_bands,
-            scale_weight=0.0,
-        )
-    unit = np.sqrt(surface_area(mesh_y))
-    at = ((), ()) if landmarks is None else np.asarray(landmarks).T
-    given = (None, None) if descriptors is None else descriptors
-
-    def in_unit(mesh):
-        own = orient(mesh)
-        return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
-
-    nums = settings.samples_of_part, settings.samples_of_whole
-    x, y = (
-        part_samples(
-            in_unit(mesh), num, landmarks=own, descriptors=desc, settings=settings
-        )
-        for mesh, num, own, desc in zip((mesh_x, mesh_y), nums, at, given, strict=True)
-    )
-    coarse_x = decimate(x.mesh, settings.coarse_part)
-    coarse_y = decimate(y.mesh, settings.coarse_whole)
-    on_x = near_vertices(x.mesh, coarse_x)
-    out = outward(coarse_y, vertex_normals(*coarse_y))
-    whole = whole_at_rest(coarse_y, out)
-    from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
-    copies = coarse_x, whole, on_x, from_y, on_y
-    curved = curvature(y.mesh, settings.curvature_times)
-    usual = usual_curvature(curved)
-    curved = standard_curvature(curved, usual, settings)
-    return Sides(x, y, *copies, usual, curved, 1, settings, same_unit)
-
-
-def mirrored(sides: Sides) -> Sides:
-    """For maps that exchange left and right."""
-    mesh, out = sides.whole.mesh, sides.whole.outward
-    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
-
-
 def starts(
     sides: Sides, progress: Callable[[str], object] | None = None
 ) -> Iterator[Start]:
-    """Of the assignments.
+    """Of the assignments, and of the rigid motions.
 
     Args:
         sides: both shapes.
         progress: called with the name of each step as it begins.
     """
-    x, y, settings = sides.x, sides.y, sides.settings
     say = progress or (lambda name: None)
     say("assignments")
-    assigned = assign(x, y, orientation=sides.sign, settings=settings)
-    from_x = x.distance[np.ix_(assigned.which, sides.on_x)]
-    curvature_of = {s: sides.curvature_x(s) for s in set(assigned.scale.tolist())}
+    maps = _assigned(sides)
+    say("rigid motions")
+    maps += aligned(sides.coarse_x, sides.whole, settings=sides.settings)
+    curvature_of = {scale: sides.curvature_x(scale) for _, scale in maps}
 
-    def start(partner: np.ndarray, scale: float) -> Start:
-        there = partner >= 0
-        from_y = y.distance[np.ix_(partner[there], sides.on_y)]
-        T = _by_distances(scale * from_x[there], from_y, settings)
+    def start(T: np.ndarray, scale: float) -> Start:
         return _start(sides, T, scale, curvature_of[scale])
 
-    given = list(zip(assigned.partner, assigned.scale.tolist(), strict=True))
-    num = len(given)
-    yield from _at_once(start, given, lambda i: say(f"registration {i + 1} of {num}"))
+    name = f"of {len(maps)}"
+    yield from _at_once(start, maps, lambda i: say(f"registration {i + 1} {name}"))
+
+
+def _assigned(sides: Sides) -> list[tuple[np.ndarray, float]]:
+    """A map from the copy of X to that of Y, and the scale, of each assignment."""
+    x, y, settings = sides.x, sides.y, sides.settings
+    found = assign(x, y, orientation=sides.sign, settings=settings)
+    from_x = x.distance[np.ix_(found.which, sides.on_x)]
+    maps = []
+    for partner, scale in zip(found.partner, found.scale.tolist(), strict=True):
+        there = partner >= 0
+        from_y = y.distance[np.ix_(partner[there], sides.on_y)]
+        maps.append((_by_distances(scale * from_x[there], from_y, settings), scale))
+    return maps
 
 
 def _at_once(draw: Callable, given: Iterable, say: Callable) -> Iterator[Start]:

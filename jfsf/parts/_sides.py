@@ -1,0 +1,111 @@
+"""Both shapes in one unit, with what the search for a region reads of them. Host side.
+
+Coarse copies of both are for the first steps, which try many starts.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.mesh import decimate, orient, surface_area, vertex_normals
+from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
+from jfsf.parts._region import near_vertices, outward, scaled
+from jfsf.parts._register import Whole, whole_at_rest
+from jfsf.parts._settings import PartSettings
+from jfsf.parts._shape import PartSamples, part_samples
+from jfsf.types import ArrayLike, Mesh
+
+
+class Sides(NamedTuple):
+    """Both shapes in the unit of Y, and coarse copies of both.
+
+    coarse_x: the copy of X.
+    whole: that of Y.
+    on_x: the vertex of X nearest to each of its copy.
+    from_y: the vertex of the copy nearest to each of Y.
+    on_y: the vertex of Y nearest to each of its copy.
+    usual_curvature: (times,) of Y, see `jfsf.parts._curvature`.
+    curvature_y: (n_y, times) of Y in these units.
+    sign: -1 for maps that mirror, and the whole is mirrored.
+    settings: with the scales that are tried.
+    same_unit: whether both shapes were in one unit.
+    """
+
+    x: PartSamples
+    y: PartSamples
+    coarse_x: Mesh
+    whole: Whole
+    on_x: np.ndarray
+    from_y: np.ndarray
+    on_y: np.ndarray
+    usual_curvature: np.ndarray
+    curvature_y: np.ndarray
+    sign: int
+    settings: PartSettings
+    same_unit: bool = True
+
+    def curvature_x(self, scale: float) -> np.ndarray:
+        """(n_x, times) of X at that size, like `curvature_y`."""
+        own = curvature(scaled(self.x.mesh, scale), self.settings.curvature_times)
+        return standard_curvature(own, self.usual_curvature, self.settings)
+
+
+def both_sides(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    landmarks: ArrayLike | None = None,
+    descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    same_unit: bool = True,
+    settings: PartSettings,
+) -> Sides:
+    """For maps that keep left and right.
+
+    Args:
+        mesh_x, mesh_y: both shapes.
+        landmarks: rows (vertex of X, vertex of Y).
+        descriptors: of X and of Y, a row a vertex.
+        same_unit: whether both are in one unit; else any size of X is as likely.
+        settings: how many samples, and the sizes of the copies.
+    """
+    if not same_unit:
+        settings = replace(
+            settings,
+            scales=settings.any_scales,
+            aligned_scales=settings.any_aligned_scales,
+            scale_bands=settings.any_scale_bands,
+            scale_weight=0.0,
+        )
+    unit = np.sqrt(surface_area(mesh_y))
+    at = ((), ()) if landmarks is None else np.asarray(landmarks).T
+    given = (None, None) if descriptors is None else descriptors
+
+    def in_unit(mesh):
+        own = orient(mesh)
+        return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
+
+    nums = settings.samples_of_part, settings.samples_of_whole
+    x, y = (
+        part_samples(
+            in_unit(mesh), num, landmarks=own, descriptors=desc, settings=settings
+        )
+        for mesh, num, own, desc in zip((mesh_x, mesh_y), nums, at, given, strict=True)
+    )
+    coarse_x = decimate(x.mesh, settings.coarse_part)
+    coarse_y = decimate(y.mesh, settings.coarse_whole)
+    on_x = near_vertices(x.mesh, coarse_x)
+    out = outward(coarse_y, vertex_normals(*coarse_y))
+    whole = whole_at_rest(coarse_y, out)
+    from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
+    copies = coarse_x, whole, on_x, from_y, on_y
+    curved = curvature(y.mesh, settings.curvature_times)
+    usual = usual_curvature(curved)
+    curved = standard_curvature(curved, usual, settings)
+    return Sides(x, y, *copies, usual, curved, 1, settings, same_unit)
+
+
+def mirrored(sides: Sides) -> Sides:
+    """For maps that exchange left and right."""
+    mesh, out = sides.whole.mesh, sides.whole.outward
+    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
