@@ -22,6 +22,9 @@ right ones among these: they are right more often than others of the same eviden
 that were fitted to all sets but one on that one, `held_out`: of all refined maps, and
 of those that are chosen.
 
+Starts are ranked, and so the refined ones chosen, by the weights that the package has
+when the rows are made.
+
 `stops` says the same if no other map is tried after one with so much log odds
 (`PartSettings.sure`), and `tries` if so many are tried at most
 (`PartSettings.refined`). A killed run goes on from what it has written.

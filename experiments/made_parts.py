@@ -83,14 +83,18 @@ def _parts(x, y, kind: str, rng) -> tuple[datasets.Shape, datasets.Shape] | None
         return None
     turns = np.eye(3), Rotation.from_quat(rng.normal(size=4)).as_matrix()
     factors = np.exp(SIZE * rng.normal()), 1.0
-    made = [
-        Mesh(factor / np.sqrt(surface_area(s.mesh)) * p.mesh.vertices @ turn.T, faces)
-        for s, p, turn, factor in zip(samples, parts, turns, factors, strict=True)
-        for faces in [p.mesh.faces]
-    ]
-    truths = (own[both][:TRUTH] for own in at)
     first, second = (
-        datasets.Shape(mesh, own, None) for mesh, own in zip(made, truths, strict=True)
+        datasets.Shape(
+            Mesh(
+                factor / np.sqrt(surface_area(s.mesh)) * p.mesh.vertices @ turn.T,
+                p.mesh.faces,
+            ),
+            own[both][:TRUTH],
+            None,
+        )
+        for s, p, turn, factor, own in zip(
+            samples, parts, turns, factors, at, strict=True
+        )
     )
     return first, second
 

@@ -139,6 +139,10 @@ def test_each_band_of_scales_keeps_its_share_and_no_two_lay_the_part_alike():
     )
     assert set(bands) == {0, 1, 2, 3}
     assert np.bincount(bands).max() == settings.alignments // 4
+    # Few are rounded up, or no band would have any.
+    few = replace(settings, alignments=2)
+    normals = vertex_normals(*part), vertex_normals(*WHOLE)
+    assert len(alignments(part, WHOLE, *normals, settings=few)) == 4
     images = [one.apply(part.vertices) for one in found]
     for i, one in enumerate(images):
         for j, other in enumerate(images[:i]):

@@ -96,7 +96,7 @@ def alignments(
     both = _surface(x, normal_x, settings), _surface(y, normal_y, settings)
     bands = np.arange(len(scales)) * settings.scale_bands // len(scales)
     some = x.vertices[:: -(-len(x.vertices) // COMPARED)]
-    most = settings.alignments // settings.scale_bands
+    most = -(-settings.alignments // settings.scale_bands)
     chosen: list[Alignment] = []
     for band in np.unique(bands):
         found: list[Alignment] = []

@@ -253,7 +253,7 @@ class PartSettings:
             *(
                 *("rim_width", "uncovered_weight", "first_reach"),
                 *("max_landmark_distance", "max_curvature"),
-                *("alignment_cell", "alignment_blur"),
+                *("alignment_cell", "alignment_blur", "alignment_density"),
             ),
         ):
             if getattr(self, name) <= 0:
