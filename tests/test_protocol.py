@@ -80,7 +80,7 @@ def test_the_readme_says_what_each_set_is_for(scripts):
     assert len(rows) >= 8
     for _, role, *_, where in rows:
         assert role.strip() in scripts.protocol.ROLES
-        named = re.search(r"`match_(\w+?)(_motion)?\.json`", where)
+        named = re.search(r"`match_(\w+?)\.json`", where)
         if named:
             assert (role.strip(),) == scripts.protocol.SETS[named[1]].roles, named[1]
 

@@ -1,0 +1,86 @@
+"""Seconds to match parts, over those of whole shapes of the same collection.
+
+Of each set of the protocol some pairs, spread evenly, are matched in turn: first each
+once, so that all is compiled and on disk, then some rounds; medians. Spectra are
+computed anew each time. Whole shapes are those of BeCoS and of SMAL: the views and the
+parts are of the same bodies.
+
+    python experiments/bench_parts.py [--data ROOT] [--pairs 3] [--repeats 5]
+"""
+
+import argparse
+import os
+import statistics
+import time
+from pathlib import Path
+
+import datasets
+import device_option
+import jax
+import protocol
+import results_file
+
+import jfsf
+from jfsf.report import LIKELY
+
+# A set of parts, and whole shapes of the same collection.
+SETS = {"becos_pf": "becos_ff", "becos_pp": "becos_ff", "psmal": "smal_whole"}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--data", type=Path, help="the root, or JFSF_DATA")
+    parser.add_argument("--pairs", type=int, default=3, help="of each set")
+    parser.add_argument("--repeats", type=int, default=5)
+    parser.add_argument(
+        "--out", type=Path, default=Path(__file__).parent / "results/bench_parts.json"
+    )
+    args = device_option.parse(parser)
+    root = Path(args.data or os.environ.get("JFSF_DATA", "."))
+    rows = []
+    for name in dict.fromkeys([*SETS, *SETS.values()]):
+        data_set = protocol.below(protocol.SETS[name], root)
+        for pair in datasets.spread(datasets.pairs_of(data_set), args.pairs):
+            row = _row(data_set, pair, args.repeats)
+            rows.append({"set": name, "x": pair.x, "y": pair.y, **row})
+            print(rows[-1], flush=True)
+    ratios = {name: _ratio(rows, name, whole) for name, whole in SETS.items()}
+    ratios["mean"] = statistics.mean(ratios.values())
+    print(ratios)
+    settings = {"pairs": args.pairs, "repeats": args.repeats}
+    results_file.write(args.out, settings=settings, ratios=ratios, rows=rows)
+
+
+def _row(data_set: protocol.DataSet, pair: datasets.Pair, repeats: int) -> dict:
+    """Seconds of one pair, warm."""
+    x, y = (shape.mesh for shape in datasets.load_pair_of(data_set, pair))
+    part = data_set.kind == "part"
+    seconds = []
+    for _ in range(1 + repeats):
+        start = time.perf_counter()
+        found = jax.block_until_ready(jfsf.match(x, y, partial=part))
+        seconds.append(time.perf_counter() - start)
+    return {
+        **{"vertices_x": len(x.vertices), "vertices_y": len(y.vertices)},
+        "sure": bool(found.certificate.confidence >= LIKELY),
+        **{"cold": seconds[0], "seconds": statistics.median(seconds[1:])},
+    }
+
+
+def _ratio(rows: list[dict], name: str, whole: str) -> float:
+    """Mean seconds of a pair of parts over those of a whole pair without doubt.
+
+    All whole pairs count if none of them is without doubt.
+    """
+    own = [row["seconds"] for row in rows if row["set"] == name]
+    other = [row for row in rows if row["set"] == whole]
+    sure = [row["seconds"] for row in other if row["sure"]]
+    return statistics.mean(own) / statistics.mean(
+        sure or [row["seconds"] for row in other]
+    )
+
+
+if __name__ == "__main__":
+    main()
