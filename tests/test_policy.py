@@ -20,6 +20,7 @@ from jfsf.policy._rigid import Moved
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
+ONE = Settings(retry_below=0.5, nonisometric_attempts=1)
 LANDMARKS = np.array([0]), np.array([0])
 
 
@@ -259,8 +260,8 @@ def test_the_match_of_each_attempt_is_kept():
 def test_the_rivals_of_a_map_count():
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.2], [[0.1, 0.4]], [[0.3, 0.5]])
-    policy.match_pairs([pair], runner, settings=HALF)
-    tried = pair.results(HALF)
+    policy.match_pairs([pair], runner, settings=ONE)
+    tried = pair.results(ONE)
     # In the order of the attempts: first, then the likeliest of the copies.
     shares = shares_of([0.2, 0.3, 0.5])[[0, 2]]
     np.testing.assert_allclose([m.certificate.share for m in tried], shares)
@@ -272,17 +273,26 @@ def test_the_rivals_of_a_map_count():
 def test_a_near_copy_of_the_first_map_is_not_attempted(alike):
     alike.append(2)  # 0.4; the first map is number 0
     runner = Scripted([0.2], [[0.1, 0.4]])
-    (match,) = run(runner)
+    (match,) = run(runner, settings=ONE)
     assert match.info.sources == ["search"]
     np.testing.assert_allclose(likely(match), 0.2)
     # It stands as the copy does.
     np.testing.assert_allclose(match.certificate.share, shares_of([0.2, 0.1, 0.4])[2])
 
 
-def test_nothing_is_attempted_where_the_first_map_ranks_first():
-    (match,) = run(Scripted([0.4], [[0.1, 0.2]]))
+def test_with_one_attempt_nothing_is_bent_where_the_first_map_ranks_first():
+    (match,) = run(Scripted([0.4], [[0.1, 0.2]]), settings=ONE)
     assert match.info.sources == ["search"]
     np.testing.assert_allclose(match.certificate.share, shares_of([0.4, 0.1, 0.2])[0])
+
+
+def test_two_maps_are_bent_by_default_the_map_so_far_among_them():
+    (match,) = run(Scripted([0.4], [[0.1, 0.2]]))
+    assert match.info.sources == ["search", "coarse copies"]
+    np.testing.assert_allclose(likely(match), 0.4)
+    (match,) = run(Scripted([0.1], [[0.3, 0.2, 0.15]]))
+    assert match.info.sources == ["search", *["coarse copies"] * 2]
+    np.testing.assert_allclose(likely(match), 0.3)
 
 
 def test_a_map_without_doubt_has_no_rivals():
