@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 import jfsf
 from jfsf.data import load
 from jfsf.mesh import check, coarsen, decimate, surface_area
+from jfsf.parts import cut
 from jfsf.types import Mesh
 
 MESH = load("man_up").mesh
@@ -40,6 +41,37 @@ def test_close_sheets_stay_apart():
     assert check(small).nonmanifold_edges == 0
     assert abs(surface_area(small) / surface_area(sheets) - 1) < 0.01
     assert np.ptp(coarsen(sheets, 100).mesh.vertices[:, 2]) < 0.02  # for contrast
+
+
+@pytest.mark.parametrize("num", [600, 1000, 1200])
+def test_an_arm_that_hangs_on_by_a_vertex_is_kept(num):
+    body = load("man_t").mesh
+    across = body.vertices[:, 0] - body.vertices[:, 0].mean()
+    ring = np.flatnonzero(np.abs(across / across.max() - 0.4) < 0.02)
+    parts = []
+    for vertex in ring:  # the only one of them that is left
+        kept = ~np.isin(np.arange(len(across)), ring) | (across == across[vertex])
+        part = cut(body, kept).mesh
+        if surface_area(part) > 0.97 * surface_area(body):
+            parts.append(part)
+    assert parts
+    for part in parts:
+        fewer = decimate(part, num)
+        assert check(part).components == check(fewer).components == 1
+        assert len(np.unique(fewer.faces)) == len(fewer.vertices)
+        assert surface_area(fewer) == pytest.approx(surface_area(part), rel=0.02)
+        gap = KDTree(fewer.vertices).query(part.vertices)[0].max()
+        assert gap < 0.12 * np.sqrt(surface_area(part))
+
+
+def test_of_several_pieces_the_largest_is_kept():
+    other = MESH._replace(vertices=0.5 * MESH.vertices + 10)
+    both = Mesh(
+        np.concatenate([other.vertices, MESH.vertices]),
+        np.concatenate([other.faces, MESH.faces + len(other.vertices)]),
+    )
+    small = decimate(both, 1000)
+    assert check(small).components == 1 and small.vertices.max() < 5
 
 
 def test_small_meshes_come_back_whole():

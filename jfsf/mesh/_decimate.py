@@ -2,9 +2,13 @@
 
 import fast_simplification
 import numpy as np
+from scipy.spatial import KDTree
 
-from jfsf.mesh._edit import largest_component
+from jfsf.mesh._edit import largest_component, split_components
+from jfsf.mesh._geometry import surface_area
 from jfsf.types import Mesh
+
+CRUMB = 0.005  # of the area: smaller pieces that come off are dropped
 
 
 def decimate(mesh: Mesh, num: int) -> Mesh:
@@ -12,14 +16,16 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
 
     Edges are contracted where the surface changes least (Garland and Heckbert, SIGGRAPH
     1997). So sheets that lie close stay apart, unlike those of `coarsen`, and a closed
-    surface stays one.
+    surface stays one. Where a limb hangs on by a neck of a few edges, or by a vertex,
+    contraction may part it: then it is joined again at the vertices that are nearest.
 
     Args:
         mesh: with faces.
         num: 4 or more.
 
     Returns:
-        The largest component. A mesh of `num` vertices or fewer comes back whole.
+        The largest component, in one piece. A mesh of `num` vertices or fewer comes
+        back whole.
 
     Raises:
         ValueError: num is below 4, or the mesh has no faces.
@@ -32,13 +38,36 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
         )
     if n <= num:
         return mesh
-    low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+    whole = largest_component(mesh).mesh
+    low, high = whole.vertices.min(0), whole.vertices.max(0)
     size = (high - low).max() or 1
     # In float32, so near the origin.
     simplified = fast_simplification.simplify(
-        ((mesh.vertices - low) / size).astype(np.float32),
-        np.asarray(mesh.faces, np.int32),
+        ((whole.vertices - low) / size).astype(np.float32),
+        np.asarray(whole.faces, np.int32),
         target_count=m * num // n,
     )
     moved = np.asarray(simplified[0], float) * size + low
-    return largest_component(Mesh(moved, np.asarray(simplified[1], np.int32))).mesh
+    return _in_one_piece(Mesh(moved, np.asarray(simplified[1], np.int32)))
+
+
+def _in_one_piece(mesh: Mesh) -> Mesh:
+    """Its components joined, the nearest first, each by the vertex that is nearest."""
+    pieces = [piece.mesh for piece in split_components(mesh)]
+    pieces.sort(key=surface_area, reverse=True)
+    least = CRUMB * surface_area(mesh)
+    joined, *rest = [pieces[0], *(p for p in pieces[1:] if surface_area(p) >= least)]
+    while rest:
+        tree = KDTree(joined.vertices)
+        found = [tree.query(piece.vertices) for piece in rest]
+        first = int(np.argmin([away.min() for away, _ in found]))
+        piece, (away, near) = rest.pop(first), found[first]
+        at = int(np.argmin(away))
+        number = len(joined.vertices) + np.arange(len(piece.vertices), dtype=np.int32)
+        number[at:] -= 1
+        number[at] = near[at]
+        joined = Mesh(
+            np.concatenate([joined.vertices, np.delete(piece.vertices, at, 0)]),
+            np.concatenate([joined.faces, number[piece.faces]]),
+        )
+    return joined
