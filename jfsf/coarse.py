@@ -39,8 +39,8 @@ def coarse_copy(spec: Spectrum, *, settings: Settings) -> CoarseCopy:
 
     Args:
         spec: padding at the end is left out.
-        settings: `coarse_vertices`. A shape of fewer vertices, or one that falls apart,
-            is its own copy.
+        settings: `coarse_vertices`. A shape of fewer vertices is its own copy, and one
+            of which fewer than `min_vertices` would be left.
     """
     evals, evecs, mass, faces, vertices = map(np.asarray, spec)
     n = int(np.sum(mass > 0))

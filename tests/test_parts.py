@@ -28,6 +28,7 @@ from jfsf.parts import (
     Parts,
     PartSettings,
     RegisterWeights,
+    _starts,
     cut,
     likely_part,
     longest_loop,
@@ -39,7 +40,7 @@ from jfsf.parts._ball_descriptors import (
     descriptor_unlikeness,
     unlikeness,
 )
-from jfsf.parts._beam import assign
+from jfsf.parts._beam import Assigned, anchors_of, assign
 from jfsf.parts._membership import from_rim, membership
 from jfsf.parts._region import (
     covered_by,
@@ -560,6 +561,38 @@ def test_what_an_open_whole_lacks_does_not_draw_it():
     assert found.share == pytest.approx(mass[both].sum() / mass.sum(), abs=0.08)
     at = whole.vertices[found.T]
     assert away(at[both], part.vertices[both]) < 0.03
+
+
+def test_where_the_start_is_unknown_it_does_not_draw_an_open_whole():
+    low, high = (np.quantile(HEIGHT, q) for q in (0.25, 0.75))
+    x, y = cut(WHOLE, HEIGHT < high), cut(WHOLE, HEIGHT > low)
+    part, whole = in_unit(x.mesh), in_unit(y.mesh)
+    known = HEIGHT[x.index] > low
+    start = KDTree(whole.vertices).query(part.vertices)[1]
+    start[~known] = HEIGHT[y.index].argmax()  # at the wrong end
+    at = lambda found: away(whole.vertices[found.T][known], part.vertices[known])
+    found = register(at_rest(whole), part, start, known)
+    assert at(found) < 0.03 and found.share < 0.75
+    drawn = register(at_rest(whole), part, start)
+    assert drawn.energy > 2 * found.energy and drawn.residual > 1.5 * found.residual
+    # All of a part has its place on a whole that is closed.
+    closed = in_unit(WHOLE)
+    some = np.arange(len(PART.index)) % 2 == 0
+    one = register(at_rest(closed), in_unit(PART.mesh), PART.index, some)
+    other = register(at_rest(closed), in_unit(PART.mesh), PART.index)
+    np.testing.assert_array_equal(one.T, other.T)
+
+
+def test_points_near_an_anchor_without_a_partner_are_unknown(monkeypatch):
+    sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
+    partner = np.full((1, QUICK.anchors), -1)
+    partner[0, 0] = 0
+    kept = Assigned(partner, anchors_of(sides.x, QUICK), np.ones(1), np.zeros(1))
+    monkeypatch.setattr(_starts, "assign", lambda *_, **__: kept)
+    [(_, _, known)] = _starts._assigned(sides)
+    apart = sides.x.distance[np.ix_(kept.which, sides.on_x)]
+    np.testing.assert_array_equal(known, apart.argmin(0) == 0)
+    assert known.any() and not known.all()
 
 
 # Quick: neither the region nor the maps need be right.

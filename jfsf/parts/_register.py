@@ -81,6 +81,7 @@ def register(
     whole: Whole,
     part: Mesh,
     T,
+    known=None,
     *,
     curvature: tuple[np.ndarray, np.ndarray] | None = None,
     settings: PartSettings = PartSettings(),
@@ -96,6 +97,8 @@ def register(
         whole: at rest.
         part: about as large as the whole has it.
         T: the start: the vertex of the whole for each vertex of the part.
+        known: (p,) bool, where the start is to be trusted: the other points neither
+            place nor draw an open whole in the first step. None for all.
         curvature: (p, c) of the part and (n, c) of the whole, see
             `jfsf.parts._curvature`; None compares positions and normals only.
         settings: `first_reach`, `reaches` and what follows these.
@@ -108,7 +111,9 @@ def register(
     points = np.concatenate(columns, 1)
     edge = whole.outward.any(1)
     scale, covered = 1.0, np.ones(len(at), bool)
-    moved = _placed(whole.mesh.vertices, at, mass, T)
+    if edge.any() and known is not None and np.any(known):
+        covered = np.asarray(known)
+    moved = _placed(whole.mesh.vertices, at, mass * covered, T)
     rest = whole.rest
     away = np.zeros(len(at))
     rotation = np.broadcast_to(np.eye(3), (len(moved), 3, 3))

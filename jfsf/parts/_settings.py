@@ -27,11 +27,11 @@ class RegisterWeights(NamedTuple):
         may differ. A small part leaves little apart, wherever it lies.
     """
 
-    residual: float = 3.89
+    residual: float = 7.46
     energy: float = 1.0
-    share: float = -0.76
-    log_odds: float = -0.12
-    size: float = -1.71
+    share: float = -0.37
+    log_odds: float = -0.14
+    size: float = -1.02
 
 
 @dataclass(frozen=True)

@@ -58,18 +58,20 @@ def starts(
     say("assignments")
     maps = _assigned(sides)
     say("rigid motions")
-    maps += aligned(sides.coarse_x, sides.whole, settings=sides.settings)
-    curvature_of = {scale: sides.curvature_x(scale) for _, scale in maps}
+    motions = aligned(sides.coarse_x, sides.whole, settings=sides.settings)
+    maps += [(T, scale, None) for T, scale in motions]
+    curvature_of = {scale: sides.curvature_x(scale) for _, scale, _ in maps}
 
-    def start(T: np.ndarray, scale: float) -> Start:
-        return _start(sides, T, scale, curvature_of[scale])
+    def start(T: np.ndarray, scale: float, known: np.ndarray | None) -> Start:
+        return _start(sides, T, scale, curvature_of[scale], known)
 
     name = f"of {len(maps)}"
     yield from _at_once(start, maps, lambda i: say(f"registration {i + 1} {name}"))
 
 
-def _assigned(sides: Sides) -> list[tuple[np.ndarray, float]]:
-    """A map from the copy of X to that of Y, and the scale, of each assignment."""
+def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray | None]]:
+    """Of each assignment: a map from the copy of X to that of Y, the scale, and which
+    points of X are nearest to an anchor with a partner."""
     x, y, settings = sides.x, sides.y, sides.settings
     found = assign(x, y, orientation=sides.sign, settings=settings)
     from_x = x.distance[np.ix_(found.which, sides.on_x)]
@@ -77,7 +79,8 @@ def _assigned(sides: Sides) -> list[tuple[np.ndarray, float]]:
     for partner, scale in zip(found.partner, found.scale.tolist(), strict=True):
         there = partner >= 0
         from_y = y.distance[np.ix_(partner[there], sides.on_y)]
-        maps.append((_by_distances(scale * from_x[there], from_y, settings), scale))
+        T = _by_distances(scale * from_x[there], from_y, settings)
+        maps.append((T, scale, there[from_x.argmin(0)]))
     return maps
 
 
@@ -145,11 +148,17 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
     return _start(sides, T, scale, sides.curvature_x(scale))
 
 
-def _start(sides: Sides, T: np.ndarray, scale: float, curvature_x: np.ndarray) -> Start:
-    """Of a map T from the copy of X to that of Y."""
+def _start(
+    sides: Sides,
+    T: np.ndarray,
+    scale: float,
+    curvature_x: np.ndarray,
+    known: np.ndarray | None = None,
+) -> Start:
+    """Of a map T from the copy of X to that of Y, to be trusted where it is known."""
     settings, part = sides.settings, scaled(sides.coarse_x, scale)
     curved = curvature_x[sides.on_x], sides.curvature_y[sides.on_y]
-    found = register(sides.whole, part, T, curvature=curved, settings=settings)
+    found = register(sides.whole, part, T, known, curvature=curved, settings=settings)
     cost = rank = _cost(found, settings)
     if not sides.same_unit:
         rank += settings.register_weights.size * float(np.log(scale / found.scale))
