@@ -568,7 +568,7 @@ def test_where_the_start_is_unknown_it_does_not_draw_an_open_whole():
     x, y = cut(WHOLE, HEIGHT < high), cut(WHOLE, HEIGHT > low)
     part, whole = in_unit(x.mesh), in_unit(y.mesh)
     known = HEIGHT[x.index] > low
-    start = KDTree(whole.vertices).query(part.vertices)[1]
+    start = np.asarray(KDTree(whole.vertices).query(part.vertices)[1])
     start[~known] = HEIGHT[y.index].argmax()  # at the wrong end
     at = lambda found: away(whole.vertices[found.T][known], part.vertices[known])
     found = register(at_rest(whole), part, start, known)

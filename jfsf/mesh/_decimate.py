@@ -59,13 +59,13 @@ def _in_one_piece(mesh: Mesh) -> Mesh:
     joined, *rest = [pieces[0], *(p for p in pieces[1:] if surface_area(p) >= least)]
     while rest:
         tree = KDTree(joined.vertices)
-        found = [tree.query(piece.vertices) for piece in rest]
+        found = [np.asarray(tree.query(piece.vertices)) for piece in rest]
         first = int(np.argmin([away.min() for away, _ in found]))
         piece, (away, near) = rest.pop(first), found[first]
         at = int(np.argmin(away))
         number = len(joined.vertices) + np.arange(len(piece.vertices), dtype=np.int32)
         number[at:] -= 1
-        number[at] = near[at]
+        number[at] = int(near[at])
         joined = Mesh(
             np.concatenate([joined.vertices, np.delete(piece.vertices, at, 0)]),
             np.concatenate([joined.faces, number[piece.faces]]),
