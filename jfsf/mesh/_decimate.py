@@ -39,6 +39,8 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
     if n <= num:
         return mesh
     whole = largest_component(mesh).mesh
+    if len(whole.vertices) <= num:
+        return whole
     low, high = whole.vertices.min(0), whole.vertices.max(0)
     size = (high - low).max() or 1
     # In float32, so near the origin.

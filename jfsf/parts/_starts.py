@@ -56,10 +56,10 @@ def starts(
     """
     say = progress or (lambda name: None)
     say("assignments")
-    maps = _assigned(sides)
+    assigned = _assigned(sides)
     say("rigid motions")
     motions = aligned(sides.coarse_x, sides.whole, settings=sides.settings)
-    maps += [(T, scale, None) for T, scale in motions]
+    maps = [*assigned, *((T, scale, None) for T, scale in motions)]
     curvature_of = {scale: sides.curvature_x(scale) for _, scale, _ in maps}
 
     def start(T: np.ndarray, scale: float, known: np.ndarray | None) -> Start:
@@ -69,9 +69,11 @@ def starts(
     yield from _at_once(start, maps, lambda i: say(f"registration {i + 1} {name}"))
 
 
-def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray | None]]:
-    """Of each assignment: a map from the copy of X to that of Y, the scale, and which
-    points of X are nearest to an anchor with a partner."""
+def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray]]:
+    """A map from the copy of X to that of Y, the scale, and where it is known.
+
+    Of each assignment. It is known at points whose nearest anchor has a partner.
+    """
     x, y, settings = sides.x, sides.y, sides.settings
     found = assign(x, y, orientation=sides.sign, settings=settings)
     from_x = x.distance[np.ix_(found.which, sides.on_x)]
