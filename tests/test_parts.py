@@ -775,6 +775,24 @@ def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way):
     assert again.scale == pytest.approx(1 / start.registered.scale)
 
 
+def test_what_a_start_did_not_cover_does_not_draw_it_again():
+    low, high = (np.quantile(HEIGHT, q) for q in (0.25, 0.75))
+    x, y = cut(WHOLE, HEIGHT < high), cut(WHOLE, HEIGHT > low)
+    sides = both_sides(x.mesh, y.mesh, settings=QUICK)
+    start = start_of(sides, KDTree(y.mesh.vertices).query(x.mesh.vertices)[1], 1.0)
+    both = HEIGHT[x.index[sides.on_x]] > low
+    covered = start.registered.covered
+    assert covered[both].mean() > 0.9 and covered[~both].mean() < 0.3
+    # What Y lacks goes to its wrong end.
+    T = np.where(covered, start.registered.T, HEIGHT[y.index[sides.on_y]].argmax())
+
+    def again(covered):
+        found = start.registered._replace(T=T, covered=covered)
+        return start_from(sides, start._replace(registered=found))
+
+    assert again(covered).rank < again(np.ones(len(T), bool)).rank - 1
+
+
 def test_a_region_of_too_few_vertices_is_an_error(matched_with):
     with pytest.raises(ValueError, match="no region of 10000 vertices"):
         matched_with(replace(QUICK, min_vertices=10_000))

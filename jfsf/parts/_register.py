@@ -54,6 +54,7 @@ class Registered(NamedTuple):
     residual: root mean square distance of what it covers, by position, normal and
         curvature.
     energy: of the deformation, see `jfsf.refine.deform`, at the size of the whole.
+    covered: (p,) bool, whether it covers a point of the part; a closed whole covers all.
     share: of the part's area that it covers.
     """
 
@@ -63,6 +64,7 @@ class Registered(NamedTuple):
     T: np.ndarray
     residual: float
     energy: float
+    covered: np.ndarray
     share: float
 
 
@@ -145,7 +147,7 @@ def register(
     bent = np.sum((edges_of(rest, moved) - scale * ahead) ** 2, 1)
     energy = float(rest.stiff @ bent) / 2 / scale**2
     return Registered(
-        *(moved, rotation, scale, T, float(residual), energy, float(share))
+        *(moved, rotation, scale, T, float(residual), energy, covered, float(share))
     )
 
 

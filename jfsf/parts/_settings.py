@@ -27,11 +27,11 @@ class RegisterWeights(NamedTuple):
         may differ. A small part leaves little apart, wherever it lies.
     """
 
-    residual: float = 7.46
+    residual: float = 7.37
     energy: float = 1.0
-    share: float = -0.37
-    log_odds: float = -0.14
-    size: float = -1.02
+    share: float = -1.07
+    log_odds: float = -0.08
+    size: float = -1.32
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class PartSettings:
     min_groups: int = 12
     unassigned_cost: float = 1.1
     unassigned_cost_open: float = 0.75
-    assignments: int = 16
+    assignments: int = 32
     min_partner_distance: float = 0.1
     rotations: int = 400
     aligned_scales: tuple[float, ...] = (0.9, 1.15)

@@ -132,9 +132,13 @@ def first_starts(
 
 
 def start_from(sides: Sides, start: Start) -> Start:
-    """Y, at rest again, drawn onto X by the map and the size that a start has found."""
-    scale = start.scale / start.registered.scale
-    return _start(sides, start.registered.T, scale, sides.curvature_x(scale))
+    """Y, at rest again, drawn onto X by the map and the size that a start has found.
+
+    That map is known where Y covers X.
+    """
+    found = start.registered
+    scale = start.scale / found.scale
+    return _start(sides, found.T, scale, sides.curvature_x(scale), found.covered)
 
 
 def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
