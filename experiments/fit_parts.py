@@ -11,9 +11,9 @@ Weights are those of a conditional logit (McFadden 1974): within a pair, the cha
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
 0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`), that
-of the size to the starts where units may differ; of that of the log odds `ODDS_SHARE` is
-used. How often the first map is right, by
-the weights of the package, is said of every set.
+of the size to the starts where units may differ; of that of the log odds a share is
+used, `ODDS_SHARE`. How often the first map is right, by the weights of the package, is
+said of every set.
 
 The confidence (`jfsf.evidence.region_confidence`) is a logistic regression of a mean
 error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
@@ -64,8 +64,8 @@ SETTINGS = PartSettings()
 NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
 # Of the fitted weight of the log odds, this much is used. A right map has poor evidence
-# where its region is not yet right, as where both shapes are cut, and few pairs that are
-# fitted to are so. Chosen on psmal and on the pairs of `partial.py --both`.
+# where its region is not yet right, as where both shapes are cut, and few pairs are so
+# that it is fitted to. Chosen on psmal and on the pairs of `partial.py --both`.
 ODDS_SHARE = 0.5
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"

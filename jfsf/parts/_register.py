@@ -54,7 +54,7 @@ class Registered(NamedTuple):
     residual: root mean square distance of what it covers, by position, normal and
         curvature.
     energy: of the deformation, see `jfsf.refine.deform`, at the size of the whole.
-    covered: (p,) bool, whether it covers a point of the part; a closed whole covers all.
+    covered: (p,) bool, the points of the part that it covers: all, if it is closed.
     share: of the part's area that it covers.
     """
 
