@@ -99,7 +99,7 @@ class PartSettings:
         out the others before it is known to be wrong.
     unassigned_cost: of an anchor without a partner, beside a closed whole.
     unassigned_cost_open: the same beside an open whole, which may lack the partner.
-    assignments: the best ones, by which the part is bent.
+    assignments: the best ones, at most, by which the whole is drawn.
     min_partner_distance: mean distance of their partners, in which two of these differ.
 
     Rigid alignment of coarse copies, by which the whole is drawn too:
