@@ -63,9 +63,10 @@ MADE = "made_parts"  # of sets with the role "fit"
 SETTINGS = PartSettings()
 NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
-# Of the fitted weight of the log odds, this much is used. A right map has poor evidence
-# where its region is not yet right, as where both shapes are cut, and few pairs are so
-# that it is fitted to. Chosen on psmal and on the pairs of `partial.py --both`.
+# The share of the fitted weight of the log odds that is used. Where both shapes are cut
+# a region is often not yet right, and then a right map has poor evidence. The sets that
+# the weight is fitted to have few such pairs. Chosen on psmal and on the pairs of
+# `partial.py --both`.
 ODDS_SHARE = 0.5
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
