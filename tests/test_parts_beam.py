@@ -12,7 +12,7 @@ from jfsf import testing
 from jfsf.mesh import surface_area
 from jfsf.parts import PartSettings, cut
 from jfsf.parts import _beam as beam
-from jfsf.parts._shape import part_samples
+from jfsf.parts._shape import along_cut, part_samples
 from jfsf.types import Mesh
 
 WHOLE = testing.blob(3, subdivisions=3)
@@ -45,7 +45,8 @@ def plain_cost(pair, m: int, partner, scale: float, sign: int, to: int) -> float
         far_x = scale * x.between[which[m], which[j]]
         off = far_x - y.between[own, to]
         off /= SETTINGS.distance_slack + SETTINGS.distance_share * far_x
-        if pair.touches[m, j] and off > 0:
+        y_touches = along_cut(y.around[own, to], y.between[own, to], SETTINGS)
+        if (pair.touches[m, j] and off > 0) or (y_touches and off < 0):
             off *= SETTINGS.shorter_weight
         part = 2 * off**2 / (1 + off**2)
         if before is not None and partner[before] >= 0:
@@ -59,10 +60,11 @@ def plain_cost(pair, m: int, partner, scale: float, sign: int, to: int) -> float
 
 
 @pytest.mark.parametrize("states", [1, beam.STATES_AT_A_TIME + 3])
-def test_the_cost_is_the_mean_of_distances_and_directions(states):
-    height = WHOLE.vertices[:, 2]
+@pytest.mark.parametrize("kept", [1.0, 0.8])
+def test_the_cost_is_the_mean_of_distances_and_directions(states, kept):
+    height, across = WHOLE.vertices[:, 2], WHOLE.vertices[:, 0]
     x = samples(cut(WHOLE, height < np.quantile(height, 0.7)).mesh, 40)
-    y = samples(WHOLE, 50)
+    y = samples(cut(WHOLE, across <= np.quantile(across, kept)).mesh, 50)
     pair = beam._Pair(x, y, beam.anchors_of(x, SETTINGS), SETTINGS)
     assert pair.touches.any() and not pair.touches.all()
     rng, m = np.random.default_rng(0), 5
@@ -77,6 +79,42 @@ def test_the_cost_is_the_mean_of_distances_and_directions(states):
             if to not in here:  # a point has no direction to itself
                 wanted = plain_cost(pair, m, here, scale[row], sign[row], to)
                 assert found[row, to] == pytest.approx(wanted, abs=2e-5)
+
+
+def test_an_open_whole_may_lack_the_first_partner():
+    """The first sample is at the end that the whole lacks: no other follows from it."""
+    x = samples(WHOLE, 60)
+    first = x.at[beam.anchors_of(x, SETTINGS)[0]]
+    far = np.linalg.norm(WHOLE.vertices - WHOLE.vertices[first], axis=1)
+    rest = cut(WHOLE, far > np.quantile(far, 0.3))
+    y = samples(rest.mesh, 120)
+    found = beam.assign(x, y, settings=PartSettings(beam=600))
+    at = x.at[found.which]
+    best = found.partner[0]
+    assert best[0] < 0 and (best >= 0).sum() > 5
+    images = rest.index[y.at[best[best >= 0]]]
+    off = WHOLE.vertices[images] - WHOLE.vertices[at[best >= 0]]
+    assert np.linalg.norm(off, axis=1).mean() / UNIT < 0.1
+    # A closed one has it.
+    closed = beam.assign(x, samples(WHOLE, 120), settings=PartSettings(beam=600))
+    assert (closed.partner[:, 0] >= 0).all()
+
+
+@given(
+    hnp.arrays(
+        np.int64,
+        st.tuples(st.integers(1, 9), st.integers(3, 6)),
+        elements=st.integers(-1, 4),
+    )
+)
+def test_groups_are_told_by_the_first_partners(partner):
+    cell = np.array([7, 8, 9, 8, 7, -1])
+    wanted = []
+    for row in partner.tolist():
+        there = [m for m, own in enumerate(row) if own >= 0]
+        cells = [int(cell[row[m]]) for m in there[:3]]
+        wanted.append([*cells, *[-1] * (3 - len(cells)), *(there or [0])[:1]])
+    assert beam._first_partners(partner, 3, cell).tolist() == wanted
 
 
 @given(

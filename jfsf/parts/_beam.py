@@ -67,18 +67,21 @@ def assign(
     # A state: partners, the number of its scale, its sign, its cost.
     ball_weight, scale_weight = settings.ball_weight, settings.scale_weight
     first = ball_weight * unlike[:, 0] + scale_weight * np.abs(np.log(scale))[:, None]
-    partner: np.ndarray = np.tile(np.arange(num), len(scale))[:, None]
-    of_scale: np.ndarray = np.repeat(np.arange(len(scale)), num)
+    every, lonely = np.arange(num), settings.unassigned_cost
+    if not np.isinf(y.to_boundary).all():
+        # An open whole may lack the first partner as well as any other.
+        every, lonely = np.append(every, -1), settings.unassigned_cost_open
+        first = np.concatenate([first, np.full((len(scale), 1), lonely)], 1)
+    partner: np.ndarray = np.tile(every, len(scale))[:, None]
+    of_scale: np.ndarray = np.repeat(np.arange(len(scale)), len(every))
     cost: np.ndarray = first.ravel()
     sign = np.repeat(np.asarray(signs), len(cost))
     partner, of_scale, cost = (
         np.concatenate([v] * len(signs)) for v in (partner, of_scale, cost)
     )
-    # Near partners of the first samples make one group; the last cell is no partner.
+    # Near partners of the first that have one make a group; the last cell is of none.
     cell = np.append(np.argmin(pair.between_y[: settings.cells], 0), -1)
     band = np.arange(len(scale)) * settings.scale_bands // len(scale)
-    closed = np.isinf(y.to_boundary).all()
-    lonely = settings.unassigned_cost if closed else settings.unassigned_cost_open
     partners, beam = settings.partners, settings.beam
     for m in range(1, len(which)):
         new = cost[:, None] + ball_weight * unlike[of_scale, m] + ruled_out[m]
@@ -87,8 +90,10 @@ def assign(
         alone = cost + lonely
         new = np.concatenate([new, alone[:, None]], 1)
         if partners < num:
-            worse = np.argpartition(new, partners, axis=1)[:, partners:]
-            np.put_along_axis(new, worse, np.inf, 1)
+            # Where there is no partner yet, no distance tells the next one.
+            begun = np.flatnonzero((partner >= 0).any(1))
+            worse = np.argpartition(new[begun], partners, axis=1)[:, partners:]
+            new[begun[:, None], worse] = np.inf
         best = np.flatnonzero(np.isfinite(new))
         best = best[np.argsort(new.ravel()[best])]
         own = band[of_scale[best // (num + 1)]][:, None]
@@ -96,7 +101,7 @@ def assign(
         row, column = np.divmod(best, num + 1)
         added = np.where(column == num, -1, column)
         both = np.concatenate([partner[row], added[:, None]], 1)
-        group = cell[both[:, : settings.grouped_anchors]]
+        group = _first_partners(both, settings.grouped_anchors, cell)
         own = band[of_scale[row]][:, None]
         group = np.concatenate([group, own], 1)
         kept = _first_of_groups(group, beam // settings.min_groups)
@@ -158,6 +163,8 @@ class _Pair:
         anchors = np.ix_(which, which)
         between_x = x.between[anchors]
         self.touches = along_cut(x.around[anchors], between_x, settings)
+        self.touches_y = along_cut(y.around, y.between, settings)
+        self.cut_y = self.touches_y.any()
         # A large table for each two anchors: half the precision is half the time.
         self.between_x = between_x.astype(np.float32)
         self.between_y = y.between.astype(np.float32)
@@ -198,6 +205,9 @@ class _Pair:
             off = (far_x - far_y) / (slack + share * far_x)
             if self.touches[m, j]:
                 off = np.where(off > 0, off * settings.shorter_weight, off)
+            if self.cut_y:
+                longer = (off < 0) & self.touches_y[b]
+                off = np.where(longer, off * settings.shorter_weight, off)
             part = off**2 / (1 + off**2) * 2
             if before is not None:
                 i = before
@@ -230,6 +240,13 @@ class _Pair:
 def _square(value: np.ndarray) -> np.ndarray:
     """Of the absolute values of complex numbers."""
     return np.real(value) ** 2 + np.imag(value) ** 2
+
+
+def _first_partners(partner: np.ndarray, most: int, cell: np.ndarray) -> np.ndarray:
+    """(states, most + 1) cells of the first `most` partners, and whose the first is."""
+    order = np.argsort(partner < 0, axis=1, kind="stable")[:, :most]
+    cells = cell[np.take_along_axis(partner, order, 1)]
+    return np.concatenate([cells, order[:, :1]], 1)
 
 
 def _first_of_groups(group: np.ndarray, most: int) -> np.ndarray:
