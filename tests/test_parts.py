@@ -533,7 +533,7 @@ def test_a_whole_is_registered_in_any_pose_and_size():
     moved = turned(part, 4)
     other = register(at_rest(whole), moved, shifted(0.05))
     np.testing.assert_array_equal(other.T, found.T)
-    assert other.energy == pytest.approx(found.energy, rel=1e-6)
+    assert other.energy == pytest.approx(found.energy, rel=1e-6, abs=1e-9)
     larger = Mesh(1.2 * part.vertices, part.faces)
     assert register(at_rest(whole), larger, PART.index).scale == pytest.approx(
         1.2, 0.03
@@ -560,7 +560,7 @@ def test_what_an_open_whole_lacks_does_not_draw_it():
     mass = vertex_areas(*part)
     assert found.share == pytest.approx(mass[both].sum() / mass.sum(), abs=0.08)
     at = whole.vertices[found.T]
-    assert away(at[both], part.vertices[both]) < 0.03
+    assert away(at[both], part.vertices[both]) < 0.035
 
 
 def test_where_the_start_is_unknown_it_does_not_draw_an_open_whole():
@@ -599,6 +599,7 @@ def test_points_near_an_anchor_without_a_partner_are_unknown(monkeypatch):
 QUICK = PartSettings(
     anchors=6,
     beam=60,
+    min_groups=12,
     samples_of_part=40,
     samples_of_whole=80,
     assignments=4,
@@ -759,6 +760,19 @@ def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept():
     assert all(start.missed <= least for _, start in first_starts(known, 1))
 
 
+def test_all_starts_are_drawn_in_every_second_step_and_the_best_in_all(monkeypatch):
+    reaches = []
+
+    def noted(*args, settings, **kwargs):
+        reaches.append(settings.reaches)
+        return register(*args, settings=settings, **kwargs)
+
+    monkeypatch.setattr(_starts, "register", noted)
+    steps = replace(QUICK, reaches=(0.3, 0.2, 0.1), registered_again=2)
+    found = first_starts(both_sides(PART.mesh, WHOLE, settings=steps), 1)
+    assert reaches == [(0.3, 0.1)] * len(found) + [(0.3, 0.2, 0.1)] * 2
+
+
 @pytest.mark.parametrize("way", [(0.6, -0.8, 0), (0, 1, 0), (0, -1, 0)])
 def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way):
     sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
@@ -816,7 +830,7 @@ def test_every_number_is_read():
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
         ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
-        ({"beam": 11}, "beam is 11, min_groups 12; follow no fewer"),
+        ({"beam": 11, "min_groups": 12}, "beam is 11, min_groups 12; follow no fewer"),
         ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
         (
             {"drawn_curvature_weights": ()},

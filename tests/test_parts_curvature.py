@@ -8,7 +8,12 @@ from scipy.spatial import KDTree
 from jfsf import testing
 from jfsf.mesh import vertex_normals
 from jfsf.parts import PartSettings
-from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
+from jfsf.parts._curvature import (
+    curvature,
+    curvatures,
+    standard_curvature,
+    usual_curvature,
+)
 from jfsf.parts._region import alike, outward, target
 from jfsf.parts._register import register, whole_at_rest
 from jfsf.types import Mesh
@@ -38,6 +43,18 @@ def test_motion_a_mirror_and_the_unit_change_nothing():
     np.testing.assert_allclose(curvature(moved, 25 * times), found, atol=1e-6)
     mirrored = Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
     np.testing.assert_allclose(curvature(mirrored, times), found, atol=1e-6)
+
+
+def test_between_known_times_it_is_interpolated():
+    mesh = testing.blob(3, subdivisions=3)
+    known = curvatures(mesh, 0.002, 0.05)
+    assert known.log_times[[0, -1]] == pytest.approx(np.log([0.002, 0.05]))
+    times = np.array([0.002, 0.0033, 0.017, 0.05])
+    exact = curvature(mesh, times)
+    assert (np.abs(known.at(times) - exact).max(0) < 0.02 * exact.std(0)).all()
+    # At its own times and beyond the ends nothing is between.
+    np.testing.assert_allclose(known.at(times[[0, 3]]), exact[:, [0, 3]], atol=1e-9)
+    np.testing.assert_array_equal(known.at([0.001, 0.09]), known.values[:, [0, -1]])
 
 
 def test_standard_values_have_the_mean_square_as_distance_and_are_cut_off():

@@ -36,12 +36,12 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 from threadpoolctl import threadpool_limits
 
 from jfsf.convert import precise, to_vertex
 from jfsf.geometry import geodesics, vertex_indices
 from jfsf.mesh import farthest_vertices, vertex_components
+from jfsf.refine import definite_factor
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
@@ -217,7 +217,7 @@ def _solve(x, y, P_xy, P_yx, alpha, beta) -> np.ndarray:
     back = P_yx.T @ sp.diags(y.mass)
     system = alpha * x.stiffness + (1 - alpha) * (back @ P_yx) + sp.diags(beta * x.mass)
     right = (1 - alpha) * (back @ y.emb) + beta * x.mass[:, None] * (P_xy @ y.emb)
-    return _factor(system).solve(right)
+    return definite_factor(system).solve(right)
 
 
 def _energies(x, y, P_xy, P_yx, F_xy, F_yx, alpha, beta) -> tuple[float, ...]:
@@ -228,16 +228,6 @@ def _energies(x, y, P_xy, P_yx, F_xy, F_yx, alpha, beta) -> tuple[float, ...]:
     penalty += y.mass @ np.sum((F_yx - P_yx @ x.emb) ** 2, 1)
     terms = alpha * harmonic, (1 - alpha) * reversible, beta * penalty
     return *terms, sum(terms)
-
-
-def _factor(system):
-    # Positive definite: no pivoting, and less fill than the default ordering.
-    return splu(
-        sp.csc_matrix(system),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0,
-        options={"SymmetricMode": True},
-    )
 
 
 def _selection(T_xy: np.ndarray, n_y: int) -> sp.csr_matrix:
@@ -284,7 +274,7 @@ def _shape(name, argument, mesh: Mesh, dim: int, num_samples: int = SAMPLES) -> 
     rest = np.setdiff1d(np.arange(len(vertices)), at)
     if len(rest):
         energy = (stiffness @ sp.diags(1 / mass) @ stiffness).tocsr()[rest]
-        emb[rest] = _factor(energy[:, rest]).solve(-(energy[:, at] @ scaled))
+        emb[rest] = definite_factor(energy[:, rest]).solve(-(energy[:, at] @ scaled))
     return _Shape(emb, faces, sp.csr_matrix(stiffness), mass)
 
 

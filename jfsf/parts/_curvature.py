@@ -6,23 +6,52 @@ sqrt(t), so a cut changes it only there. `jfsf.spectral.curvature` is for whole 
 it reads eigenfunctions, which a cut changes everywhere.
 """
 
-from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from jfsf.mesh import vertex_normals
 from jfsf.parts._settings import PartSettings
+from jfsf.refine import definite_factor
 from jfsf.spectral import operators
-from jfsf.types import Mesh
+from jfsf.types import ArrayLike, Mesh
 
 # Of a normal distribution: the standard deviation over the median absolute value.
 SPREAD = 1.4826
 TINY = 1e-9
+STEP = 0.4  # at most, between logarithms of times
 
 
-def curvature(mesh: Mesh, times: Sequence[float]) -> np.ndarray:
+class Curvatures(NamedTuple):
+    """Curvature of one mesh at many times, for that at any time between.
+
+    log_times: (k,) logarithms of the times, evenly spaced.
+    values: (n, k) `curvature`.
+    """
+
+    log_times: np.ndarray
+    values: np.ndarray
+
+    def at(self, times: ArrayLike) -> np.ndarray:
+        """(n, times), linear in the logarithm of the time; beyond the ends as there."""
+        first, last = self.log_times[[0, -1]]
+        place = np.clip(np.log(times), first, last) - first
+        place *= (len(self.log_times) - 1) / (last - first)
+        before = np.minimum(place.astype(int), len(self.log_times) - 2)
+        share = place - before
+        low, high = self.values[:, before], self.values[:, before + 1]
+        return (1 - share) * low + share * high
+
+
+def curvatures(mesh: Mesh, least: float, most: float) -> Curvatures:
+    """For times from `least` to `most`, in squared units of the mesh."""
+    num = 2 + int(np.log(most / least) / STEP)
+    log_times = np.linspace(np.log(least), np.log(most), num)
+    return Curvatures(log_times, curvature(mesh, np.exp(log_times)))
+
+
+def curvature(mesh: Mesh, times: ArrayLike) -> np.ndarray:
     """(n, times) how far heat moves each vertex along the outward normal.
 
     An implicit step of mean curvature flow (Desbrun et al., 1999),
@@ -37,8 +66,9 @@ def curvature(mesh: Mesh, times: Sequence[float]) -> np.ndarray:
     stiffness, area = operators(mesh)
     mass = sp.diags(area)
     columns = []
-    for time in times:
-        diffused = splu((mass + time * stiffness).tocsc()).solve(area[:, None] * at)
+    for time in np.asarray(times):
+        factor = definite_factor(mass + time * stiffness)
+        diffused = factor.solve(area[:, None] * at)
         columns.append(np.sum((diffused - at) * normal, 1) / np.sqrt(time))
     return np.stack(columns, 1)
 

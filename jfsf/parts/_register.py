@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 from scipy.spatial import KDTree
 
 from jfsf.mesh import vertex_areas, vertex_normals
@@ -19,6 +18,7 @@ from jfsf.refine import (
     Rest,
     at_rest,
     closest_rotations,
+    definite_factor,
     edges_of,
     rotations_of,
     turned,
@@ -122,7 +122,7 @@ def register(
     ahead = rest.along
     for step, reach in enumerate((settings.first_reach, *settings.reaches)):
         goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach, settings)
-        solve = splu((rest.laplacian + sp.diags(pull + TINY)).tocsc()).solve
+        solve = definite_factor(rest.laplacian + sp.diags(pull + TINY)).solve
         for _ in range(settings.updates if step else settings.first_updates):
             ahead = scale * turned(rest, rotations_of(rest, moved))
             moved = solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal)

@@ -27,11 +27,11 @@ class RegisterWeights(NamedTuple):
         may differ. A small part leaves little apart, wherever it lies.
     """
 
-    residual: float = 7.37
+    residual: float = 6.95
     energy: float = 1.0
-    share: float = -1.07
-    log_odds: float = -0.08
-    size: float = -1.32
+    share: float = -1.04
+    log_odds: float = -0.06
+    size: float = -0.91
 
 
 @dataclass(frozen=True)
@@ -80,8 +80,8 @@ class PartSettings:
     any_scale_bands: the same where units may differ.
     distance_slack: length by which two distances differ that counts half,
     distance_share: beside this share of the distance in the part.
-    shorter_weight: factor of that difference where the path in the part runs along the
-        cut and the distance in the whole is shorter.
+    shorter_weight: factor of that difference where the path in one runs along its cut
+        and the distance in the other is shorter.
     direction_weight: of the directions in which anchors see each other, beside the
         distances.
     ball_weight: of the difference of the balls, beside the distances.
@@ -93,8 +93,7 @@ class PartSettings:
     beam_candidates: of these per place in the beam, the best that are sorted into
         groups.
     cells: samples of the whole around which its other samples form a cell.
-    grouped_anchors: assignments whose first anchors, so many, go to the same cells are
-        a group.
+    grouped_anchors: assignments whose first partners, so many, share cells are a group.
     min_groups: groups in the beam, at least, if there are so many: else one would crowd
         out the others before it is known to be wrong.
     unassigned_cost: of an anchor without a partner, beside a closed whole.
@@ -125,7 +124,8 @@ class PartSettings:
     first_reach: length in which the first step smooths the motion of the whole; the
         assignment is trusted.
     first_updates: deformations in the first step.
-    reaches: of the steps that follow, each with a search for the nearest vertices.
+    reaches: of the steps that follow, each with a search for the nearest vertices. When
+        all starts are drawn, every second one.
     updates: deformations in each of these.
     registered_normal_weight: of normals in that search, as in `ArapSettings`.
     curvature_times: heat times of the curvature that is compared beside positions and
@@ -188,11 +188,11 @@ class PartSettings:
     ball_weight: float = 1.2
     scale_weight: float = 0.15
     partners: int = 6
-    beam: int = 4000
+    beam: int = 2500
     beam_candidates: int = 8
     cells: int = 24
     grouped_anchors: int = 3
-    min_groups: int = 12
+    min_groups: int = 120
     unassigned_cost: float = 1.1
     unassigned_cost_open: float = 0.75
     assignments: int = 32
@@ -209,8 +209,8 @@ class PartSettings:
     anchor_radius: float = 0.05
     coarse_whole: int = 1000
     coarse_part: int = 600
-    first_reach: float = 0.1
-    first_updates: int = 40
+    first_reach: float = 0.15
+    first_updates: int = 20
     reaches: tuple[float, ...] = REACHES
     updates: int = 3
     registered_normal_weight: float = 0.1
@@ -220,9 +220,9 @@ class PartSettings:
     covered_distance: float = 0.03
     covered_reach: float = 0.5
     trimmed_reach: float = 0.14
-    registered_again: int = 8
+    registered_again: int = 12
     register_weights: RegisterWeights = RegisterWeights()
-    refined: int = 3
+    refined: int = 1
     sure: float = 2.0
     carried_by: int = 4
     bend: ArapSettings = field(default_factory=ArapSettings)

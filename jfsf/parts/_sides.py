@@ -9,12 +9,20 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.mesh import decimate, orient, surface_area, vertex_normals
-from jfsf.parts._curvature import curvature, standard_curvature, usual_curvature
-from jfsf.parts._region import near_vertices, outward, scaled
+from jfsf.parts._curvature import (
+    Curvatures,
+    curvature,
+    curvatures,
+    standard_curvature,
+    usual_curvature,
+)
+from jfsf.parts._region import near_vertices, outward
 from jfsf.parts._register import Whole, whole_at_rest
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._shape import PartSamples, part_samples
 from jfsf.types import ArrayLike, Mesh
+
+BEYOND = 1.2  # factor by which the size that is found may lie outside of those tried
 
 
 class Sides(NamedTuple):
@@ -25,7 +33,8 @@ class Sides(NamedTuple):
     on_x: the vertex of X nearest to each of its copy.
     from_y: the vertex of the copy nearest to each of Y.
     on_y: the vertex of Y nearest to each of its copy.
-    usual_curvature: (times,) of Y, see `jfsf.parts._curvature`.
+    curvatures_x: of X, as it is, see `jfsf.parts._curvature`.
+    usual_curvature: (times,) of Y.
     curvature_y: (n_y, times) of Y in these units.
     sign: -1 for maps that mirror, and the whole is mirrored.
     settings: with the scales that are tried.
@@ -39,6 +48,7 @@ class Sides(NamedTuple):
     on_x: np.ndarray
     from_y: np.ndarray
     on_y: np.ndarray
+    curvatures_x: Curvatures
     usual_curvature: np.ndarray
     curvature_y: np.ndarray
     sign: int
@@ -47,7 +57,8 @@ class Sides(NamedTuple):
 
     def curvature_x(self, scale: float) -> np.ndarray:
         """(n_x, times) of X at that size, like `curvature_y`."""
-        own = curvature(scaled(self.x.mesh, scale), self.settings.curvature_times)
+        # It has no unit: only the time does.
+        own = self.curvatures_x.at(np.array(self.settings.curvature_times) / scale**2)
         return standard_curvature(own, self.usual_curvature, self.settings)
 
 
@@ -99,10 +110,18 @@ def both_sides(
     whole = whole_at_rest(coarse_y, out)
     from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
     copies = coarse_x, whole, on_x, from_y, on_y
-    curved = curvature(y.mesh, settings.curvature_times)
+    times, scales = settings.curvature_times, settings.scales
+    # The size that is found may lie a little beyond those that are tried.
+    ends = (
+        min(times) / (BEYOND * max(scales)) ** 2,
+        max(times) * (BEYOND / min(scales)) ** 2,
+    )
+    curvatures_x = curvatures(x.mesh, *ends)
+    curved = curvature(y.mesh, times)
     usual = usual_curvature(curved)
     curved = standard_curvature(curved, usual, settings)
-    return Sides(x, y, *copies, usual, curved, 1, settings, same_unit)
+    curved_both = curvatures_x, usual, curved
+    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit)
 
 
 def mirrored(sides: Sides) -> Sides:

@@ -3,13 +3,14 @@
 Each start is an assignment of a few samples (`_beam`), a rigid motion (`_alignments`),
 or a map that is given, and a coarse copy of Y drawn onto X by it (`_register`). What is
 left apart, the energy, and the share of Y that is used rank the starts. The best are
-drawn once more, from where they came to: one that begins a tenth of the shape off is
-then still on its way.
+drawn once more, in all steps and from where they came to: one that begins a tenth of
+the shape off is then still on its way.
 """
 
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,9 +62,12 @@ def starts(
     motions = aligned(sides.coarse_x, sides.whole, settings=sides.settings)
     maps = [*assigned, *((T, scale, None) for T, scale in motions)]
     curvature_of = {scale: sides.curvature_x(scale) for _, scale, _ in maps}
+    # Half of the steps, to the last, tell the best.
+    reaches = sides.settings.reaches[::-1][::2][::-1]
+    brief = sides._replace(settings=replace(sides.settings, reaches=reaches))
 
     def start(T: np.ndarray, scale: float, known: np.ndarray | None) -> Start:
-        return _start(sides, T, scale, curvature_of[scale], known)
+        return _start(brief, T, scale, curvature_of[scale], known)
 
     name = f"of {len(maps)}"
     yield from _at_once(start, maps, lambda i: say(f"registration {i + 1} {name}"))

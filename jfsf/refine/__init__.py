@@ -15,6 +15,7 @@ from jfsf.refine._icp import icp
 from jfsf.refine._rest import (
     Rest,
     at_rest,
+    definite_factor,
     edges_of,
     rotations_of,
     turned,
@@ -36,6 +37,7 @@ __all__ = [
     "arap",
     "at_rest",
     "closest_rotations",
+    "definite_factor",
     "deform",
     "edges_of",
     "icp",

@@ -10,10 +10,16 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from jfsf.mesh import on_rim, vertex_normals
-from jfsf.refine import Rest, closest_rotations, edges_of, rotations_of, turned
+from jfsf.refine import (
+    Rest,
+    closest_rotations,
+    definite_factor,
+    edges_of,
+    rotations_of,
+    turned,
+)
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import Scan, facing
 from jfsf.registration._settings import RegistrationSettings
@@ -205,7 +211,7 @@ def _from_around(rest: Rest, rotation, mass, reach: float):
 def _spread(rest: Rest, weight, values):
     """(n, ...) values smoothed along the surface, by their weight."""
     tiny = TINY * (weight.mean() or 1)
-    solve = splu((rest.laplacian + sp.diags(weight + tiny)).tocsc()).solve
+    solve = definite_factor(rest.laplacian + sp.diags(weight + tiny)).solve
     return solve(((weight + tiny) * values.T).T)
 
 
@@ -219,7 +225,7 @@ def _solved(rest: Rest, rotation, scale: float, pull, goal, moved):
         moved: (n, 3) where what is not drawn stays, unless its neighbours move it.
     """
     tiny = TINY * pull.mean()
-    solve = splu((rest.laplacian + sp.diags(pull + tiny)).tocsc()).solve
+    solve = definite_factor(rest.laplacian + sp.diags(pull + tiny)).solve
     ahead = scale * turned(rest, rotation)
     return solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal + tiny * moved)
 
