@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jfsf.refine import closest_rotations, definite_factor
+from jfsf.refine import closest_rotations, definite_solver
 
 ENTRIES = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 0.1)
 
@@ -55,10 +55,10 @@ def test_rows_do_not_depend_on_each_other():
     np.testing.assert_allclose(closest_rotations(some), alone, atol=1e-12)
 
 
-def test_a_definite_factor_solves_as_a_dense_one():
+def test_a_definite_matrix_is_solved_as_a_dense_one():
     rng = np.random.default_rng(2)
     some = sp.random(40, 40, 0.05, rng=rng)
     matrix = some @ some.T + sp.diags(rng.uniform(1e-3, 1, 40))
     right = rng.normal(size=(40, 3))
     dense = np.linalg.solve(matrix.toarray(), right)
-    np.testing.assert_allclose(definite_factor(matrix).solve(right), dense, rtol=1e-8)
+    np.testing.assert_allclose(definite_solver(matrix)(right), dense, rtol=1e-8)

@@ -41,7 +41,7 @@ from threadpoolctl import threadpool_limits
 from jfsf.convert import precise, to_vertex
 from jfsf.geometry import geodesics, vertex_indices
 from jfsf.mesh import farthest_vertices, vertex_components
-from jfsf.refine import definite_factor
+from jfsf.refine import definite_solver
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
@@ -217,7 +217,7 @@ def _solve(x, y, P_xy, P_yx, alpha, beta) -> np.ndarray:
     back = P_yx.T @ sp.diags(y.mass)
     system = alpha * x.stiffness + (1 - alpha) * (back @ P_yx) + sp.diags(beta * x.mass)
     right = (1 - alpha) * (back @ y.emb) + beta * x.mass[:, None] * (P_xy @ y.emb)
-    return definite_factor(system).solve(right)
+    return definite_solver(system)(right)
 
 
 def _energies(x, y, P_xy, P_yx, F_xy, F_yx, alpha, beta) -> tuple[float, ...]:
@@ -274,7 +274,7 @@ def _shape(name, argument, mesh: Mesh, dim: int, num_samples: int = SAMPLES) -> 
     rest = np.setdiff1d(np.arange(len(vertices)), at)
     if len(rest):
         energy = (stiffness @ sp.diags(1 / mass) @ stiffness).tocsr()[rest]
-        emb[rest] = definite_factor(energy[:, rest]).solve(-(energy[:, at] @ scaled))
+        emb[rest] = definite_solver(energy[:, rest])(-(energy[:, at] @ scaled))
     return _Shape(emb, faces, sp.csr_matrix(stiffness), mass)
 
 

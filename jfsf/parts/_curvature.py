@@ -13,7 +13,7 @@ import scipy.sparse as sp
 
 from jfsf.mesh import vertex_normals
 from jfsf.parts._settings import PartSettings
-from jfsf.refine import definite_factor
+from jfsf.refine import definite_solver
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh
 
@@ -67,8 +67,7 @@ def curvature(mesh: Mesh, times: ArrayLike) -> np.ndarray:
     mass = sp.diags(area)
     columns = []
     for time in np.asarray(times):
-        factor = definite_factor(mass + time * stiffness)
-        diffused = factor.solve(area[:, None] * at)
+        diffused = definite_solver(mass + time * stiffness)(area[:, None] * at)
         columns.append(np.sum((diffused - at) * normal, 1) / np.sqrt(time))
     return np.stack(columns, 1)
 

@@ -18,7 +18,7 @@ from jfsf.refine import (
     Rest,
     at_rest,
     closest_rotations,
-    definite_factor,
+    definite_solver,
     edges_of,
     rotations_of,
     turned,
@@ -122,7 +122,7 @@ def register(
     ahead = rest.along
     for step, reach in enumerate((settings.first_reach, *settings.reaches)):
         goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach, settings)
-        solve = definite_factor(rest.laplacian + sp.diags(pull + TINY)).solve
+        solve = definite_solver(rest.laplacian + sp.diags(pull + TINY))
         for _ in range(settings.updates if step else settings.first_updates):
             ahead = scale * turned(rest, rotations_of(rest, moved))
             moved = solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal)

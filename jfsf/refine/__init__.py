@@ -15,7 +15,7 @@ from jfsf.refine._icp import icp
 from jfsf.refine._rest import (
     Rest,
     at_rest,
-    definite_factor,
+    definite_solver,
     edges_of,
     rotations_of,
     turned,
@@ -37,7 +37,7 @@ __all__ = [
     "arap",
     "at_rest",
     "closest_rotations",
-    "definite_factor",
+    "definite_solver",
     "deform",
     "edges_of",
     "icp",

@@ -15,7 +15,7 @@ from jfsf.mesh import on_rim, vertex_normals
 from jfsf.refine import (
     Rest,
     closest_rotations,
-    definite_factor,
+    definite_solver,
     edges_of,
     rotations_of,
     turned,
@@ -211,7 +211,7 @@ def _from_around(rest: Rest, rotation, mass, reach: float):
 def _spread(rest: Rest, weight, values):
     """(n, ...) values smoothed along the surface, by their weight."""
     tiny = TINY * (weight.mean() or 1)
-    solve = definite_factor(rest.laplacian + sp.diags(weight + tiny)).solve
+    solve = definite_solver(rest.laplacian + sp.diags(weight + tiny))
     return solve(((weight + tiny) * values.T).T)
 
 
@@ -225,7 +225,7 @@ def _solved(rest: Rest, rotation, scale: float, pull, goal, moved):
         moved: (n, 3) where what is not drawn stays, unless its neighbours move it.
     """
     tiny = TINY * pull.mean()
-    solve = definite_factor(rest.laplacian + sp.diags(pull + tiny)).solve
+    solve = definite_solver(rest.laplacian + sp.diags(pull + tiny))
     ahead = scale * turned(rest, rotation)
     return solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal + tiny * moved)
 
