@@ -41,8 +41,7 @@ from threadpoolctl import threadpool_limits
 from jfsf.convert import precise, to_vertex
 from jfsf.geometry import geodesics, vertex_indices
 from jfsf.mesh import farthest_vertices, vertex_components
-from jfsf.refine import definite_solver
-from jfsf.spectral import operators
+from jfsf.spectral import definite_solver, operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
 SAMPLES = 500  # points of the multidimensional scaling

@@ -74,7 +74,7 @@ def match(
             initial map replaces that search: it is turned into a T_xy, its scale is
             read from it, and no other is tried. Cuts change the sizes of arrays, so it
             runs on the host, with `match` of the cuts inside: it cannot be traced. It
-            takes two to five times as long. Two closed surfaces share all.
+            takes one to three and a half times as long. Two closed surfaces share all.
         same_unit: with `partial`, whether both are in one unit. Then bodies may differ
             in size by a factor of 1.5. Else a size between 0.3 and 3 times that of the
             file is looked for, which takes longer and is less certain. Sizes of whole

@@ -13,8 +13,7 @@ import scipy.sparse as sp
 
 from jfsf.mesh import vertex_normals
 from jfsf.parts._settings import PartSettings
-from jfsf.refine import definite_solver
-from jfsf.spectral import operators
+from jfsf.spectral import definite_solver, operators
 from jfsf.types import ArrayLike, Mesh
 
 # Of a normal distribution: the standard deviation over the median absolute value.

@@ -18,11 +18,11 @@ from jfsf.refine import (
     Rest,
     at_rest,
     closest_rotations,
-    definite_solver,
     edges_of,
     rotations_of,
     turned,
 )
+from jfsf.spectral import definite_solver
 from jfsf.types import Mesh
 
 TINY = 1e-9  # of the pull: without any, what nothing draws could be anywhere

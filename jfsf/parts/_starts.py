@@ -11,6 +11,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -61,16 +62,11 @@ def starts(
     say("rigid motions")
     motions = aligned(sides.coarse_x, sides.whole, settings=sides.settings)
     maps = [*assigned, *((T, scale, None) for T, scale in motions)]
-    curvature_of = {scale: sides.curvature_x(scale) for _, scale, _ in maps}
-    # Half of the steps, to the last, tell the best.
+    # Every second step, the last among them, tells the best.
     reaches = sides.settings.reaches[::-1][::2][::-1]
     brief = sides._replace(settings=replace(sides.settings, reaches=reaches))
-
-    def start(T: np.ndarray, scale: float, known: np.ndarray | None) -> Start:
-        return _start(brief, T, scale, curvature_of[scale], known)
-
-    name = f"of {len(maps)}"
-    yield from _at_once(start, maps, lambda i: say(f"registration {i + 1} {name}"))
+    draw, name = partial(_start, brief), f"of {len(maps)}"
+    yield from _at_once(draw, maps, lambda i: say(f"registration {i + 1} {name}"))
 
 
 def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray]]:
@@ -142,7 +138,7 @@ def start_from(sides: Sides, start: Start) -> Start:
     """
     found = start.registered
     scale = start.scale / found.scale
-    return _start(sides, found.T, scale, sides.curvature_x(scale), found.covered)
+    return _start(sides, found.T, scale, found.covered)
 
 
 def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
@@ -155,19 +151,18 @@ def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Star
     """
     scale = scale_of(sides, T_xy) if scale is None else scale
     T = sides.from_y[T_xy[sides.on_x]]
-    return _start(sides, T, scale, sides.curvature_x(scale))
+    return _start(sides, T, scale)
 
 
 def _start(
     sides: Sides,
     T: np.ndarray,
     scale: float,
-    curvature_x: np.ndarray,
     known: np.ndarray | None = None,
 ) -> Start:
     """Of a map T from the copy of X to that of Y, to be trusted where it is known."""
     settings, part = sides.settings, scaled(sides.coarse_x, scale)
-    curved = curvature_x[sides.on_x], sides.curvature_y[sides.on_y]
+    curved = sides.curvature_x(scale)[sides.on_x], sides.curvature_y[sides.on_y]
     found = register(sides.whole, part, T, known, curvature=curved, settings=settings)
     cost = rank = _cost(found, settings)
     if not sides.same_unit:

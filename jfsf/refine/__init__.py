@@ -15,7 +15,6 @@ from jfsf.refine._icp import icp
 from jfsf.refine._rest import (
     Rest,
     at_rest,
-    definite_solver,
     edges_of,
     rotations_of,
     turned,
@@ -37,7 +36,6 @@ __all__ = [
     "arap",
     "at_rest",
     "closest_rotations",
-    "definite_solver",
     "deform",
     "edges_of",
     "icp",

@@ -5,12 +5,10 @@ is by conjugate gradients, for shapes of padded sizes. Here each solve is exact,
 large deformations and weak pulls need.
 """
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from jfsf.geometry import STIFFNESS_RANGE
 from jfsf.refine._rotations import closest_rotations
@@ -81,15 +79,3 @@ def turned(rest: Rest, rotation: np.ndarray) -> np.ndarray:
     """(e, 3) the edges at rest, turned by the mean rotation of their ends."""
     mean = (rotation[rest.edges[:, 0]] + rotation[rest.edges[:, 1]]) / 2
     return np.einsum("eij,ej->ei", mean, rest.along)
-
-
-def definite_solver(matrix: sp.spmatrix) -> Callable[[np.ndarray], np.ndarray]:
-    """b -> matrix^-1 b of a sparse matrix that is symmetric and positive definite."""
-    # No pivoting, and less fill than by the default ordering.
-    factor = splu(
-        sp.csc_matrix(matrix),
-        permc_spec="MMD_AT_PLUS_A",
-        diag_pivot_thresh=0,
-        options={"SymmetricMode": True},
-    )
-    return factor.solve

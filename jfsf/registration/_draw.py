@@ -12,18 +12,12 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.mesh import on_rim, vertex_normals
-from jfsf.refine import (
-    Rest,
-    closest_rotations,
-    definite_solver,
-    edges_of,
-    rotations_of,
-    turned,
-)
+from jfsf.refine import Rest, closest_rotations, edges_of, rotations_of, turned
 from jfsf.registration._flaws import flaws_of
 from jfsf.registration._scan import Scan, facing
 from jfsf.registration._settings import RegistrationSettings
 from jfsf.registration._unfold import unfold
+from jfsf.spectral import definite_solver
 
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.

@@ -3,6 +3,7 @@
 Read in this order:
 
 - `_laplacian`: stiffness and mass of a mesh
+- `_definite`: solves with a sparse matrix that is positive definite
 - `_lanczos`: the largest eigenpairs of an operator, many at a time
 - `_eigenpairs`: `Mesh` to `Spectrum`, on the host
 - `_descriptors`: wave and heat kernel signatures, curvature
@@ -12,6 +13,7 @@ Read in this order:
 - `_features`: all that search and refinement read of one shape
 """
 
+from jfsf.spectral._definite import definite_solver
 from jfsf.spectral._descriptors import (
     CURVATURE_TIMES,
     curvature,
@@ -63,6 +65,7 @@ __all__ = [
     "Space",
     "at_vertices",
     "biharmonic",
+    "definite_solver",
     "rms_distance",
     "bracket_fields",
     "brackets",

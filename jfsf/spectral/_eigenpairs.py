@@ -6,10 +6,11 @@ W phi = lambda A phi by shift-invert Lanczos on M^-1/2 W M^-1/2, which is factor
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
-from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh, splu
+from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from threadpoolctl import threadpool_limits
 
 from jfsf.mesh import MeshError, validate
+from jfsf.spectral._definite import definite_solver
 from jfsf.spectral._lanczos import largest_eigenpairs
 from jfsf.spectral._laplacian import (
     Laplacian,
@@ -208,16 +209,14 @@ def _arpack(solve, k, start, *, max_restarts=None):
 
 def _factor(matrix, dissection_above):
     """b -> matrix^-1 b."""
-    # Positive definite: no pivoting, and half the fill of the default ordering.
-    definite = {"diag_pivot_thresh": 0, "options": {"SymmetricMode": True}}
     order = _dissection(matrix) if matrix.shape[0] > dissection_above else None
     if order is None:
-        return splu(matrix, permc_spec="MMD_AT_PLUS_A", **definite).solve
-    factor = splu(matrix[order][:, order].tocsc(), permc_spec="NATURAL", **definite)
+        return definite_solver(matrix)
+    ordered = definite_solver(matrix[order][:, order], "NATURAL")
 
     def solve(b):
         x = np.empty_like(b)
-        x[order] = factor.solve(b[order])
+        x[order] = ordered(b[order])
         return x
 
     return solve
