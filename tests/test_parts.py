@@ -47,6 +47,7 @@ from jfsf.parts._region import (
     draw_onto,
     nearest,
     outward,
+    scaled,
     target,
     turned_round,
 )
@@ -239,10 +240,7 @@ def test_a_functional_map_is_turned_into_a_map_of_points(found, monkeypatch):
 
 @pytest.mark.slow
 def test_units_do_not_matter_if_both_have_them(found):
-    scaled = [
-        m._replace(vertices=1000 * m.vertices) for m in (turned(PART.mesh), WHOLE)
-    ]
-    other = partial_match(*scaled)
+    other = partial_match(*(scaled(m, 1000) for m in (turned(PART.mesh), WHOLE)))
     assert error(other.T_xy, PART.index) < 0.03
     agree = np.asarray(other.matched_y) == np.asarray(found.matched_y)
     assert agree.mean() > 0.98
@@ -340,19 +338,38 @@ def test_a_scale_far_from_one_is_found_where_units_may_differ():
     )
     sides = both_sides(small, WHOLE, same_unit=False, settings=settings)
     found = assign(sides.x, sides.y, settings=sides.settings)
-    assert abs(np.log(found.scale[0] / 2.2)) < 0.11
+    assert abs(np.log(found.scale[0] * sides.factor / 2.2)) < 0.11
     assert (np.diff(found.cost) >= 0).all()
     # Each band of scales keeps its share.
-    bands = np.digitize(np.log(found.scale), (-0.6, 0, 0.7))
-    assert set(bands) == {0, 1, 2, 3}
-    assert np.bincount(bands).max() <= settings.assignments // 4
+    bands = np.digitize(np.log(found.scale), (-0.25, 0.35))
+    assert set(bands) == {0, 1, 2}
+    more = sides.settings
+    assert more.assignments == 1.5 * settings.assignments
+    assert np.bincount(bands).max() <= more.assignments // 3
     start = start_of(sides, PART.index)
     narrow = start_of(sides._replace(same_unit=True), PART.index)
     size = settings.register_weights.size * np.log(start.scale)
     assert start.rank == pytest.approx(narrow.rank + size, abs=0.2)
     tried = [start.scale for start in starts(sides)]
-    assert len(tried) == len(found.scale) + settings.alignments
+    assert len(tried) == len(found.scale) + more.alignments
     assert set(tried) > set(found.scale)
+
+
+@pytest.mark.parametrize("times", (1 / 50, 20))
+def test_where_units_may_differ_the_size_of_a_shape_is_not_read(times):
+    settings = PartSettings(samples_of_part=20, samples_of_whole=30)
+    as_it_is, other = (
+        both_sides(scaled(PART.mesh, s), WHOLE, same_unit=False, settings=settings)
+        for s in (1.0, times)
+    )
+    assert other.factor == pytest.approx(as_it_is.factor / times, rel=1e-6)
+    np.testing.assert_allclose(other.x.distance, as_it_is.x.distance, rtol=1e-4)
+    # Both are as long, as the samples see it: this blob has no ends that stick out.
+    longest = [side.distance.max() for side in (other.x, other.y)]
+    assert longest[0] == pytest.approx(longest[1], rel=0.04)
+    size = surface_area(other.x.mesh) / surface_area(other.y.mesh)
+    mine = surface_area(PART.mesh) / surface_area(WHOLE)
+    assert size == pytest.approx(mine * as_it_is.factor**2, rel=1e-6)
 
 
 LANDMARKS = np.stack([PART.index, np.arange(len(PART.index))], 1)[[7, 90, 240], ::-1]
@@ -825,6 +842,7 @@ def test_every_number_is_read():
     "wrong, message",
     [
         ({"partners": 0}, "partners is 0; give 1 or more"),
+        ({"any_unit_factor": 0}, "any_unit_factor is 0; give more than 0"),
         ({"scales": ()}, r"scales is \(\); give one or more above 0"),
         ({"ball_radii": (0.2, 0.1)}, r"ball_radii is \(0.2, 0.1\); let them increase"),
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),

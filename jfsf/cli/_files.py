@@ -37,8 +37,8 @@ AnyUnitOption = Annotated[
     bool,
     typer.Option(
         "--any-unit/--same-unit",
-        help="With --partial: the files may have different units, and sizes from a "
-        "third to three times are tried.",
+        help="With --partial: the files may have different units. The first is made as "
+        "long as the second, and 0.4 to 2.5 times that is tried.",
     ),
 ]
 

@@ -76,9 +76,9 @@ def match(
             runs on the host, with `match` of the cuts inside: it cannot be traced. It
             takes one to three and a half times as long. Two closed surfaces share all.
         same_unit: with `partial`, whether both are in one unit. Then bodies may differ
-            in size by a factor of 1.5. Else a size between 0.3 and 3 times that of the
-            file is looked for, which takes longer and is less certain. Sizes of whole
-            shapes never matter.
+            in size by a factor of 1.5. Else sizes are not read: X is made as long as Y,
+            and 0.4 to 2.5 times that is tried, which takes longer and is less certain.
+            Sizes of whole shapes never matter.
         settings: how each stage works, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.

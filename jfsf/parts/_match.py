@@ -137,8 +137,8 @@ def match_parts(
         landmarks: rows (vertex of X, vertex of Y) that correspond.
         descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
         same_unit: whether both are in one unit. Then bodies may differ in size by a
-            factor of 1.57 either way, see `PartSettings.scales`; else the size of X is
-            looked for in the wider range of `PartSettings.any_scales`.
+            factor of 1.57 either way, see `PartSettings.scales`; else their sizes are
+            not read, and X is first made as long as Y (`PartSettings.any_scales`).
         settings: the numbers of the search.
         progress: called with the name of each step as it begins.
 
@@ -296,5 +296,5 @@ def _result(state: _State, sides: Sides, margin: float) -> Parts:
         state.T_yx.astype(np.int32),
         *memberships(state.x, sides.y.mesh, state.drawn.moved, sides.sign),
         certificate._replace(**known),
-        state.scale,
+        state.scale * sides.factor,
     )

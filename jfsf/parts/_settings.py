@@ -10,8 +10,8 @@ from jfsf.refine import ArapSettings
 REACHES = (0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05)
 CURVATURE_WEIGHTS = (*(0.1,) * 6, *(0.03,) * 3, 0.0)
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
-ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-1.25, 1.25, 26)))
-ANY_ALIGNED_SCALES = tuple(float(s) for s in np.exp(np.linspace(-1.1, 1.1, 8)))
+ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.9, 0.9, 19)))
+ANY_ALIGNED_SCALES = tuple(float(s) for s in np.exp(np.linspace(-0.75, 0.75, 6)))
 
 
 class RegisterWeights(NamedTuple):
@@ -31,7 +31,7 @@ class RegisterWeights(NamedTuple):
     energy: float = 1.0
     share: float = -1.04
     log_odds: float = -0.06
-    size: float = -0.91
+    size: float = -2.23
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,12 @@ class PartSettings:
     boundary_worth: how much one on the boundary counts.
     scales: factors of the part's lengths that are tried where both are in one unit.
         Their range bounds how much bodies may differ in size.
-    any_scales: those that are tried where units may differ.
+    any_scales: those where units may differ, once the geodesic diameters are the same.
     scale_bands: into so many the factors fall, in their order; each keeps its share of
         the assignments. A small part fits in many places, and would crowd out others.
-    any_scale_bands: the same where units may differ.
+    any_scale_bands: the same where units may differ,
+    any_unit_factor: and then so many times `assignments`, `alignments` and
+        `registered_again`: there are more sizes to try.
     distance_slack: length by which two distances differ that counts half,
     distance_share: beside this share of the distance in the part.
     shorter_weight: factor of that difference where the path in one runs along its cut
@@ -180,7 +182,8 @@ class PartSettings:
     scales: tuple[float, ...] = SCALES
     any_scales: tuple[float, ...] = ANY_SCALES
     scale_bands: int = 1
-    any_scale_bands: int = 4
+    any_scale_bands: int = 3
+    any_unit_factor: float = 1.5
     distance_slack: float = 0.03
     distance_share: float = 0.12
     shorter_weight: float = 0.4
@@ -252,7 +255,7 @@ class PartSettings:
             *("boundary_margin", "distance_slack", "anchor_radius", "cover_distance"),
             *(
                 *("rim_width", "uncovered_weight", "first_reach"),
-                *("max_landmark_distance", "max_curvature"),
+                *("max_landmark_distance", "max_curvature", "any_unit_factor"),
                 *("alignment_cell", "alignment_blur", "alignment_density"),
             ),
         ):
@@ -261,13 +264,8 @@ class PartSettings:
                     f"PartSettings: {name} is {getattr(self, name)}; give more than 0"
                 )
         for name in (
-            "ball_radii",
-            "scales",
-            "any_scales",
-            "aligned_scales",
-            "any_aligned_scales",
-            "reaches",
-            "curvature_times",
+            *("ball_radii", "scales", "any_scales", "aligned_scales"),
+            *("any_aligned_scales", "reaches", "curvature_times"),
         ):
             values = getattr(self, name)
             if not values or min(values) <= 0:

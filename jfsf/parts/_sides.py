@@ -8,7 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.mesh import decimate, orient, surface_area, vertex_normals
+from jfsf.geometry import GeodesicSolver
+from jfsf.mesh import (
+    decimate,
+    farthest_vertices,
+    orient,
+    surface_area,
+    vertex_normals,
+)
 from jfsf.parts._curvature import (
     Curvatures,
     curvature,
@@ -23,10 +30,13 @@ from jfsf.parts._shape import PartSamples, part_samples
 from jfsf.types import ArrayLike, Mesh
 
 BEYOND = 1.2  # factor by which the size that is found may lie outside of those tried
+ENDS = 5  # vertices far apart; the diameter begins at what is farthest from one
 
 
 class Sides(NamedTuple):
     """Both shapes in the unit of Y, and coarse copies of both.
+
+    Where units may differ X is brought to the geodesic diameter of Y instead.
 
     coarse_x: the copy of X.
     whole: that of Y.
@@ -39,6 +49,7 @@ class Sides(NamedTuple):
     sign: -1 for maps that mirror, and the whole is mirrored.
     settings: with the scales that are tried.
     same_unit: whether both shapes were in one unit.
+    factor: of X's lengths, before and here, if those of Y keep theirs.
     """
 
     x: PartSamples
@@ -54,6 +65,7 @@ class Sides(NamedTuple):
     sign: int
     settings: PartSettings
     same_unit: bool = True
+    factor: float = 1.0
 
     def curvature_x(self, scale: float) -> np.ndarray:
         """(n_x, times) of X at that size, like `curvature_y`."""
@@ -77,31 +89,36 @@ def both_sides(
         mesh_x, mesh_y: both shapes.
         landmarks: rows (vertex of X, vertex of Y).
         descriptors: of X and of Y, a row a vertex.
-        same_unit: whether both are in one unit; else any size of X is as likely.
+        same_unit: whether both are in one unit; else the size of X is not read.
         settings: how many samples, and the sizes of the copies.
     """
     if not same_unit:
+        more = lambda number: round(settings.any_unit_factor * number)
         settings = replace(
             settings,
+            assignments=more(settings.assignments),
+            alignments=more(settings.alignments),
+            registered_again=more(settings.registered_again),
             scales=settings.any_scales,
             aligned_scales=settings.any_aligned_scales,
             scale_bands=settings.any_scale_bands,
             scale_weight=0.0,
         )
-    unit = np.sqrt(surface_area(mesh_y))
+    unit, factor = np.sqrt(surface_area(mesh_y)), 1.0
+    if not same_unit:
+        factor = _diameter(mesh_y) / _diameter(mesh_x)
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
     given = (None, None) if descriptors is None else descriptors
 
-    def in_unit(mesh):
+    def in_unit(mesh, unit):
         own = orient(mesh)
         return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
 
+    meshes = in_unit(mesh_x, unit / factor), in_unit(mesh_y, unit)
     nums = settings.samples_of_part, settings.samples_of_whole
     x, y = (
-        part_samples(
-            in_unit(mesh), num, landmarks=own, descriptors=desc, settings=settings
-        )
-        for mesh, num, own, desc in zip((mesh_x, mesh_y), nums, at, given, strict=True)
+        part_samples(mesh, num, landmarks=own, descriptors=desc, settings=settings)
+        for mesh, num, own, desc in zip(meshes, nums, at, given, strict=True)
     )
     coarse_x = decimate(x.mesh, settings.coarse_part)
     coarse_y = decimate(y.mesh, settings.coarse_whole)
@@ -121,7 +138,15 @@ def both_sides(
     usual = usual_curvature(curved)
     curved = standard_curvature(curved, usual, settings)
     curved_both = curvatures_x, usual, curved
-    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit)
+    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit, factor)
+
+
+def _diameter(mesh: Mesh) -> float:
+    """The greatest geodesic distance, or a little less."""
+    # A view of a body is about as long as the body, but has far less area.
+    solver = GeodesicSolver(mesh)
+    opposite = solver.rows(farthest_vertices(mesh, ENDS)).argmax(1)
+    return float(solver.rows(opposite).max())
 
 
 def mirrored(sides: Sides) -> Sides:
