@@ -419,6 +419,15 @@ def test_a_start_far_from_the_landmarks_misses_them(sides):
     assert scale_of(sides, np.zeros_like(PART.index)) == 1
 
 
+def test_a_given_map_tells_the_scale_of_a_small_part_where_units_may_differ():
+    cap = cut(WHOLE, HEIGHT > np.quantile(HEIGHT, 0.92))
+    larger = scaled(cap.mesh, 7)
+    sides = both_sides(larger, WHOLE, same_unit=False, settings=QUICK)
+    found = scale_of(sides, cap.index)
+    assert found < min(sides.settings.scales)  # no search would find it
+    assert found * sides.factor == pytest.approx(1 / 7, rel=0.1)
+
+
 def test_a_map_is_turned_round():
     back = turned_round(np.asarray(PART.index), WHOLE)
     np.testing.assert_array_equal(back[PART.index], np.arange(len(PART.index)))

@@ -104,17 +104,17 @@ def both_sides(
             scale_bands=settings.any_scale_bands,
             scale_weight=0.0,
         )
+    oriented = orient(mesh_x), orient(mesh_y)
     unit, factor = np.sqrt(surface_area(mesh_y)), 1.0
     if not same_unit:
-        factor = _diameter(mesh_y) / _diameter(mesh_x)
+        factor = _diameter(oriented[1]) / _diameter(oriented[0])
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
     given = (None, None) if descriptors is None else descriptors
 
-    def in_unit(mesh, unit):
-        own = orient(mesh)
-        return Mesh(np.asarray(own.vertices, float) / unit, np.asarray(own.faces))
-
-    meshes = in_unit(mesh_x, unit / factor), in_unit(mesh_y, unit)
+    meshes = (
+        Mesh(np.asarray(own.vertices, float) / length, np.asarray(own.faces))
+        for own, length in zip(oriented, (unit / factor, unit), strict=True)
+    )
     nums = settings.samples_of_part, settings.samples_of_whole
     x, y = (
         part_samples(mesh, num, landmarks=own, descriptors=desc, settings=settings)

@@ -194,9 +194,10 @@ def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
     """The factor of X's lengths that a map tells.
 
     It is the median ratio of geodesic distances on Y, of the images of the anchors, to
-    those on X, in the range of `PartSettings.scales`. Paths along a cut do not count.
-    Edges would say less: an image is off by the distance of two vertices of Y. 1 where
-    fewer than `FEW` distances are left, or where the images are all in one place.
+    those on X; where both are in one unit, in the range of `PartSettings.scales`. Paths
+    along a cut do not count. Edges would say less: an image is off by the distance of
+    two vertices of Y. 1 where fewer than `FEW` distances are left, or where the images
+    are all in one place.
 
     Args:
         sides: both shapes.
@@ -212,6 +213,8 @@ def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
     if counts.sum() < 2 * FEW:  # each distance is there twice
         return 1.0
     ratio = float(np.median(far_y[counts] / far_x[counts]))
+    if not sides.same_unit:
+        return ratio
     return float(np.clip(ratio, min(settings.scales), max(settings.scales)))
 
 
