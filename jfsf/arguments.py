@@ -168,7 +168,7 @@ def doubtful_units(
 def check_one_unit(mesh_x: Mesh, mesh_y: Mesh) -> None:
     """ValueError for parts that must be in two units: see `doubtful_units`."""
     if doubt := doubtful_units(mesh_x, mesh_y, above=TWO_UNITS):
-        raise ValueError(f"match: partial=True: {doubt}")
+        raise ValueError(f"match: partial=True: {doubt}, or give same_unit=False")
 
 
 def checked_descriptors(

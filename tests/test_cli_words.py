@@ -12,11 +12,14 @@ from typer.testing import CliRunner
 import jfsf
 from jfsf import testing
 from jfsf.arguments import check_one_unit, doubtful_units
+from jfsf.batch import Job, PairOptions
 from jfsf.cli import app
+from jfsf.cli._batch_jobs import work
 from jfsf.cli._words import in_options, print_any_letter
 from jfsf.evaluate import evaluate, geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import MapFileError, read_match, read_notes, write_map, write_match
+from jfsf.matching import _partial
 from jfsf.report import attempts, readings
 from jfsf.types import STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
@@ -137,7 +140,7 @@ def test_parts_in_two_units_are_refused(folder, factor, fine, coarse):
         check_one_unit(part, large)
     said = str(caught.value)
     assert f"If mesh_y is in {fine}, and mesh_x in {coarse}, multiply" in said
-    assert said.endswith(f"mesh_x by {factor:g}")
+    assert said.endswith(f"mesh_x by {factor:g}, or give same_unit=False")
     check_one_unit(part, Y)
     assert not doubtful_units(part, Y._replace(vertices=Y.vertices * 2))
     maybe = Y._replace(vertices=Y.vertices * 7)
@@ -156,6 +159,26 @@ def test_parts_in_two_units_are_refused(folder, factor, fine, coarse):
     assert f"--partial: {folder / 'large.ply'} is" in words(result.stderr)
     with pytest.raises(ValueError, match="multiply the coordinates of mesh_x"):
         jfsf.match(half(fine_part), large, partial=True)
+
+
+def test_parts_in_two_units_are_taken_where_units_may_differ(folder, monkeypatch):
+    def searched(*_, same_unit, **__):
+        raise ValueError(f"searched with same_unit={same_unit}")
+
+    monkeypatch.setattr(_partial, "match_parts", searched)
+    files = folder / "part.ply", folder / "large.ply"
+    export_mesh(files[0], half(testing.blob(0, subdivisions=3)))
+    export_mesh(files[1], Y._replace(vertices=Y.vertices * 25.4))
+    out = folder / "m.npz"
+    result = run("match", *files, "--out", out, "--partial", "--any-unit")
+    assert result.exit_code == 1
+    assert "searched with same_unit=False" in words(result.stderr)
+    options = PairOptions("preserve", False, True, False)
+    job = Job(files, folder / "job.npz", options=options)
+    with pytest.raises(ValueError, match="searched with same_unit=False"):
+        work(job, same_unit=False)
+    with pytest.raises(ValueError, match="or give --any-unit"):
+        work(job)
 
 
 # Vertices that belong to no face.

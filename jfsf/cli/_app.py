@@ -295,7 +295,8 @@ def match(
     truth = kept_truth(gt_x, gt_y, (shape_x, shape_y), base)
     known = known_pairs(files, (shape_x, shape_y))
     console = Console()
-    if partial and (doubt := check_units((x, y), (shape_x, shape_y))):
+    one_unit = partial and not any_unit
+    if one_unit and (doubt := check_units((x, y), (shape_x, shape_y))):
         console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
     vertices = sum(len(shape.mesh.vertices) for shape in (shape_x, shape_y))
     if doubt := memory_doubt(vertices):

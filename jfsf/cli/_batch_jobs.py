@@ -73,7 +73,8 @@ def work(
         result, seconds = kept_match(read_match(job.out), x, y), {}
     else:
         known = known_pairs(landmark_files(given), shapes)
-        units = check_units(job.inputs, shapes) if given.partial else ""
+        one_unit = given.partial and same_unit
+        units = check_units(job.inputs, shapes) if one_unit else ""
         started = perf_counter()
         options: dict[str, Any] = {
             "orientation": given.orientation,

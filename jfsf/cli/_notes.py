@@ -24,7 +24,7 @@ def check_units(paths: tuple[Path, Path], shapes: tuple[Shape, Shape]) -> str:
         return ""
     names = str(paths[0]), str(paths[1])
     if doubt := doubtful_units(x, y, names=names, above=TWO_UNITS):
-        raise ValueError(f"--partial: {doubt}")
+        raise ValueError(f"--partial: {doubt}, or give --any-unit")
     return doubtful_units(x, y, names=names)
 
 

@@ -96,7 +96,8 @@ def match(
         MeshError: a mesh that cannot be matched, with the reason.
         ValueError: landmarks, descriptors or an initial map that do not fit the meshes,
             an unknown orientation, or with `partial` no overlap found, or shapes whose
-            sizes differ by 12 times or more, as in millimetres and in metres.
+            sizes differ by 12 times or more, as in millimetres and in metres, with
+            `same_unit`.
     """
     meshes = checked(mesh_x, mesh_y, settings)
     host = Host(cache, cache, progress)
