@@ -134,15 +134,15 @@ def test_each_band_of_scales_keeps_its_share_and_no_two_lay_the_part_alike():
         part, WHOLE, vertex_normals(*part), vertex_normals(*WHOLE), settings=settings
     )
     logs = np.log([one.scale for one in found])
-    bands = np.digitize(
-        logs, np.quantile(np.log(settings.aligned_scales), [0.25, 0.5, 0.75])
-    )
-    assert set(bands) == {0, 1, 2, 3}
-    assert np.bincount(bands).max() == settings.alignments // 4
+    num = settings.scale_bands
+    ends = np.quantile(np.log(settings.aligned_scales), np.arange(1, num) / num)
+    bands = np.digitize(logs, ends)
+    assert set(bands) == set(range(num))
+    assert np.bincount(bands).max() == -(-settings.alignments // num)
     # Few are rounded up, or no band would have any.
     few = replace(settings, alignments=2)
     normals = vertex_normals(*part), vertex_normals(*WHOLE)
-    assert len(alignments(part, WHOLE, *normals, settings=few)) == 4
+    assert len(alignments(part, WHOLE, *normals, settings=few)) == num
     images = [one.apply(part.vertices) for one in found]
     for i, one in enumerate(images):
         for j, other in enumerate(images[:i]):
