@@ -355,14 +355,14 @@ def test_a_scale_far_from_one_is_found_where_units_may_differ():
     assert set(tried) > set(found.scale)
 
 
-@pytest.mark.parametrize("times", (1 / 50, 20))
-def test_where_units_may_differ_the_size_of_a_shape_is_not_read(times):
+@pytest.mark.parametrize("larger", (1 / 50, 20))
+def test_where_units_may_differ_the_size_of_a_shape_is_not_read(larger):
     settings = PartSettings(samples_of_part=20, samples_of_whole=30)
     as_it_is, other = (
         both_sides(scaled(PART.mesh, s), WHOLE, same_unit=False, settings=settings)
-        for s in (1.0, times)
+        for s in (1.0, larger)
     )
-    assert other.factor == pytest.approx(as_it_is.factor / times, rel=1e-6)
+    assert other.factor == pytest.approx(as_it_is.factor / larger, rel=1e-6)
     np.testing.assert_allclose(other.x.distance, as_it_is.x.distance, rtol=1e-4)
     # Both are as long, as the samples see it: this blob has no ends that stick out.
     longest = [side.distance.max() for side in (other.x, other.y)]

@@ -49,7 +49,7 @@ class Sides(NamedTuple):
     sign: -1 for maps that mirror, and the whole is mirrored.
     settings: with the scales that are tried.
     same_unit: whether both shapes were in one unit.
-    factor: of X's lengths, before and here, if those of Y keep theirs.
+    factor: by which X was enlarged beside Y, to be as long; 1 in one unit.
     """
 
     x: PartSamples
@@ -92,7 +92,9 @@ def both_sides(
         same_unit: whether both are in one unit; else the size of X is not read.
         settings: how many samples, and the sizes of the copies.
     """
+    oriented, factor = (orient(mesh_x), orient(mesh_y)), 1.0
     if not same_unit:
+        factor = _diameter(oriented[1]) / _diameter(oriented[0])
         more = lambda number: round(settings.any_unit_factor * number)
         settings = replace(
             settings,
@@ -104,10 +106,7 @@ def both_sides(
             scale_bands=settings.any_scale_bands,
             scale_weight=0.0,
         )
-    oriented = orient(mesh_x), orient(mesh_y)
-    unit, factor = np.sqrt(surface_area(mesh_y)), 1.0
-    if not same_unit:
-        factor = _diameter(oriented[1]) / _diameter(oriented[0])
+    unit = np.sqrt(surface_area(mesh_y))
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
     given = (None, None) if descriptors is None else descriptors
 
