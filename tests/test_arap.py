@@ -1,5 +1,6 @@
 """Deformation as rigid as possible: dense solves, invariances, recovery of a map."""
 
+from dataclasses import replace
 from functools import partial
 
 import jax
@@ -59,6 +60,27 @@ def test_the_dense_deformation_agrees(seed):
     truth = oracles.deform(*arrays, EXACT.reach, EXACT.rotation_updates)
     np.testing.assert_allclose(ours, truth, atol=1e-7)
     assert np.abs(truth - np.asarray(target)).max() > 0.01
+    from_smooth = deform(at_rest(spec), target, target, spec, settings=EXACT)
+    np.testing.assert_allclose(from_smooth, truth, atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_eigenfunctions_shorten_the_solves(seed):
+    spec = testing.blob_spectrum(seed, 60)
+    target = posed(spec, seed).vertices[slid(spec, seed)]
+    # A weak pull, as of a fine mesh, takes many steps.
+    one = replace(EXACT, reach=0.3, rotation_updates=1)
+    truth = deform(at_rest(spec), target, target, settings=one)
+    few = replace(one, max_steps=2)
+
+    def away(eigenpairs):
+        moved = deform(at_rest(spec), target, target, eigenpairs, settings=few)
+        return np.linalg.norm(moved - truth)
+
+    assert away(spec) < 0.5 * away(None)
+    # Functions of another shape help little, but do no harm.
+    order = np.random.default_rng(seed).permutation(N)
+    assert away(spec._replace(evecs=spec.evecs[order])) < 1.05 * away(None)
 
 
 @given(seed=testing.seeds)

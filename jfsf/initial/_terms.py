@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import einsum, map_sides, safe_divide
+from jfsf.array import einsum, map_sides, matmul, safe_divide
 from jfsf.spectral import brackets
 from jfsf.types import Spectrum
 
@@ -117,7 +117,12 @@ def shape_terms(
     centred = descriptors - mean[None]
     variance = einsum("n,nd->d", mass, centred**2)
     coef = einsum("na,n,nd->ad", phi, mass, centred)
-    times = einsum("na,n,nd,nb->adb", phi, mass, centred, phi)
+
+    # One descriptor at a time: all at once are k d numbers a vertex.
+    def times_one(column):
+        return matmul((phi * (mass * column)[:, None]).T, phi)
+
+    times = jax.lax.map(times_one, centred.T).swapaxes(0, 1)
     return ShapeTerms(spec.evals[:k], mean, variance, coef, times, brackets(spec, k=k))
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Float
 
-from jfsf.array import map_sides
+from jfsf.array import map_sides, matmul
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import (
     STIFFNESS_RANGE,
@@ -73,8 +73,8 @@ def arap(
     """Refine maps that are nearly right; convert what it returns for the final ones.
 
     Args:
-        spec_x, spec_y: vertices, mass and faces, wound outward, are read, not the
-            eigenpairs; mass 0 is padding.
+        spec_x, spec_y: with vertices and faces, wound outward; mass 0 is padding. The
+            eigenpairs only make the solves shorter.
         maps: the start, both ways.
         orientation_sign: -1 for maps that mirror, else 1.
         rounds: deformations of both shapes, with a conversion between two.
@@ -115,8 +115,8 @@ def arap(
         at_rest, (spec_x,), (spec_y,)
     )
 
-    def one_way(surface, target, start):
-        moved = deform(surface, target, start, settings=settings)
+    def one_way(surface, spec, target, start):
+        moved = deform(surface, target, start, spec, settings=settings)
         return moved, orientation_sign * weight * normals(moved, surface.faces)
 
     def embed(moved_x, moved_normal_x, moved_y, moved_normal_y):
@@ -135,8 +135,8 @@ def arap(
         T_xy, T_yx = jax.lax.cond(turn == 0, lambda _: given, convert, embs)
         moved = map_sides(
             one_way,
-            (surface_x, spec_y.vertices[T_xy], embs[0][:, :3]),
-            (surface_y, spec_x.vertices[T_yx], embs[1][:, 3:6]),
+            (surface_x, spec_x, spec_y.vertices[T_xy], embs[0][:, :3]),
+            (surface_y, spec_y, spec_x.vertices[T_yx], embs[1][:, 3:6]),
         )
         return embed(*moved[0], *moved[1])
 
@@ -151,6 +151,7 @@ def deform(
     surface: Surface,
     target: Float[Array, "n 3"],
     start: Float[Array, "n 3"],
+    spec: Spectrum | None = None,
     *,
     settings: ArapSettings = ArapSettings(),
 ) -> Float[Array, "n 3"]:
@@ -170,6 +171,9 @@ def deform(
         surface: the shape at rest.
         target: the position that each vertex is drawn to.
         start: positions to begin with.
+        spec: of the same shape, with the masses of `surface`. Each solve then begins
+            with what its eigenfunctions can express of the solution: conjugate
+            gradients take long for what is smooth.
         settings: see `ArapSettings`.
 
     Returns:
@@ -191,6 +195,16 @@ def deform(
     def resist(x):
         return divergence(stiff * opposite_edges(x, faces), faces, n) + pull * x
 
+    def smooth_step(spec, x, right):
+        residual = right - resist(x)
+        stiffness = spec.evals[:, None] + settings.reach**-2
+        step = matmul(spec.evecs, matmul(spec.evecs.T, residual) / stiffness)
+        # Along it as far as the energy falls: where clipped cotangents are stiffer than
+        # the Laplacian of the eigenfunctions, the whole step would be too long.
+        uphill = jnp.vdot(step, resist(step))
+        length = jnp.vdot(step, residual) / jnp.where(uphill > 0, uphill, 1)
+        return x + length * step
+
     def update(x, _):
         force = stiff * opposite_edges(x, faces)
         outer = rest[..., :, None] * force[..., None, :]
@@ -199,6 +213,8 @@ def deform(
         mean = (next_corners(rotation, 1) + next_corners(rotation, 2)) / 2
         rotated = jnp.sum(mean * rest[:, :, None], 3)
         right = divergence(stiff * rotated, faces, n) + pull * target
+        if spec is not None:
+            x = smooth_step(spec, x, right)
         precondition = lambda residual: residual / diagonal
         options = {
             "tol": settings.tolerance,

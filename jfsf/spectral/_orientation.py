@@ -43,23 +43,18 @@ def brackets(spec: Spectrum, *, k: int) -> Float[Array, "k k k"]:
             f"brackets: k is {k}, there are {spec.evecs.shape[1]} eigenpairs"
         )
     phi = spec.evecs[:, :k]
-    corner = [phi[spec.faces[:, i]] for i in range(3)]
-    mean = (corner[0] + corner[1] + corner[2]) / 3
-    d1, d2 = corner[1] - corner[0], corner[2] - corner[0]
 
     def add(half, faces):
-        mean, d1, d2 = faces
+        first, second, third = (phi[faces[:, i]] for i in range(3))
+        mean, d1, d2 = (first + second + third) / 3, second - first, third - first
         pairs = mean.T[:, None] * d1.T[None]
         return half + einsum("caf,fb->cab", pairs, d2), None
 
+    # Faces of one vertex fill the last block; they add nothing.
+    blocks = jnp.pad(spec.faces, ((0, -len(spec.faces) % BLOCK), (0, 0)))
     half = jnp.zeros((k, k, k), phi.dtype)
-    half = jax.lax.scan(add, half, tuple(map(_in_blocks, (mean, d1, d2))))[0] / 2
+    half = jax.lax.scan(add, half, blocks.reshape(-1, BLOCK, 3))[0] / 2
     return half - half.transpose(0, 2, 1)
-
-
-def _in_blocks(values: Float[Array, "m k"]) -> Float[Array, "b f k"]:
-    filled = jnp.pad(values, ((0, -len(values) % BLOCK), (0, 0)))
-    return filled.reshape(-1, BLOCK, values.shape[1])
 
 
 @partial(jax.jit, static_argnames="pulled_back")
