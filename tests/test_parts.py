@@ -331,6 +331,13 @@ def test_the_beam_finds_the_scale():
     assert (np.diff(best.cost) >= 0).all()
 
 
+@pytest.mark.parametrize("initial", [None, PART.index])
+def test_two_units_are_named_with_a_map_and_without(initial):
+    large = Mesh(PART.mesh.vertices * 1000, PART.mesh.faces)
+    with pytest.raises(ValueError, match="or give same_unit=False"):
+        partial_match(large, WHOLE, initial=initial)
+
+
 def test_a_scale_far_from_one_is_found_where_units_may_differ():
     small = Mesh(PART.mesh.vertices / 2.2, PART.mesh.faces)
     settings = PartSettings(

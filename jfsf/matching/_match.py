@@ -72,9 +72,10 @@ def match(
             see `same_unit` for their sizes. Landmarks and descriptors guide the search
             for the region; the map within it is refined without the descriptors. An
             initial map replaces that search: it is turned into a T_xy, its scale is
-            read from it, and no other is tried. Cuts change the sizes of arrays, so it
-            runs on the host, with `match` of the cuts inside: it cannot be traced. It
-            takes one to three and a half times as long. Two closed surfaces share all.
+            read from it, as far as `same_unit` lets it, and no other is tried. Cuts
+            change the sizes of arrays, so it runs on the host, with `match` of the cuts
+            inside: it cannot be traced. It takes one to three and a half times as long.
+            Two closed surfaces share all.
         same_unit: with `partial`, whether both are in one unit. Then bodies may differ
             in size by a factor of 1.5. Else sizes are not read: X is made as long as Y,
             and 0.4 to 2.5 times that is tried, which takes longer and is less certain.

@@ -48,8 +48,7 @@ def match_partial(
 
     of_regions = replace(settings, retry_below=0.0)
 
-    # A map tells the scale itself.
-    if same_unit and inputs.initial is None:
+    if same_unit:
         check_one_unit(*meshes.values())
 
     def refine(part_x, part_y, T_xy, landmarks=None):
