@@ -560,15 +560,27 @@ def test_an_interrupt_closes_the_workers(tmp_path):
     assert not list(out.glob("*.tmp")) and not list(out.glob("*.npz"))
 
 
-def test_an_interrupt_while_jax_collects_garbage_is_not_lost():
-    def _xla_gc_callback():
+@pytest.mark.parametrize(
+    ("name", "file"),
+    [
+        ("_xla_gc_callback", "interpreters/mlir.py"),
+        ("cb", "<frozen importlib._bootstrap>"),
+        ("__del__", "any.py"),
+    ],
+)
+def test_an_interrupt_where_python_ignores_it_is_not_lost(name, file):
+    def interrupted():
         _interrupt(signal.SIGINT, sys._getframe())
+
+    names = {"interrupted": interrupted}
+    exec(compile(f"def {name}(*_): interrupted()", file, "exec"), names)
+    ignored = type("Ignored", (), {"__del__": names[name]})
 
     # A shell has what it runs in the background ignore interrupts.
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         with raising_interrupts():
-            _xla_gc_callback()
+            ignored()  # and gone at once
             with pytest.raises(KeyboardInterrupt):
                 time.sleep(20)
     finally:

@@ -89,11 +89,27 @@ def raising_interrupts():
 
 
 def _interrupt(number, frame) -> None:
-    """A KeyboardInterrupt; a little later where jax collects garbage, or it is lost."""
-    if frame is not None and frame.f_code.co_name == "_xla_gc_callback":
+    """A KeyboardInterrupt; a little later where Python would ignore it."""
+    if _is_ignored(frame):
         Timer(0.1, os.kill, (os.getpid(), number)).start()
     else:
         signal.default_int_handler(number, frame)
+
+
+def _is_ignored(frame) -> bool:
+    """Whether what is raised here is printed and ignored.
+
+    It is in a `__del__`, where jax collects garbage, and where an import gives back its
+    lock, a callback of a weak reference.
+    """
+    while frame is not None:
+        name, file = frame.f_code.co_name, frame.f_code.co_filename
+        if name in ("__del__", "_xla_gc_callback"):
+            return True
+        if name == "cb" and file == "<frozen importlib._bootstrap>":
+            return True
+        frame = frame.f_back
+    return False
 
 
 def bars() -> Progress:
