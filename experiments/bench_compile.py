@@ -1,4 +1,4 @@
-"""Seconds to compile `match`, program by program, with nothing kept from before.
+"""Seconds to compile `match` and its memory, by program, with nothing kept before.
 
 A program is traced (Python to jaxpr), lowered (to StableHLO), and compiled by XLA with
 the options that `match` uses. One at a time; `match` compiles them side by side while
@@ -54,17 +54,21 @@ def measure(rows: list[dict], stage: partial, *args):
     at_lower = time.perf_counter()
     compiled = lowered.compile()
     end = time.perf_counter()
+    memory = compiled.memory_analysis()
     row = {
         "program": name,
         "trace": at_trace - start,
         "lower": at_lower - at_trace,
         "compile": end - at_lower,
         "instructions": (compiled.as_text() or "").count(" = "),
+        # Beside arguments and results, while it runs.
+        "gigabytes": round(memory.temp_size_in_bytes / 1e9, 2) if memory else None,
     }
     rows.append(row)
     print(
         f"{name:20s} traced {row['trace']:5.2f} s, lowered {row['lower']:5.2f} s, "
-        f"compiled {row['compile']:6.2f} s, {row['instructions']} instructions",
+        f"compiled {row['compile']:6.2f} s, {row['instructions']} instructions, "
+        f"memory {row['gigabytes']} GB",
         flush=True,
     )
     return jax.eval_shape(stage, *args)

@@ -78,7 +78,7 @@ def test_eigenfunctions_shorten_the_solves(seed):
         return np.linalg.norm(moved - truth)
 
     assert away(spec) < 0.5 * away(None)
-    # Functions of another shape help little, but do no harm.
+    # Functions that are not eigenfunctions do no harm.
     order = np.random.default_rng(seed).permutation(N)
     assert away(spec._replace(evecs=spec.evecs[order])) < 1.05 * away(None)
 

@@ -97,10 +97,10 @@ def _interrupt(number, frame) -> None:
 
 
 def _is_ignored(frame) -> bool:
-    """Whether what is raised here is printed and ignored.
+    """Whether Python prints and ignores an exception raised in this frame.
 
-    It is in a `__del__`, where jax collects garbage, and where an import gives back its
-    lock, a callback of a weak reference.
+    It does so within a `__del__`, within jax's callback of the garbage collector, and
+    within the callback by which an import releases its lock.
     """
     while frame is not None:
         name, file = frame.f_code.co_name, frame.f_code.co_filename

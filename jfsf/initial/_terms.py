@@ -118,7 +118,7 @@ def shape_terms(
     variance = einsum("n,nd->d", mass, centred**2)
     coef = einsum("na,n,nd->ad", phi, mass, centred)
 
-    # One descriptor at a time: all at once are k d numbers a vertex.
+    # All descriptors at once would take k d numbers a vertex.
     def times_one(column):
         return matmul((phi * (mass * column)[:, None]).T, phi)
 

@@ -199,8 +199,8 @@ def deform(
         residual = right - resist(x)
         stiffness = spec.evals[:, None] + settings.reach**-2
         step = matmul(spec.evecs, matmul(spec.evecs.T, residual) / stiffness)
-        # Along it as far as the energy falls: where clipped cotangents are stiffer than
-        # the Laplacian of the eigenfunctions, the whole step would be too long.
+        # An exact line search: where clipped cotangents are stiffer than the Laplacian
+        # of the eigenfunctions, the whole step would be too long.
         uphill = jnp.vdot(step, resist(step))
         length = jnp.vdot(step, residual) / jnp.where(uphill > 0, uphill, 1)
         return x + length * step
