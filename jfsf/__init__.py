@@ -25,7 +25,7 @@ only from those above its own:
 - `evidence`: how likely a map is right, without ground truth: the certificate
 - `attempt`: two shapes and a start to a match, pure: `match_spectra`
 - `arguments`: what `match` is given, checked and padded
-- `coarse`: a pair at few vertices, for further starts
+- `coarse`: a pair at few vertices, for further starts and for bending large shapes
 - `policy`: which starts are attempted, for one pair or many, and when it ends
 - `matching`: meshes to maps
 - `registration`: a template mesh deformed onto a scan

@@ -7,6 +7,7 @@
 | `given_start` | spectra, a map of anyone | the same, without a search |
 | `refine_start` | samples, a start | C_yx in a larger basis |
 | `finish` | spectra, C_yx | deformed, converted, certified: a `Match` |
+| `bend` | spectra of coarse copies, C_yx | deformed, which `finish` goes on from |
 | `attempt` | all of these | `refine_start`, then `finish` |
 
 `match_spectra` is these in a row, with one attempt. Which starts are attempted where
@@ -43,7 +44,7 @@ from jfsf.spectral import (
     uniform,
 )
 from jfsf.stages import pair_search
-from jfsf.types import Filtered, Match, Spectrum
+from jfsf.types import Bent, Filtered, Match, Spectrum
 
 SpectrumPair = tuple[Spectrum, Spectrum]
 
@@ -76,7 +77,8 @@ def match_spectra(
     """`jfsf.match` with one attempt, from the spectra on: the search, then the attempt.
 
     Pure: it jits, vmaps over pairs of equal size (n pairs cost n attempts), and has
-    derivatives both ways. `jfsf.batch.match_spectra` tries doubtful pairs again.
+    derivatives both ways. `jfsf.batch.match_spectra` tries doubtful pairs again, and
+    bends coarse copies of large shapes first, as `jfsf.match` does.
 
     Args:
         spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
@@ -231,10 +233,32 @@ def refine_start(
 
 
 @partial(jax.jit, static_argnames="settings")
+def bend(
+    pair: SpectrumPair,
+    C_yx: Float[Array, "k l"],
+    start: Start,
+    *,
+    settings: Settings = Settings(),
+) -> Bent:
+    """Deform both shapes by a functional map, as `finish` does first.
+
+    Of coarse copies: the whole shapes follow them, and fewer rounds are left.
+
+    Args:
+        pair: as `attempt`; both have faces.
+        C_yx, start: as `finish`.
+        settings: `deform`, which moves shapes, and what it reads.
+    """
+    search = pair_search(*pair, settings=settings)
+    aligned = settings.deform(*pair, C_yx, start.sign, search, settings=settings)
+    return Bent(aligned.moved_x, aligned.moved_y)  # type: ignore[arg-type]
+
+
+@partial(jax.jit, static_argnames="settings")
 def finish(
     pair: SpectrumPair,
     samples: tuple[SearchSamples, SearchSamples],
-    C_yx: Float[Array, "k l"],
+    C_yx: Float[Array, "k l"] | Bent,
     start: Start,
     sign: Int[Array, ""] | int = 1,
     landmarks: Landmarks | None = None,
@@ -246,7 +270,7 @@ def finish(
     Args:
         pair, sign, landmarks: as `attempt`.
         samples: of the search, for the evidence.
-        C_yx: the map, refined or not.
+        C_yx: the map, refined or not; or the shapes as it has bent them already.
         start: what it was refined from.
         settings: `deform`, `converter` and what they and the evidence read.
     """
@@ -257,13 +281,13 @@ def finish(
     maps = settings.converter(*embs, uniform_x, uniform_y, search)
     maps = maps if isinstance(maps, Filtered) else maps_of(maps)
     k = min(len(spec.evals) for spec in pair)
-    C_yx = functional_map(maps.T_xy, truncate(pair[0], k), pair[1])
+    final = functional_map(maps.T_xy, truncate(pair[0], k), pair[1])
     evidence = certify(
-        maps, aligned, C_yx, pair, samples, sign, landmarks, settings=settings
+        maps, aligned, final, pair, samples, sign, landmarks, settings=settings
     )
     likely = vertex_confidence(maps_of(maps), aligned, pair, evidence.confidence)
     evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
-    match = Match(*maps_of(maps), C_yx, evidence)
+    match = Match(*maps_of(maps), final, evidence)
     return match._replace(confidence_x=likely[0], confidence_y=likely[1])
 
 

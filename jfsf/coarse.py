@@ -1,7 +1,8 @@
-"""Coarse copies of a pair, on which further starts are attempted. Host side.
+"""Coarse copies of a pair: further starts are tried on them, large shapes bent first.
 
-A copy has the eigenfunctions of the whole shape, read at its own few vertices. So it
-needs no spectrum, and a functional map between copies is one between the whole shapes.
+Host side. A copy has the eigenfunctions of the whole shape, read at its own few
+vertices. So it needs no spectrum, and a functional map between copies is one between
+the whole shapes.
 """
 
 from collections.abc import Sequence
@@ -11,13 +12,16 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.arguments import MatchInputs, padded_inputs
-from jfsf.mesh import decimate, vertex_areas
+from jfsf.mesh import decimate, vertex_areas, vertex_normals
 from jfsf.runtime import padded, padded_shapes
 from jfsf.settings import Settings
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # Share of the mean area that a vertex of a copy has at least: mass 0 is padding.
 LEAST_MASS = 1e-3
+# Vertices of a copy that a vertex of the whole follows, and half the distance that
+# opposite normals count for among these, in sqrt(area): more than between neighbours.
+CARRIED_BY, NORMAL = 4, 0.05
 
 
 class CoarseCopy(NamedTuple):
@@ -87,6 +91,61 @@ def padded_copies(
     own = inputs._replace(landmarks=landmarks, descriptors=descriptors, initial=None)
     pair = padded(specs[0], sizes[0]), padded(specs[1], sizes[1])
     return pair, padded_inputs(own, sizes)
+
+
+def carried(
+    moved: ArrayLike, copy: CoarseCopy, spec: Spectrum, *, mirrored: bool = False
+) -> np.ndarray:
+    """Positions of a whole shape, each moved as the near vertices of its copy.
+
+    Each vertex of the copy moves rigidly, by the rotation that fits the edges around it
+    best; where it goes, those of the whole follow, the nearer the more (embedded
+    deformation, Sumner et al., SIGGRAPH 2007, equation 1).
+
+    Args:
+        moved: positions of the copy; rows of padding at the end are not read. What is
+            nan is nan near there.
+        copy: how it lies on the whole.
+        spec: of the whole shape.
+        mirrored: whether `moved` is a mirror image.
+
+    Returns:
+        (n, 3), 0 on padding.
+    """
+    rest = copy.spectrum.vertices
+    moved = np.asarray(moved, float)[: len(rest)]
+    rotation = _rotations(rest, moved, copy.spectrum.faces, mirrored)
+    n = int(np.sum(np.asarray(spec.mass) > 0))
+    points, faces = np.asarray(spec.vertices)[:n], np.asarray(spec.faces)
+    tree = KDTree(_with_normals(rest, copy.spectrum.faces))
+    away, near = tree.query(_with_normals(points, faces), CARRIED_BY, workers=-1)
+    weight = 1 / (np.asarray(away) + 1e-6) ** 2
+    weight /= weight.sum(1, keepdims=True)
+    found = np.zeros((len(spec.mass), 3))
+    for one, share in zip(np.asarray(near).T, weight.T, strict=True):
+        turned = np.einsum("nij,nj->ni", rotation[one], points - rest[one])
+        found[:n] += share[:, None] * (moved[one] + turned)
+    return found
+
+
+def _with_normals(points: ArrayLike, faces: ArrayLike) -> np.ndarray:
+    """So that sheets that touch, whose normals are opposite, are not near."""
+    return np.concatenate([points, NORMAL * vertex_normals(points, faces)], 1)
+
+
+def _rotations(rest, moved, faces, mirrored: bool) -> np.ndarray:
+    """(n, 3, 3), the best at each vertex; with a reflection if `mirrored`."""
+    covariance = np.zeros((len(rest), 3, 3))
+    for i, j in (0, 1), (1, 2), (2, 0):
+        one, two = faces[:, i], faces[:, j]
+        before, after = rest[two] - rest[one], moved[two] - moved[one]
+        outer = after[:, :, None] * before[:, None]
+        np.add.at(covariance, one, outer)
+        np.add.at(covariance, two, outer)
+    u, _, vt = np.linalg.svd(np.nan_to_num(covariance))
+    sign = np.linalg.det(u) * np.linalg.det(vt) * (-1 if mirrored else 1)
+    u[:, :, 2] *= np.sign(sign)[:, None]
+    return u @ vt
 
 
 def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:

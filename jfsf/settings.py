@@ -70,8 +70,8 @@ class Settings:
         (`jfsf.initial.nonisometric_starts`). What ranks highest is bent on the
         whole shapes, and kept if it is more confident. A map that is given is kept in
         any case, but ranked. 0 leaves it out.
-    coarse_vertices: of the coarse copies, on which all further starts are tried
-        (`jfsf.coarse`).
+    coarse_vertices: of the coarse copies (`jfsf.coarse`), on which all further starts
+        are tried, and which are bent first where shapes are large.
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
         those that differ and rank highest. The map so far is one of them, if it ranks
         first: so with 1 nothing more is attempted then. With two the mean error of
@@ -90,10 +90,15 @@ class Settings:
         that follow.
     refine_converter: the converter of its rounds.
     zoomout: how they weigh columns.
-    deform: deforms both shapes: a `jfsf.stages.Deform`. It reads the three that follow.
+    deform: deforms both shapes: a `jfsf.stages.Deform`. It reads the six that follow.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
         leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
         not bent. Beside a mesh, the points of such a cloud move freely.
+    copies_above: vertices of the larger shape, padding included, above which `match`
+        bends coarse copies of both in its place, and the whole shapes follow for
+        `last_rounds`: in less time, and errors are no larger
+        (`experiments/choose_copies.py`). Not with a `deform` of one's own.
+    last_rounds: see above.
     bend_converter: the converter before and between these.
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
@@ -131,6 +136,8 @@ class Settings:
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
     deform: Deform = deform_by_arap
     bend_rounds: int = 8
+    copies_above: int = 5120
+    last_rounds: int = 2
     bend_converter: Converter = nearest
     bend: ArapSettings = field(default_factory=ArapSettings)
     converter: Converter = sinkhorn
@@ -162,11 +169,9 @@ class Settings:
                 f"Settings: bend_rounds is {self.bend_rounds} and samples "
                 f"{self.samples}; give 0 or more, and 1 or more"
             )
-        if self.nonisometric_attempts < 1:
-            raise ValueError(
-                f"Settings: nonisometric_attempts is {self.nonisometric_attempts}; "
-                "give 1 or more"
-            )
+        for name in ("nonisometric_attempts", "last_rounds"):
+            if (number := getattr(self, name)) < 1:
+                raise ValueError(f"Settings: {name} is {number}; give 1 or more")
         if self.samples & (self.samples - 1):
             raise ValueError(
                 f"Settings: samples is {self.samples}; give a power of two"

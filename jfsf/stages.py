@@ -21,7 +21,7 @@ from jfsf.convert import maps_of
 from jfsf.neighbours import NeighbourSearch, tiles_of_pair
 from jfsf.refine import arap, zoomout
 from jfsf.spectral import Features, embeddings, uniform
-from jfsf.types import Aligned, Spectrum
+from jfsf.types import Aligned, Bent, Spectrum
 
 # (spec, descriptors, landmarks, *, self_map, settings: FeatureSettings), as
 # `jfsf.spectral.features`, which explains what features are. The descriptors of
@@ -30,7 +30,8 @@ from jfsf.types import Aligned, Spectrum
 Describe = Callable[..., Features]
 # (x, y, C_yx, orientation, descriptor_weight, *, settings), as `refine_by_zoomout`.
 Refine = Callable[..., Float[Array, "k l"]]
-# (spec_x, spec_y, C_yx, orientation, search, *, settings), as `deform_by_arap`.
+# (spec_x, spec_y, C_yx, orientation, search, *, settings), as `deform_by_arap`. One of
+# one's own is handed the functional map of whole shapes, however large they are.
 # Where it returns `moved_x` and `moved_y`, the confidence reads how well they coincide.
 Deform = Callable[..., Aligned]
 
@@ -80,7 +81,7 @@ def refine_by_zoomout(
 def deform_by_arap(
     spec_x: Spectrum,
     spec_y: Spectrum,
-    C_yx: Float[Array, "k_x k_y"],
+    C_yx: Float[Array, "k_x k_y"] | Bent,
     orientation: Float[Array, ""] | float = 1.0,
     search: NeighbourSearch | None = None,
     *,
@@ -90,13 +91,21 @@ def deform_by_arap(
 
     Args:
         spec_x, spec_y: with their vertices and faces.
-        C_yx: the functional map, refined. Rows of zeros are left out.
+        C_yx: the functional map, refined. Rows of zeros are left out. Or shapes with
+            faces that are bent already, for the last rounds.
         orientation: -1 for a map that mirrors.
         search: for neighbours.
-        settings: `jfsf.Settings`: `bend_rounds`, `bend_converter`, `bend`. Without
-            rounds, or if neither shape has faces, the embeddings are those of C_yx, in
-            the direct space.
+        settings: `jfsf.Settings`: `bend_rounds`, `last_rounds`, `bend_converter`,
+            `bend`. Without rounds, or if neither shape has faces, the embeddings are
+            those of C_yx, in the direct space.
     """
+    search = (search or NeighbourSearch()).unchecked()
+    options = {"search": search, "settings": settings.bend}
+    options |= {"converter": settings.bend_converter}
+    turn = jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0)
+    if isinstance(C_yx, Bent):
+        bent = arap(spec_x, spec_y, C_yx, turn, rounds=settings.last_rounds, **options)
+        return _aligned(bent)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     emb_x = jnp.asarray(jnp.where(jnp.any(C_yx != 0, 1)[None], emb_x, 0))
     if settings.bend_rounds == 0 or not len(spec_x.faces) + len(spec_y.faces):
@@ -107,18 +116,15 @@ def deform_by_arap(
         spec if len(spec.faces) else spec._replace(faces=jnp.zeros((1, 3), jnp.int32))
         for spec in (spec_x, spec_y)
     )
-    search = (search or NeighbourSearch()).unchecked()
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-    emb_x, emb_y = arap(
-        spec_x,
-        spec_y,
-        maps_of(settings.bend_converter(emb_x, emb_y, *marginals, search)),
-        jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0),
-        rounds=settings.bend_rounds,
-        converter=settings.bend_converter,
-        search=search,
-        settings=settings.bend,
+    maps = maps_of(settings.bend_converter(emb_x, emb_y, *marginals, search))
+    return _aligned(
+        arap(spec_x, spec_y, maps, turn, rounds=settings.bend_rounds, **options)
     )
+
+
+def _aligned(embs: tuple[Float[Array, "n_x 12"], Float[Array, "n_y 12"]]) -> Aligned:
+    emb_x, emb_y = embs
     return Aligned(emb_x, emb_y, emb_x[:, :3], emb_y[:, 3:6])
 
 

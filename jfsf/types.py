@@ -169,6 +169,17 @@ class Aligned(NamedTuple):
     moved_y: Float[Array, "n_y 3"] | None = None
 
 
+class Bent(NamedTuple):
+    """Positions of both shapes, each deformed onto the other, in sqrt(area).
+
+    moved_x: where the vertices of X lie when it is deformed onto Y.
+    moved_y: where those of Y lie when it is deformed onto X.
+    """
+
+    moved_x: Float[ArrayLike, "n_x 3"]
+    moved_y: Float[ArrayLike, "n_y 3"]
+
+
 class PreciseMap(NamedTuple):
     """A vertex-to-point map: each vertex of X goes to a point on a triangle of Y.
 

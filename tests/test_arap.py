@@ -15,7 +15,7 @@ from jfsf.convert import nearest, sinkhorn
 from jfsf.geometry import surface
 from jfsf.refine import ArapSettings, arap, deform, rotations
 from jfsf.runtime import pad
-from jfsf.types import Maps
+from jfsf.types import Bent, Maps
 
 N, K = 162, 4
 spectra = testing.spectra(K)
@@ -81,6 +81,19 @@ def test_eigenfunctions_shorten_the_solves(seed):
     # Functions that are not eigenfunctions do no harm.
     order = np.random.default_rng(seed).permutation(N)
     assert away(spec._replace(evecs=spec.evecs[order])) < 1.05 * away(None)
+
+
+@pytest.mark.parametrize("sign", [1.0, pytest.param(-1.0, marks=pytest.mark.slow)])
+def test_shapes_that_are_bent_already_go_on(sign):
+    spec = testing.blob_spectrum(0, K)
+    maps, target = rough(spec), posed(spec)
+    options = {"converter": nearest}
+    in_one = arap(spec, target, maps, sign, rounds=3, **options)
+    x, y = arap(spec, target, maps, sign, rounds=1, **options)
+    bent = Bent(x[:, :3], y[:, 3:6])
+    then = arap(spec, target, bent, sign, rounds=2, **options)
+    for ours, theirs in zip(then, in_one, strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-10)
 
 
 @given(seed=testing.seeds)

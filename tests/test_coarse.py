@@ -11,12 +11,13 @@ from shapes import small
 import jfsf
 from jfsf import testing
 from jfsf.arguments import MatchInputs
-from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.coarse import CoarseCopy, carried, coarse_copy, padded_copies
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import SearchSettings
 from jfsf.runtime import pad
 from jfsf.settings import Settings
 from jfsf.spectral import functional_map
+from jfsf.types import Mesh, Spectrum
 
 NAMES = "man_walk", "man_up"
 FEW = Settings(coarse_vertices=300)
@@ -70,6 +71,81 @@ def test_a_functional_map_of_the_copies_is_one_of_the_whole_shapes():
         for T, x, y in ((T_xy, spec_x, spec_y), (T_copies, own_x, own_y))
     )
     assert np.linalg.norm(there - here) < 0.2 * np.linalg.norm(there)
+
+
+def turned(points, seed, mirrored):
+    """Rotated and shifted, and mirrored."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    turn *= np.sign(np.linalg.det(turn)) * (-1 if mirrored else 1)
+    return points @ turn.T + rng.normal(size=3)
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_a_whole_shape_follows_a_rigid_motion_of_its_copy(mirrored):
+    spec, few = whole("man_up")[0], copy("man_up")
+    moved = turned(few.spectrum.vertices, 0, mirrored)
+    found = carried(moved, few, spec, mirrored=mirrored)
+    truth = turned(np.asarray(spec.vertices), 0, mirrored)
+    np.testing.assert_allclose(found, truth, atol=1e-9)
+
+
+def test_a_whole_shape_follows_the_pose_of_its_copy():
+    spec, few = whole("man_walk")[0], copy("man_walk")
+    v = np.asarray(spec.vertices)
+    bent = v + np.maximum(v[:, 1:2] - v[:, 1].mean(), 0) ** 2 * [[0.0, 0.0, 1.5]]
+    # The copy does not lie exactly on the whole shape.
+    w = few.spectrum.vertices
+    moved = w + np.maximum(w[:, 1:2] - v[:, 1].mean(), 0) ** 2 * [[0.0, 0.0, 1.5]]
+    n = len(v)
+    padded = pad(spec, n + 5, len(spec.faces) + 3)
+    found = carried(np.concatenate([moved, np.ones((4, 3))]), few, padded)
+    assert np.abs(bent - v).max() > 0.3 and np.abs(found[n:]).max() == 0
+    away = np.linalg.norm(found[:n] - bent, axis=1)
+    nearest = np.linalg.norm(moved[few.on_copy] - bent, axis=1)
+    assert away.mean() < 0.25 * nearest.mean()
+    assert away.max() < 0.05
+
+
+def test_what_is_unknown_of_a_copy_stays_near_there():
+    spec, few = whole("man_walk")[0], copy("man_walk")
+    moved = np.array(few.spectrum.vertices)
+    moved[7] = np.nan
+    found = carried(moved, few, spec)
+    near = np.linalg.norm(spec.vertices - few.spectrum.vertices[7], axis=1) < 0.3
+    assert np.isnan(found).any() and not np.isnan(found[~near]).any()
+
+
+def test_sheets_that_touch_are_carried_apart():
+    # Two squares at a distance of half an edge of the copy, wound outward.
+    fine, rough = sheets(51), sheets(26)
+    n = len(rough.vertices)
+    few = CoarseCopy(flat_spectrum(rough), np.zeros(n, int), np.zeros(n, int))
+    spec = flat_spectrum(fine)
+    upper = lambda mesh: mesh.vertices[:, 2] > 0
+    moved = rough.vertices + np.where(upper(rough)[:, None], [[0, 0, 1.0]], 0)
+    found = carried(moved, few, spec)
+    truth = fine.vertices + np.where(upper(fine)[:, None], [[0, 0, 1.0]], 0)
+    np.testing.assert_allclose(found, truth, atol=1e-9)
+
+
+def flat_spectrum(mesh):
+    """Of the constant function."""
+    n = len(mesh.vertices)
+    return Spectrum(
+        np.zeros(1), np.ones((n, 1)), np.full(n, 1 / n), mesh.faces, mesh.vertices
+    )
+
+
+def sheets(size):
+    """Two squares of so many vertices a side, one above the other."""
+    i, j = np.divmod(np.arange(size**2), size)
+    flat = np.stack([i, j, 0 * i], 1) / (size - 1)
+    corner = (np.arange(size - 1)[:, None] * size + np.arange(size - 1)).ravel()
+    quads = corner[:, None] + [0, size, size + 1, 1]
+    faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    both = np.concatenate([flat + [0, 0, 0.02], flat])
+    return Mesh(both, np.concatenate([faces, size**2 + faces[:, ::-1]]))
 
 
 def test_padding_is_left_out():

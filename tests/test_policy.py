@@ -15,7 +15,7 @@ from jfsf import EvidenceSettings, Settings, policy
 from jfsf.arguments import MatchInputs
 from jfsf.evidence import Standing, confidence, mirror_probability, of_certificate
 from jfsf.initial import Start
-from jfsf.policy import PairState, _others, _sources
+from jfsf.policy import PairState, _bending, _others, _pairs, _sources
 from jfsf.policy._rigid import Moved
 from jfsf.types import STAGES, Certificate, Match
 
@@ -154,7 +154,8 @@ def alike(monkeypatch):
         rank = np.nan_to_num(odds, nan=-np.inf)
         return Standing(shares_of(expit(odds)), rank, differ, 1.0 * differ)
 
-    monkeypatch.setattr(_sources, "coarse_copy", lambda spec, settings: Copy(spec))
+    monkeypatch.setattr(_pairs, "coarse_copy", lambda spec, settings: Copy(spec))
+    monkeypatch.setattr(_bending, "bends_copies", lambda *_: False)
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
     monkeypatch.setattr(_others, "share_among", share_among)

@@ -137,8 +137,6 @@ def match_spectra(
 ) -> list[Match]:
     """`jfsf.match` of each pair, from the spectra on, doubtful pairs tried again.
 
-    Without coarse copies of large shapes, for which the meshes are needed.
-
     Args:
         specs_x, specs_y: one of each a pair, from `jfsf.basis`. Each pair is cut to
             equal numbers of eigenpairs; pairs with equal numbers share programs.

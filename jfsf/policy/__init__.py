@@ -11,6 +11,8 @@ The last source, of starts for other proportions, tries all of them on coarse co
 map ranks above this one it goes on to the whole shapes. Maps that differ and rank
 nearly as high are rivals: a map that cannot be told from another one is not certain.
 
+Shapes of many vertices are bent as such copies, too (`_bending`), and follow them.
+
 Where a similarity lays the shapes nearly on each other (`_rigid`), nearest points are
 the start of a last map, which is the map so far but slides less, and is kept.
 
@@ -22,6 +24,7 @@ begins.
 Read in this order:
 
 - `_pairs`: a pair on the way, its attempts, and the best of them
+- `_bending`: large shapes are bent as coarse copies first
 - `_stages`: the stages of an attempt, run for many pairs
 - `_rigid`: shapes that nearly coincide after a similarity
 - `_disks`: maps between two disks that turn the rim

@@ -6,12 +6,15 @@ from functools import partial
 import jax
 
 from jfsf.initial import nonisometric_starts
+from jfsf.policy._bending import bent_like
 from jfsf.policy._pairs import Attempt, PairState
 from jfsf.policy._sources import Proposal, Source, sources_of
 from jfsf.policy._stages import (
     describe,
+    finish_bent,
     finish_maps,
     match_starts,
+    refined_starts,
     run_stage,
     search_inputs,
 )
@@ -76,8 +79,11 @@ def compile_first_attempt(
     """
     describe([pair], runner, settings)
     source = sources_of(pair.inputs, settings)[0]
-    ((start,),) = source.make([pair], runner, settings)
-    match_starts([(pair, start.start)], runner, settings)
+    (((start, *_),),) = source.make([pair], runner, settings)
+    tried = [(pair, start)]
+    (C_yx,) = refined_starts(tried, runner, settings)
+    bent = bent_like(pair, C_yx, start, runner, settings)
+    finish_bent(tried, [bent], runner, settings)
 
 
 def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> None:

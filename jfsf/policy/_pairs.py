@@ -8,7 +8,7 @@ import numpy as np
 
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import SamplesPair
-from jfsf.coarse import CoarseCopy
+from jfsf.coarse import CoarseCopy, coarse_copy
 from jfsf.evidence import of_certificate, with_likely
 from jfsf.initial import Start
 from jfsf.settings import Settings
@@ -44,6 +44,7 @@ class PairState:
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
     copies: the same of the coarse copies, if there are any, and how these lie.
+    coarse: the coarse copies of both shapes, once they are made.
     seconds: by stage; its share where a stage ran for several pairs.
     """
 
@@ -58,12 +59,20 @@ class PairState:
     others: Start | None = None
     won: int = 0
     copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
+    coarse: tuple[CoarseCopy, CoarseCopy] | None = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property
     def best(self) -> Match:
         """The match so far."""
         return self.attempts[self.won].match
+
+    def coarse_copies(self, settings: Settings) -> tuple[CoarseCopy, CoarseCopy]:
+        """Of X and Y; made at the first call."""
+        if self.coarse is None:
+            x, y = (coarse_copy(spec, settings=settings) for spec in self.spectra)
+            self.coarse = x, y
+        return self.coarse
 
     def in_doubt(self, settings: Settings) -> bool:
         """Whether another start is to be attempted."""

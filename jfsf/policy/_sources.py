@@ -9,7 +9,7 @@ import numpy as np
 
 from jfsf.arguments import MatchInputs
 from jfsf.attempt import check_search, given_start
-from jfsf.coarse import coarse_copy, padded_copies
+from jfsf.coarse import padded_copies
 from jfsf.evidence import COMPARED, mirror_probability, rivals_among, share_among
 from jfsf.initial import Start, nonisometric_starts, search_starts
 from jfsf.policy._disks import is_disk
@@ -232,8 +232,8 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
 
 
 def _copied(pair: PairState, settings: Settings):
-    x, y = (coarse_copy(spec, settings=settings) for spec in pair.spectra)
-    return PairState(*padded_copies((x, y), pair.inputs)), (x, y)
+    copies = pair.coarse_copies(settings)
+    return PairState(*padded_copies(copies, pair.inputs)), copies
 
 
 def _of_copies(attempt: Attempt) -> Start:

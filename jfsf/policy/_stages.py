@@ -7,6 +7,7 @@ from time import perf_counter
 from jfsf.attempt import finish, refine_start, shape_samples
 from jfsf.evidence import kept_landmarks
 from jfsf.initial import Start
+from jfsf.policy._bending import bent_as_copies
 from jfsf.policy._pairs import PairState
 from jfsf.types import Match
 
@@ -36,10 +37,18 @@ def describe(pairs: Sequence[PairState], runner, settings) -> None:
 def match_starts(
     tried: list[tuple[PairState, Start]], runner, settings, at_a_time: int = 1
 ) -> list[Match]:
-    """Refine and finish each start; `jfsf.attempt.attempt` in two programs.
+    """Refine and finish each start; `jfsf.attempt.attempt` in programs of its own.
 
     That of the refinement serves shapes of all sizes.
     """
+    maps = refined_starts(tried, runner, settings, at_a_time)
+    return finish_maps(tried, maps, runner, settings, at_a_time)
+
+
+def refined_starts(
+    tried: list[tuple[PairState, Start]], runner, settings, at_a_time: int = 1
+) -> list:
+    """C_yx of each start, refined, with the landmarks that it keeps."""
     pairs = [pair for pair, _ in tried]
     features = [
         tuple(side.refinement for side in pair.landmark_samples) for pair in pairs
@@ -53,14 +62,21 @@ def match_starts(
         features = run_stage(runner, "kept landmarks", stage, pairs, inputs, at_a_time)
     inputs = [(own, start) for (_, start), own in zip(tried, features, strict=True)]
     stage = partial(refine_start, settings=settings)
-    maps = run_stage(runner, "refinement", stage, pairs, inputs, at_a_time)
-    return finish_maps(tried, maps, runner, settings, at_a_time)
+    return run_stage(runner, "refinement", stage, pairs, inputs, at_a_time)
 
 
 def finish_maps(
     tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
 ) -> list[Match]:
-    """`jfsf.attempt.finish` of each refined map."""
+    """`finish_bent` of each refined map, large shapes bent as coarse copies before."""
+    maps = bent_as_copies(tried, maps, runner, settings)
+    return finish_bent(tried, maps, runner, settings, at_a_time)
+
+
+def finish_bent(
+    tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
+) -> list[Match]:
+    """`jfsf.attempt.finish` of each map."""
     inputs = [
         (
             pair.spectra,

@@ -29,7 +29,7 @@ from jfsf.geometry import (
 )
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import uniform
-from jfsf.types import Maps, Spectrum
+from jfsf.types import Bent, Maps, Spectrum
 
 SQUARINGS = 8  # of a 4 x 4 matrix: its 256th power is the leading eigenvector's
 
@@ -62,7 +62,7 @@ class ArapSettings:
 def arap(
     spec_x: Spectrum,
     spec_y: Spectrum,
-    maps: Maps,
+    start: Maps | Bent,
     orientation_sign: Float[Array, ""] | float = 1.0,
     *,
     rounds: int = 8,
@@ -75,9 +75,10 @@ def arap(
     Args:
         spec_x, spec_y: with vertices and faces, wound outward; mass 0 is padding. The
             eigenpairs only make the solves shorter.
-        maps: the start, both ways.
+        start: maps both ways, or shapes that lie near to each other already.
         orientation_sign: -1 for maps that mirror, else 1.
-        rounds: deformations of both shapes, with a conversion between two.
+        rounds: deformations of both shapes, with a conversion between two, and one
+            before the first if the start is no maps.
         converter: any `jfsf.convert.Converter`.
         search: how neighbours are searched, handed to the converter.
         settings: of the deformation.
@@ -115,9 +116,12 @@ def arap(
         at_rest, (spec_x,), (spec_y,)
     )
 
+    def with_normals(moved, faces):
+        return moved, orientation_sign * weight * normals(moved, faces)
+
     def one_way(surface, spec, target, start):
         moved = deform(surface, target, start, spec, settings=settings)
-        return moved, orientation_sign * weight * normals(moved, surface.faces)
+        return with_normals(moved, surface.faces)
 
     def embed(moved_x, moved_normal_x, moved_y, moved_normal_y):
         emb_x = jnp.concatenate([moved_x, spec_x.vertices, moved_normal_x, normal_x], 1)
@@ -128,11 +132,23 @@ def arap(
         emb_x, emb_y = embs
         return maps_of(converter(emb_x, emb_y, marginal_x, marginal_y, search))
 
-    given = maps_of(maps)
+    if isinstance(start, Bent):
+        x = with_normals(start.moved_x, spec_x.faces)
+        y = with_normals(start.moved_y, spec_y.faces)
+        embs = embed(*x, *y)
+        maps_at = lambda _, embs: convert(embs)
+    else:
+        given = maps_of(start)
+        # Before the first deformation vertices lie at their images, without normals.
+        at_x, at_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
+        embs = embed(at_x, 0 * at_x, at_y, 0 * at_y)
+        # One body for all rounds, the first included, is one program.
+        maps_at = lambda turn, embs: jax.lax.cond(
+            turn == 0, lambda _: given, convert, embs
+        )
 
     def deform_both(turn, embs):
-        # One body for all rounds, the first included, is one program.
-        T_xy, T_yx = jax.lax.cond(turn == 0, lambda _: given, convert, embs)
+        T_xy, T_yx = maps_at(turn, embs)
         moved = map_sides(
             one_way,
             (surface_x, spec_x, spec_y.vertices[T_xy], embs[0][:, :3]),
@@ -140,10 +156,7 @@ def arap(
         )
         return embed(*moved[0], *moved[1])
 
-    # Before the first deformation vertices lie at their images, and have no normals.
-    start_x, start_y = spec_y.vertices[given.T_xy], spec_x.vertices[given.T_yx]
-    start = embed(start_x, 0 * start_x, start_y, 0 * start_y)
-    return jax.lax.fori_loop(0, rounds, deform_both, start)
+    return jax.lax.fori_loop(0, rounds, deform_both, embs)
 
 
 @partial(jax.jit, static_argnames="settings")

@@ -1,0 +1,125 @@
+"""Large shapes are bent as coarse copies first: when, with what result, how often."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from shapes import small
+
+import jfsf
+from jfsf import Settings, testing
+from jfsf.arguments import MatchInputs
+from jfsf.evaluate import geodesic_error
+from jfsf.initial import SearchSettings
+from jfsf.matching import attempted_pair
+from jfsf.policy import PairState, _bending, _pairs
+from jfsf.runtime import PaddedShape, spectrum_like
+from jfsf.stages import deform_by_arap
+
+NAMES = "man_walk", "man_up"
+SETTINGS = Settings(
+    k=40,
+    ks=(30, 40),
+    search=SearchSettings(samples=60, final_samples=100, assignments=20),
+    retry_below=0,
+    rigid_below=0,
+    copies_above=800,
+    coarse_vertices=300,
+)
+
+
+@cache
+def shapes():
+    return [small(name, 1500) for name in NAMES]
+
+
+def pair_of(settings):
+    (x, _), (y, _) = shapes()
+    return attempted_pair(x, y, settings=settings, cache=False)
+
+
+def error(state, settings):
+    (_, gt_x), (y, gt_y) = shapes()
+    at = slice(None, None, 10)
+    match = state.result(settings).without_padding(1500, len(y.vertices))
+    return geodesic_error(np.asarray(match.T_xy), y, gt_x[at], gt_y[at]).mean()
+
+
+@pytest.mark.usefixtures("run_once")
+def test_it_is_as_good_as_bending_the_whole():
+    whole = replace(SETTINGS, copies_above=10**9)
+    found, plain = pair_of(SETTINGS), pair_of(whole)
+    assert found.coarse is not None and plain.coarse is None
+    assert error(found, SETTINGS) < 1.1 * error(plain, whole) + 1e-3
+    assert error(found, SETTINGS) < 0.03
+    odds = [float(state.best.certificate.log_odds) for state in (found, plain)]
+    assert odds[0] > odds[1] - 1
+    assert found.seconds["bending and conversion"] > 0
+    assert not np.array_equal(found.best.T_xy, plain.best.T_xy)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("run_once")
+def test_the_mirror_image_is_bent_too():
+    settings = replace(SETTINGS, copies_above=0)
+    (x, gt_x), (y, gt_y) = shapes()
+    mirrored = y._replace(vertices=y.vertices * [-1.0, 1, 1])
+    # Its faces are wound inward now, which `match` mends; the map must mirror.
+    found = jfsf.match(
+        x, mirrored, orientation="reverse", settings=settings, cache=False
+    )
+    at = slice(None, None, 10)
+    assert geodesic_error(found.T_xy, y, gt_x[at], gt_y[at]).mean() < 0.04
+    assert found.certificate.orientation < 0
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("run_once")
+def test_copies_are_made_once_for_all_attempts(monkeypatch):
+    made = []
+
+    def counted(spec, *, settings):
+        made.append(len(spec.mass))
+        return jfsf.coarse.coarse_copy(spec, settings=settings)
+
+    monkeypatch.setattr(_pairs, "coarse_copy", counted)
+    doubtful = replace(SETTINGS, retry_below=1.0, nonisometric_attempts=2)
+    state = pair_of(doubtful)
+    assert len(made) == 2 and state.copies is not None
+    assert state.copies[1] is state.coarse
+
+
+def like(n, settings):
+    pair = (spectrum_like(PaddedShape(128, n, 2 * n)),) * 2
+    return _bending.bends_copies(PairState(pair, MatchInputs()), settings)
+
+
+def test_which_shapes_have_copies():
+    assert [like(n, Settings()) for n in (5120, 102_400)] == [False, True]
+    mine = lambda *args, **options: deform_by_arap(*args, **options)
+    for other in (
+        {"deform": mine},
+        {"bend_rounds": 0},
+        {"bend_rounds": 2},
+        {"copies_above": 10**6},
+    ):
+        assert not like(102_400, replace(Settings(), **other))
+
+
+@pytest.mark.parametrize("faces", [0, 9])
+def test_a_cloud_beside_a_mesh_has_no_copies(faces):
+    mesh = testing.blob_spectrum(0, 40)
+    # Faces of padding make no surface.
+    cloud = mesh._replace(faces=np.zeros((faces, 3), np.int32))
+    settings = replace(SETTINGS, copies_above=100)
+    asked = lambda *pair: _bending.bends_copies(
+        PairState(pair, MatchInputs()), settings
+    )
+    assert asked(mesh, mesh)
+    assert not asked(mesh, cloud) and not asked(cloud, mesh)
+
+
+def test_rounds_that_are_none_are_an_error():
+    with pytest.raises(ValueError, match="last_rounds is 0; give 1 or more"):
+        Settings(last_rounds=0)
