@@ -289,11 +289,11 @@ def _copies(
     state: PairState | None, at_x: np.ndarray, distances: np.ndarray
 ) -> list[dict]:
     """Error, and what ranks them, of the maps of the coarse copies."""
-    if state is None or state.copies is None:
+    if state is None or state.copies is None or state.coarse is None:
         return []
-    pair, (x, y) = state.copies
+    x, y = state.coarse
     rows = []
-    for _, _, match in pair.attempts:
+    for _, _, match in state.copies.attempts:
         T_xy = y.on_whole[np.asarray(match.T_xy)[x.on_copy]]
         row = {"error": _mean(distances, match._replace(T_xy=T_xy), at_x)}
         figures = match.certificate.figures()

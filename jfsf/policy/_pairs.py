@@ -43,8 +43,8 @@ class PairState:
     mirrored: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
-    copies: the same of the coarse copies, if there are any, and how these lie.
     coarse: the coarse copies of both shapes, once they are made.
+    copies: the same as this, of these copies, where starts were tried on them.
     seconds: by stage; its share where a stage ran for several pairs.
     """
 
@@ -58,8 +58,8 @@ class PairState:
     mirrored: float = np.nan
     others: Start | None = None
     won: int = 0
-    copies: "tuple[PairState, tuple[CoarseCopy, CoarseCopy]] | None" = None
     coarse: tuple[CoarseCopy, CoarseCopy] | None = None
+    copies: "PairState | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
 
     @property

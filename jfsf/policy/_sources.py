@@ -143,9 +143,9 @@ def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
 def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
     """The maps of coarse copies that are most likely there, as starts."""
     started = perf_counter()
-    for pair in pairs:
-        pair.copies = _copied(pair, settings)
-    copies = [pair.copies[0] for pair in pairs]
+    copies = [_copied(pair, settings) for pair in pairs]
+    for pair, copy in zip(pairs, copies, strict=True):
+        pair.copies = copy
     describe(copies, runner, settings)
     further = _further_starts(pairs, copies, runner, settings)
     tried = []
@@ -231,9 +231,8 @@ def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Pro
     ]
 
 
-def _copied(pair: PairState, settings: Settings):
-    copies = pair.coarse_copies(settings)
-    return PairState(*padded_copies(copies, pair.inputs)), copies
+def _copied(pair: PairState, settings: Settings) -> PairState:
+    return PairState(*padded_copies(pair.coarse_copies(settings), pair.inputs))
 
 
 def _of_copies(attempt: Attempt) -> Start:
