@@ -112,7 +112,7 @@ def _match_spectra(pair, landmarks, descriptors, initial, sign, self_map, *, set
     if both is not None:
         known = described(both)
     if initial is None:
-        check_search(settings)
+        settings.check_search()
         search = known[0].search, known[1].search
         start = best_start(*search, sign, self_map, settings=settings.search)
     else:
@@ -234,20 +234,14 @@ def refine_start(
 
 @partial(jax.jit, static_argnames="settings")
 def bend(
-    pair: SpectrumPair,
-    C_yx: Float[Array, "k l"],
-    start: Start,
-    *,
-    settings: Settings = Settings(),
+    pair: SpectrumPair, C_yx: Float[Array, "k l"], start: Start, *, settings: Settings
 ) -> Bent:
-    """Deform both shapes by a functional map, as `finish` does first.
+    """Deform both shapes, which have faces, by a map, as `finish` does first.
 
     Of coarse copies: the whole shapes follow them, and fewer rounds are left.
 
     Args:
-        pair: as `attempt`; both have faces.
-        C_yx, start: as `finish`.
-        settings: `deform`, which moves shapes, and what it reads.
+        pair, C_yx, start, settings: as `finish`.
     """
     search = pair_search(*pair, settings=settings)
     aligned = settings.deform(*pair, C_yx, start.sign, search, settings=settings)
@@ -289,15 +283,6 @@ def finish(
     evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
     match = Match(*maps_of(maps), final, evidence)
     return match._replace(confidence_x=likely[0], confidence_y=likely[1])
-
-
-def check_search(settings: Settings) -> None:
-    """ValueError for settings whose refinement begins above what the search finds."""
-    if settings.ks[0] > (size := settings.search.final_ks[-1]):
-        raise ValueError(
-            f"Settings: ks begins at {settings.ks[0]}, but the search finds maps "
-            f"of {size} functions; begin with {size} or fewer"
-        )
 
 
 def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):

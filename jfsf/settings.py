@@ -203,6 +203,14 @@ class Settings:
         """Eigenpairs that a shape of so many vertices gets."""
         return max(self.search.eigenpairs, min(self.k, vertices // 4))
 
+    def check_search(self) -> None:
+        """ValueError if the refinement begins above what the search finds."""
+        if self.ks[0] > (size := self.search.final_ks[-1]):
+            raise ValueError(
+                f"Settings: ks begins at {self.ks[0]}, but the search finds maps "
+                f"of {size} functions; begin with {size} or fewer"
+            )
+
     def as_record(self) -> dict[str, Any]:
         """Plain values for a file of results: nested settings and functions as text."""
         plain = (bool, int, float, str)

@@ -4,17 +4,15 @@ import os
 from pathlib import Path
 
 # Of a process `jfsf match`, measured by experiments/bench_files.py: 0.72 GB for two
-# files of 5000 vertices, 1.8 GB for 100 000, 8 GB for a million.
-ALWAYS, A_VERTEX = 0.7e9, 5.7e3  # bytes
-MANY, A_VERTEX_BEYOND = 200_000, 3.6e3
+# files of 5000 vertices, 1.3 GB for 100 000, 8 GB for a million.
+ALWAYS, A_VERTEX = 0.7e9, 3.7e3  # bytes
 _MEMINFO = Path("/proc/meminfo")
 _CGROUP = Path("/sys/fs/cgroup")
 
 
 def needed_bytes(vertices: int) -> float:
     """The most memory of a match of two shapes with so many vertices together."""
-    beyond = max(vertices - MANY, 0)
-    return ALWAYS + A_VERTEX * (vertices - beyond) + A_VERTEX_BEYOND * beyond
+    return ALWAYS + A_VERTEX * vertices
 
 
 def free_bytes() -> float | None:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.arguments import MatchInputs
-from jfsf.attempt import check_search, given_start
+from jfsf.attempt import given_start
 from jfsf.coarse import padded_copies
 from jfsf.evidence import COMPARED, mirror_probability, rivals_among, share_among
 from jfsf.initial import Start, nonisometric_starts, search_starts
@@ -69,7 +69,7 @@ def sources_of(inputs: MatchInputs, settings: Settings) -> list[Source]:
         # Another map may fit as well as the given one, however well that fits.
         others = [Source("coarse copies", _rivals_of_given, lambda *_: True)]
         return [Source("given", _given), *(others if settings.retry_below else [])]
-    check_search(settings)
+    settings.check_search()
     # Without landmarks: these may say otherwise than nearest points.
     moved = []
     if settings.rigid_below and inputs.landmarks is None:
