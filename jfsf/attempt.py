@@ -6,8 +6,8 @@
 | `jfsf.initial.search_starts` | these samples of both | the best map of the search |
 | `given_start` | spectra, a map of anyone | the same, without a search |
 | `refine_start` | samples, a start | C_yx in a larger basis |
-| `finish` | spectra, C_yx | deformed, converted, certified: a `Match` |
 | `bend` | spectra of coarse copies, C_yx | deformed, which `finish` goes on from |
+| `finish` | spectra, C_yx | deformed, converted, certified: a `Match` |
 | `attempt` | all of these | `refine_start`, then `finish` |
 
 `match_spectra` is these in a row, with one attempt. Which starts are attempted where

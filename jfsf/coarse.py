@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 
 from jfsf.arguments import MatchInputs, padded_inputs
 from jfsf.mesh import decimate, vertex_areas, vertex_normals
+from jfsf.refine import at_rest, follow, rotations_of
 from jfsf.runtime import padded, padded_shapes
 from jfsf.settings import Settings
 from jfsf.types import ArrayLike, Mesh, Spectrum
@@ -99,12 +100,11 @@ def carried(
     """Positions of a whole shape, each moved as the near vertices of its copy.
 
     Each vertex of the copy moves rigidly, by the rotation that fits the edges around it
-    best; where it goes, those of the whole follow, the nearer the more (embedded
-    deformation, Sumner et al., SIGGRAPH 2007, equation 1).
+    best; those of the whole follow (`jfsf.refine.follow`).
 
     Args:
-        moved: positions of the copy; rows of padding at the end are not read. What is
-            nan is nan near there.
+        moved: positions of the copy; rows of padding at the end are not read. Near
+            those that are nan, the whole shape is nan.
         copy: how it lies on the whole.
         spec: of the whole shape.
         mirrored: whether `moved` is a mirror image.
@@ -112,40 +112,26 @@ def carried(
     Returns:
         (n, 3), 0 on padding.
     """
-    rest = copy.spectrum.vertices
-    moved = np.asarray(moved, float)[: len(rest)]
-    rotation = _rotations(rest, moved, copy.spectrum.faces, mirrored)
+    sign = -1 if mirrored else 1
+    mesh = Mesh(copy.spectrum.vertices, copy.spectrum.faces)
+    rest = at_rest(mesh, sign)
+    moved = np.asarray(moved, float)[: len(mesh.vertices)]
+    rotation = rotations_of(rest, np.nan_to_num(moved))
     n = int(np.sum(np.asarray(spec.mass) > 0))
-    points, faces = np.asarray(spec.vertices)[:n], np.asarray(spec.faces)
-    tree = KDTree(_with_normals(rest, copy.spectrum.faces))
-    away, near = tree.query(_with_normals(points, faces), CARRIED_BY, workers=-1)
-    weight = 1 / (np.asarray(away) + 1e-6) ** 2
-    weight /= weight.sum(1, keepdims=True)
+    whole = np.asarray(spec.vertices)[:n], np.asarray(spec.faces)
+    tree = KDTree(_with_normals(*mesh))
+    away, near = tree.query(_with_normals(*whole), CARRIED_BY, workers=-1)
+    points = whole[0] * np.array([sign, 1, 1])
     found = np.zeros((len(spec.mass), 3))
-    for one, share in zip(np.asarray(near).T, weight.T, strict=True):
-        turned = np.einsum("nij,nj->ni", rotation[one], points - rest[one])
-        found[:n] += share[:, None] * (moved[one] + turned)
+    found[:n] = follow(
+        points, rest.mesh.vertices, moved, rotation, np.asarray(near), away
+    )
     return found
 
 
 def _with_normals(points: ArrayLike, faces: ArrayLike) -> np.ndarray:
     """So that sheets that touch, whose normals are opposite, are not near."""
     return np.concatenate([points, NORMAL * vertex_normals(points, faces)], 1)
-
-
-def _rotations(rest, moved, faces, mirrored: bool) -> np.ndarray:
-    """(n, 3, 3), the best at each vertex; with a reflection if `mirrored`."""
-    covariance = np.zeros((len(rest), 3, 3))
-    for i, j in (0, 1), (1, 2), (2, 0):
-        one, two = faces[:, i], faces[:, j]
-        before, after = rest[two] - rest[one], moved[two] - moved[one]
-        outer = after[:, :, None] * before[:, None]
-        np.add.at(covariance, one, outer)
-        np.add.at(covariance, two, outer)
-    u, _, vt = np.linalg.svd(np.nan_to_num(covariance))
-    sign = np.linalg.det(u) * np.linalg.det(vt) * (-1 if mirrored else 1)
-    u[:, :, 2] *= np.sign(sign)[:, None]
-    return u @ vt
 
 
 def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:

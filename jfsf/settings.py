@@ -72,6 +72,10 @@ class Settings:
         any case, but ranked. 0 leaves it out.
     coarse_vertices: of the coarse copies (`jfsf.coarse`), on which all further starts
         are tried, and which are bent first where shapes are large.
+    copies_above: vertices of the larger shape, padding included, above which `match`
+        bends coarse copies first, for `bend_rounds`. The whole shapes follow them, and
+        are bent for `last_rounds`. It takes less time, and the mean errors are smaller
+        (`experiments/choose_copies.py`). Not with a `deform` of one's own.
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
         those that differ and rank highest. The map so far is one of them, if it ranks
         first: so with 1 nothing more is attempted then. With two the mean error of
@@ -90,15 +94,11 @@ class Settings:
         that follow.
     refine_converter: the converter of its rounds.
     zoomout: how they weigh columns.
-    deform: deforms both shapes: a `jfsf.stages.Deform`. It reads the six that follow.
+    deform: deforms both shapes: a `jfsf.stages.Deform`. It reads the four that follow.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
         leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
         not bent. Beside a mesh, the points of such a cloud move freely.
-    copies_above: vertices of the larger shape, padding included, above which `match`
-        bends coarse copies of both in its place, and the whole shapes follow for
-        `last_rounds`: in less time, and errors are no larger
-        (`experiments/choose_copies.py`). Not with a `deform` of one's own.
-    last_rounds: see above.
+    last_rounds: times that whole shapes are deformed after their coarse copies.
     bend_converter: the converter before and between these.
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
@@ -128,6 +128,7 @@ class Settings:
     search: SearchSettings = field(default_factory=SearchSettings)
     retry_below: float = 0.9
     coarse_vertices: int = 1200
+    copies_above: int = 5120
     nonisometric_attempts: int = 2
     rigid_below: float = 0.015
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
@@ -136,7 +137,6 @@ class Settings:
     zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
     deform: Deform = deform_by_arap
     bend_rounds: int = 8
-    copies_above: int = 5120
     last_rounds: int = 2
     bend_converter: Converter = nearest
     bend: ArapSettings = field(default_factory=ArapSettings)

@@ -102,9 +102,9 @@ def deform_by_arap(
     search = (search or NeighbourSearch()).unchecked()
     options = {"search": search, "settings": settings.bend}
     options |= {"converter": settings.bend_converter}
-    turn = jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0)
+    sign = jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0)
     if isinstance(C_yx, Bent):
-        bent = arap(spec_x, spec_y, C_yx, turn, rounds=settings.last_rounds, **options)
+        bent = arap(spec_x, spec_y, C_yx, sign, rounds=settings.last_rounds, **options)
         return _aligned(bent)
     emb_x, emb_y = embeddings(C_yx, spec_x.evecs, spec_y.evecs, space="direct")
     emb_x = jnp.asarray(jnp.where(jnp.any(C_yx != 0, 1)[None], emb_x, 0))
@@ -119,7 +119,7 @@ def deform_by_arap(
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
     maps = maps_of(settings.bend_converter(emb_x, emb_y, *marginals, search))
     return _aligned(
-        arap(spec_x, spec_y, maps, turn, rounds=settings.bend_rounds, **options)
+        arap(spec_x, spec_y, maps, sign, rounds=settings.bend_rounds, **options)
     )
 
 

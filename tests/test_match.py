@@ -376,7 +376,7 @@ def all_stages(pair, runner, settings):
     # The map of the copies is bent on the whole shapes.
     C_yx = jax.ShapeDtypeStruct((k, k), start.C_yx.dtype)
     bent = _bending.bent_like(pair, C_yx, start, runner, settings)
-    _stages.finish_bent([(pair, start)], [bent], runner, settings)
+    _stages.finish_each([(pair, start)], [bent], runner, settings)
 
 
 @pytest.mark.slow

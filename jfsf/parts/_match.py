@@ -44,6 +44,7 @@ from jfsf.parts._register import Registered
 from jfsf.parts._settings import PartSettings
 from jfsf.parts._sides import Sides, both_sides
 from jfsf.parts._starts import Start, first_starts
+from jfsf.refine import follow
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
@@ -229,13 +230,8 @@ def _moved(sides: Sides, found: Registered) -> np.ndarray:
     rest = sides.whole.mesh.vertices
     flip = np.array([sides.sign, 1, 1])
     away, near = KDTree(rest).query(y * flip, settings.carried_by)
-    weight = 1 / (away + 1e-6) ** 2
-    weight /= weight.sum(1, keepdims=True)
-    turned = np.einsum(
-        "nkij,nkj->nki", found.rotation[near], (y * flip)[:, None] - rest[near]
-    )
-    at = found.moved[near] / found.scale + turned
-    return np.einsum("nk,nki->ni", weight, at)
+    moved = found.moved / found.scale
+    return follow(y * flip, rest, moved, found.rotation, np.asarray(near), away)
 
 
 def _state(sides: Sides, x: Target, scale, start: Start, moved, T_xy) -> _State:

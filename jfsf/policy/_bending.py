@@ -87,5 +87,5 @@ def _has_surface(spec: Spectrum) -> bool:
     faces = spec.faces
     if isinstance(faces, jax.ShapeDtypeStruct):  # a cloud beside a mesh is not told yet
         return len(faces) > 0
-    # Faces of padding are degenerate.
-    return bool(np.any(np.asarray(faces[:, 0] != faces[:, 1])))
+    faces = np.asarray(faces)  # by jax this would compile for each size
+    return bool(np.any(faces[:, 0] != faces[:, 1]))  # those of padding are degenerate

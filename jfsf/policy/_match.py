@@ -11,7 +11,7 @@ from jfsf.policy._pairs import Attempt, PairState
 from jfsf.policy._sources import Proposal, Source, sources_of
 from jfsf.policy._stages import (
     describe,
-    finish_bent,
+    finish_each,
     finish_maps,
     match_starts,
     refined_starts,
@@ -83,7 +83,7 @@ def compile_first_attempt(
     tried = [(pair, start)]
     (C_yx,) = refined_starts(tried, runner, settings)
     bent = bent_like(pair, C_yx, start, runner, settings)
-    finish_bent(tried, [bent], runner, settings)
+    finish_each(tried, [bent], runner, settings)
 
 
 def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> None:

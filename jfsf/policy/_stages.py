@@ -68,12 +68,12 @@ def refined_starts(
 def finish_maps(
     tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
 ) -> list[Match]:
-    """`finish_bent` of each refined map, large shapes bent as coarse copies before."""
+    """`finish_each` of each refined map, large shapes bent as coarse copies before."""
     maps = bent_as_copies(tried, maps, runner, settings)
-    return finish_bent(tried, maps, runner, settings, at_a_time)
+    return finish_each(tried, maps, runner, settings, at_a_time)
 
 
-def finish_bent(
+def finish_each(
     tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
 ) -> list[Match]:
     """`jfsf.attempt.finish` of each map."""

@@ -8,9 +8,11 @@ Read in this order:
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
 - `_rotations`: nearest rotations of many matrices, on the host
 - `_rest`: a mesh at rest, for deformations that are solved with a sparse factor
+- `_follow`: points that follow the deformation of a coarse shape
 """
 
 from jfsf.refine._arap import ArapSettings, arap, deform, rotations
+from jfsf.refine._follow import follow
 from jfsf.refine._icp import icp
 from jfsf.refine._rest import (
     Rest,
@@ -38,6 +40,7 @@ __all__ = [
     "closest_rotations",
     "deform",
     "edges_of",
+    "follow",
     "icp",
     "rotations",
     "rotations_of",
