@@ -1,6 +1,6 @@
 """The command line, `jfsf`: demo, match, register, batch, evaluate, ...
 
-Heavy imports are made inside the commands, so that help and wrong usage answer sooner.
+What only one command needs is imported inside it.
 
 Read in this order:
 
