@@ -213,9 +213,10 @@ def deform(
         stiffness = spec.evals[:, None] + settings.reach**-2
         step = matmul(spec.evecs, matmul(spec.evecs.T, residual) / stiffness)
         # An exact line search: where clipped cotangents are stiffer than the Laplacian
-        # of the eigenfunctions, the whole step would be too long.
-        uphill = jnp.vdot(step, resist(step))
-        length = jnp.vdot(step, residual) / jnp.where(uphill > 0, uphill, 1)
+        # of the eigenfunctions, the whole step would be too long. Sums, since
+        # accelerators round the factors of a product.
+        uphill = jnp.sum(step * resist(step))
+        length = jnp.sum(step * residual) / jnp.where(uphill > 0, uphill, 1)
         return x + length * step
 
     def update(x, _):
