@@ -73,8 +73,9 @@ def bent_like(
     if not bends_copies(pair, settings):
         return C_yx
     few = [min(n, settings.coarse_vertices) for n in _sizes(pair)]
-    k = len(pair.spectra[0].evals)
-    x, y = map(spectrum_like, padded_shapes(k, [(n, 2 * n) for n in few]))
+    sizes = padded_shapes(len(pair.spectra[0].evals), [(n, 2 * n) for n in few])
+    sides = zip(sizes, pair.spectra, strict=True)
+    x, y = (spectrum_like(size, spec.vertices.dtype) for size, spec in sides)
     runner.map(STAGE, partial(bend, settings=settings), [((x, y), C_yx, start)])
     return Bent(*(spec.vertices for spec in pair.spectra))
 

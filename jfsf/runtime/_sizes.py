@@ -60,10 +60,15 @@ def padded_shapes(
     return [PaddedShape(eigenpairs, n, 2 * n if faces else 0) for n in counts]
 
 
-def spectrum_like(shape: PaddedShape) -> Spectrum:
-    """A spectrum's shapes and types, before its values are there."""
+def spectrum_like(shape: PaddedShape, dtype: Any = None) -> Spectrum:
+    """A spectrum's shapes and types, before its values are there.
+
+    Args:
+        shape: what it is padded to.
+        dtype: of its numbers; jax's own (float64 with x64) if None.
+    """
     k, n, m = shape
-    number = jnp.zeros(0).dtype
+    number = jnp.zeros(0).dtype if dtype is None else dtype
     like: Any = jax.ShapeDtypeStruct
     return Spectrum(
         like((k,), number),
