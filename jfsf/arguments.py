@@ -67,7 +67,7 @@ def checked_landmarks(
     """Vertices of X, and those of Y, as int32; `sizes` are n_x and n_y."""
     if landmarks is None:
         return None
-    pairs = np.asarray(landmarks)
+    pairs = _array("landmarks", landmarks)
     if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0:
         raise ValueError(
             f"match: landmarks have shape {pairs.shape}; give rows (vertex of X, "
@@ -183,7 +183,7 @@ def checked_descriptors(
             "desc_y), a matrix a shape"
         )
     dtype = jnp.zeros(0).dtype
-    found = [np.asarray(matrix) for matrix in descriptors]
+    found = [_array("descriptors", matrix) for matrix in descriptors]
     for matrix, n, name in zip(found, sizes, ("mesh_x", "mesh_y"), strict=True):
         if matrix.ndim != 2 or len(matrix) != n or matrix.shape[1] == 0:
             raise ValueError(
@@ -201,16 +201,26 @@ def checked_descriptors(
             f"{found[1].shape[1]} on mesh_y; column i of one corresponds to column i "
             "of the other"
         )
-    return found[0].astype(dtype), found[1].astype(dtype)
+    with np.errstate(over="ignore"):
+        desc_x, desc_y = (matrix.astype(dtype) for matrix in found)
+        if not all(np.isfinite(matrix**2).all() for matrix in (desc_x, desc_y)):
+            most = max(np.abs(np.asarray(m, float)).max() for m in found)
+            raise ValueError(
+                f"match: descriptors go up to {most:.3g}, whose square {dtype} does "
+                "not hold; divide them by that"
+            )
+    return desc_x, desc_y
 
 
 def checked_initial(initial: Any, sizes: tuple[int, int]) -> np.ndarray | None:
     """C_yx (k_x, k_y) in jax's default precision, or T_xy (n_x,) as int32."""
     if initial is None:
         return None
-    values = np.asarray(initial if not hasattr(initial, "T_xy") else initial.T_xy)
+    values = _array("initial", getattr(initial, "T_xy", initial))
     if values.ndim == 1 and np.issubdtype(values.dtype, np.integer):
         n_x, n_y = sizes
+        if len(values) == 0:
+            raise ValueError(f"match: initial is a map of 0 vertices; mesh_x has {n_x}")
         if len(values) != n_x or values.min() < 0 or values.max() >= n_y:
             raise ValueError(
                 f"match: initial is a map of {len(values)} vertices to vertices "
@@ -226,3 +236,13 @@ def checked_initial(initial: Any, sizes: tuple[int, int]) -> np.ndarray | None:
     if not np.isfinite(values).all():
         raise ValueError("match: initial is not finite; give another functional map")
     return values.astype(jnp.zeros(0).dtype)
+
+
+def _array(name: str, values: Any) -> np.ndarray:
+    """An array; ValueError for rows of unequal lengths."""
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise ValueError(
+            f"match: {name} has rows of unequal lengths; give one array"
+        ) from None

@@ -30,6 +30,7 @@ from jfsf.initial import (
     SearchSamples,
     Start,
     best_start,
+    given_arrays,
     orientation_sign,
     search_samples,
 )
@@ -92,11 +93,10 @@ def match_spectra(
     Raises:
         ValueError: too few eigenpairs, or arrays that do not fit the spectra.
     """
-    if initial is not None and not hasattr(initial, "ndim"):
-        initial = initial.T_xy  # type: ignore[union-attr]
+    pair = spec_x, spec_y
+    given = given_arrays(pair, landmarks, descriptors, initial)
     sign = orientation_sign(orientation)
-    arrays = landmarks, descriptors, initial, sign, self_map
-    return _match_spectra((spec_x, spec_y), *arrays, settings=settings)
+    return _match_spectra(pair, *given, sign, self_map, settings=settings)
 
 
 @partial(jax.jit, static_argnames="settings")

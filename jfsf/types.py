@@ -355,6 +355,9 @@ class Match(NamedTuple):
     info: which starts were attempted, and how long it took; None for a single attempt
         (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
         stack matches, leave it out (`_replace(info=None)`).
+
+    Two closed surfaces given as parts share all: they are matched as wholes, and their
+    membership is 1 throughout.
     """
 
     T_xy: Int[Array, " n_x"]

@@ -87,3 +87,8 @@ def test_errors(mesh):
 
 def test_what_is_left_of_a_scan_can_be_matched():
     jfsf.check_matchable(decimate(MESH, 500))
+
+
+def test_vertices_without_a_face_do_not_count():
+    strays = Mesh(np.concatenate([MESH.vertices, np.zeros((9000, 3))]), MESH.faces)
+    assert len(decimate(strays, 1000).vertices) == len(decimate(MESH, 1000).vertices)

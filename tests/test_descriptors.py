@@ -9,7 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.runtime import pad
-from jfsf.spectral import hks, spectrum, wks
+from jfsf.spectral import (
+    FeatureSettings,
+    features,
+    hks,
+    spectrum,
+    standardise,
+    wks,
+)
 from jfsf.testing import cast
 from jfsf.types import Mesh
 
@@ -153,3 +160,20 @@ def test_errors(signature):
     short = SPEC._replace(evals=SPEC.evals[:2], evecs=SPEC.evecs[:, :2])
     with pytest.raises(ValueError, match=f"{name}: needs 3 eigenpairs or more, got 2"):
         signature(short)
+
+
+def test_constant_columns_are_zero_and_have_slopes():
+    mass = SPEC.mass.astype(jnp.float32)
+    values = jnp.array([0.0, 0.1, 1.0, 7.7, 333.3], jnp.float32)
+    constant = jnp.broadcast_to(values, (len(mass), 5))
+    assert not np.any(standardise(constant, mass))
+    slope = jax.grad(lambda desc: jnp.sum(standardise(desc, mass) ** 3))(constant)
+    assert np.isfinite(slope).all()
+
+
+def test_curvature_that_counts_for_nothing_is_known_all_the_same():
+    found = [
+        features(SPEC, settings=FeatureSettings(curvature_weight=weight)).curvature
+        for weight in (0.0, 0.3)
+    ]
+    np.testing.assert_array_equal(*found)

@@ -1,5 +1,6 @@
 """README, gallery and guides name what is there: files, names, options, links."""
 
+import json
 import re
 import shlex
 from functools import cache
@@ -30,6 +31,12 @@ VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cach
 COMMAND = re.compile(rf"jfsf (?:{VERBS})\b.*")
 EXAMPLE = re.compile(r"^Example: (jfsf .+)$", re.MULTILINE)
 NAME = re.compile(r"jfsf(?:\.\w+)+")
+# Data, pairs, its part, mean, median, and the file of a row of results.
+ROW = re.compile(
+    r"^\| .*?(\d+) pairs.*?\| (\w+) \| ([\d.]+) \| ([\d.]+) \| "
+    r".*`(match_\w+\.json)` \|$",
+    re.MULTILINE,
+)
 FIELD = re.compile(r"\w*Settings\.\w+|Certificate\.\w+|certificate\.\w+")
 each_page = pytest.mark.parametrize("page", PAGES, ids=name)
 
@@ -155,3 +162,15 @@ def test_the_readme_is_short_and_has_the_two_commands():
         after = text.split(f"<!-- ci: {marker} -->\n")[1]
         command = re.match(r"```bash\n(.*)\n```", after)
         assert command and command[1].endswith(end)
+
+
+def test_the_results_of_the_readme_are_those_of_their_files():
+    rows = ROW.findall(README.read_text())
+    assert len(rows) >= 8
+    for pairs, role, mean, median, file in rows:
+        path = ROOT / "experiments/results" / file
+        found = json.loads(path.read_text())["summary"]["all"]
+        assert (found["pairs"], found["role"]) == (int(pairs), role), file
+        for shown, value in ((mean, found["mean"]), (median, found["median"])):
+            digits = len(shown.partition(".")[2])
+            assert shown == f"{value:.{digits}f}", (file, shown, value)

@@ -12,8 +12,10 @@ from jfsf.convert import nearest
 from jfsf.runtime import pad
 from jfsf.spectral import (
     embeddings,
+    farthest_points,
     functional_map,
     polar,
+    restrict,
     truncate,
     truncate_pair,
     uniform,
@@ -187,3 +189,10 @@ def test_errors():
     for k in (0, 43):
         with pytest.raises(ValueError, match=f"k is {k}, there are 42 eigenpairs"):
             truncate(spec, k)
+
+
+def test_fewer_points_than_functions_are_an_error():
+    spec = testing.blob_spectrum(0, 60)
+    few = restrict(spec, farthest_points(spec, num=30))
+    with pytest.raises(ValueError, match="60 eigenfunctions is read at 30 points"):
+        functional_map(jnp.zeros(30, int), few, spec)

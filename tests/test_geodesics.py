@@ -243,3 +243,27 @@ def test_errors(monkeypatch):
     monkeypatch.setitem(sys.modules, "pygeodesic.geodesic", None)
     with pytest.raises(ValueError, match=r"jfsf\[exact\]"):
         geodesics(mesh, [0], exact=True)
+
+
+def test_pieces_of_a_cloud_are_not_connected():
+    ball = np.asarray(trimesh.creation.icosphere(subdivisions=2).vertices)
+    both = Mesh(np.concatenate([ball, ball + 50]), NO_FACES)
+    found = geodesics(both, [3, len(ball) + 3])
+    alone = geodesics(Mesh(ball, NO_FACES), [3])[0]
+    np.testing.assert_allclose(found[0, : len(ball)], alone)
+    np.testing.assert_allclose(found[1, len(ball) :], alone, atol=1e-6)
+    assert (
+        np.isinf(found[0, len(ball) :]).all() and np.isinf(found[1, : len(ball)]).all()
+    )
+
+
+@pytest.mark.parametrize("points", [np.zeros((40, 3)), np.arange(120.0).reshape(40, 3)])
+def test_clouds_without_a_surface_are_an_error(points):
+    with pytest.raises(ValueError, match="40 points of the cloud have no surface"):
+        geodesics(Mesh(points, NO_FACES), [0])
+
+
+@pytest.mark.parametrize("faces", [np.zeros((3, 4), int), np.full((2, 3), 0.7)])
+def test_faces_that_are_no_triangles_are_an_error(faces):
+    with pytest.raises(ValueError, match=r"pass \(m, 3\) integers"):
+        geodesics(Mesh(np.eye(3), faces), [0])

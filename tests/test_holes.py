@@ -107,3 +107,13 @@ def test_the_spectrum_is_nearly_that_of_the_whole():
     )
     away = lambda found: np.abs(np.log(found / true)).mean()
     assert away(closed) < 0.5 * away(open_)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint32, np.uint64])
+def test_faces_without_a_sign(dtype):
+    ball = testing.blob(0, subdivisions=1)
+    whole, few = (
+        without_holes(Mesh(ball.vertices, ball.faces[4:].astype(kind)))
+        for kind in (np.int32, dtype)
+    )
+    np.testing.assert_array_equal(whole.faces, few.faces)

@@ -755,3 +755,38 @@ def test_the_limit_of_vertices_follows_the_settings():
         assignment_ks=(8, 20),
     )
     assert Settings(search=search, ks=(20, 30), k=30).min_vertices == 80
+
+
+def test_what_does_not_fit_two_spectra_is_named():
+    x, y = testing.blob_spectrum(0, 45), testing.blob_spectrum(1, 45)
+    n = len(x.mass)
+    for words, own in (
+        ("landmarks are .* give .l, 2. integers", {"landmarks": np.zeros((5, 3), int)}),
+        ("landmarks are float", {"landmarks": np.zeros((5, 2))}),
+        ("landmarks are", {"landmarks": [1, 2]}),
+        ("equally many columns", {"descriptors": (np.ones((n, 2)), np.ones((n, 3)))}),
+        ("a row a vertex", {"descriptors": (np.ones((n, 2)), np.ones((9, 2)))}),
+        ("descriptors are ndarray", {"descriptors": np.ones((n, 2))}),
+        ("initial is .*give C_yx", {"initial": [[1.0]]}),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jfsf.match_spectra(x, y, **own)
+    with pytest.raises(ValueError, match="45 and 41 eigenpairs"):
+        jfsf.match_spectra(x, testing.blob_spectrum(1, 41))
+
+
+def test_what_is_given_as_lists_or_badly_is_named():
+    ball = testing.blob()
+    n = len(ball.vertices)
+    huge = np.full((n, 2), 1e300)
+    for words, own in (
+        ("whose square float", {"descriptors": (huge, huge)}),
+        ("map of 0 vertices", {"initial": np.zeros(0, int)}),
+        ("unequal lengths", {"landmarks": [[1, 2], [3]]}),
+        ("orientation is", {"orientation": "keep left"}),
+    ):
+        with pytest.raises(ValueError, match=words):
+            jfsf.match(ball, ball, **own)
+    cloud = Mesh(ball.vertices, np.zeros((0, 3), int))
+    with pytest.raises(ValueError, match="orientation is"):
+        jfsf.match(cloud, cloud, orientation="keep left")

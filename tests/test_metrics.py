@@ -461,3 +461,11 @@ def test_reliability_compares_probabilities_with_what_came():
             reliability(bad, [True] * len(bad))
     with pytest.raises(ValueError, match=r"right \(2,\)"):
         reliability([0.5], [True, True])
+    for right in ([7], [np.nan], [0.5]):
+        with pytest.raises(ValueError, match="right runs from"):
+            reliability([0.5], right)
+    for weights in ([0], [-1], [np.nan], [np.inf]):
+        with pytest.raises(ValueError, match="weights run from"):
+            reliability([0.5], [True], weights=weights)
+    with pytest.raises(ValueError, match="bins is 0"):
+        reliability([0.5], [True], bins=0)

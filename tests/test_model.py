@@ -300,6 +300,12 @@ def test_vertices_without_a_face_move_with_the_others():
 
 
 @pytest.mark.slow
+def test_shapes_far_away_are_centred_without_loss():
+    away = room.centred(MOVED + 5.6e6)
+    model = room.fit_model(np.float32(away), FACES)
+    np.testing.assert_allclose(model.variance, fitted().variance, rtol=1e-3, atol=1e-9)
+
+
 def test_batches_give_the_model_of_all():
     known = fitted()
     aligned = np.asarray(room.align(POINTS, weights=known.weights).positions)
@@ -538,6 +544,19 @@ HOLE[2, 5] = True
         (lambda: room.align(POINTS, weights=-np.ones(N)), "none negative"),
         (lambda: room.align(POINTS, missing=MISSED[:2]), "missing is"),
         (lambda: room.fit_model(POINTS, FACES, missing=MISSED), "miss vertex 3"),
+        (lambda: room.align((MOVED[0], MOVED[1][:9])), "same vertices"),
+        (
+            lambda: room.fit_model(np.float32(MOVED + 1e5), FACES),
+            "shape 0 has size .* lies 1e.05 from the origin, where float32",
+        ),
+        (
+            lambda: room.fit_gradient_model(np.float32(MOVED * 1e-8), FACES),
+            "areas are squared in float32",
+        ),
+        (
+            lambda: room.bending_warning(np.float32(MOVED * 1e12), FACES),
+            "in another unit",
+        ),
         (lambda: room.fit_model(POINTS, FACES, modes=S), "modes is 8"),
         (lambda: room.fit_gradient_model(POINTS, FACES, modes=0), "modes is 0"),
         (lambda: room.fit_model_in_batches([], FACES), "0 shapes"),

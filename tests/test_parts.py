@@ -876,3 +876,9 @@ def test_every_number_is_read():
 def test_numbers_that_cannot_work_are_errors(wrong, message):
     with pytest.raises(ValueError, match="PartSettings: " + message):
         PartSettings(**wrong)
+
+
+def test_where_no_face_is_kept_nothing_is():
+    """A cloud of all vertices would be matched as one."""
+    none = cut(WHOLE, np.zeros(len(WHOLE.vertices), bool))
+    assert len(none.index) == len(none.mesh.vertices) == len(none.mesh.faces) == 0

@@ -14,7 +14,13 @@ from jfsf.cli import app
 from jfsf.evaluate import geodesic_error
 from jfsf.export import export_mesh
 from jfsf.mapfiles import MapFileError, read_notes, read_stored
-from jfsf.mesh import check, largest_component, split_components, vertex_colours
+from jfsf.mesh import (
+    MeshError,
+    check,
+    largest_component,
+    split_components,
+    vertex_colours,
+)
 from jfsf.pieces import (
     TIE,
     assign,
@@ -383,3 +389,29 @@ def test_bodies_go_to_their_own_kind(tmp_path, run_once, monkeypatch):
         assert np.array_equal(file["T_xy"], found.T_xy)
     error = geodesic_error(found.T_xy, y, truth_x[::40], truth_y[::40])
     assert error.mean() < 0.03 and np.isfinite(error).all()
+
+
+@pytest.mark.parametrize(
+    "faces, words",
+    [
+        (np.where(BLOBS[0].faces == 3, 5000, BLOBS[0].faces), "names vertex 5000"),
+        (np.where(BLOBS[0].faces == 3, -1, BLOBS[0].faces), "names vertex -1"),
+        (BLOBS[0].faces.astype(float), "faces are float64"),
+    ],
+)
+def test_bad_faces_are_named(faces, words):
+    with pytest.raises(MeshError, match=f"scan: .*{words}"):
+        pieces_of(Mesh(BLOBS[0].vertices, faces), name="scan")
+
+
+def test_whole_numbers_for_coordinates_are_no_other_shape():
+    large = np.round((BLOBS[0].vertices + 4) * 3000)
+    small = np.round((BLOBS[0].vertices + 4) * 1500) + 30000
+    faces = np.concatenate([BLOBS[0].faces, BLOBS[0].faces + N])
+    both = np.concatenate([large, small])
+    exact, whole = (
+        pieces_of(Mesh(both.astype(kind), faces)).pieces for kind in (float, np.uint16)
+    )
+    for one, other in zip(exact, whole, strict=True):
+        assert one.share == pytest.approx(other.share)
+        np.testing.assert_allclose(one.place, other.place)

@@ -18,7 +18,7 @@ import platformdirs
 import pytest
 
 from jfsf import runtime, storage
-from jfsf.runtime import _compiler, _program_files, _programs
+from jfsf.runtime import _compiler, _program_files, _programs, shared_context
 from jfsf.settings import Settings
 
 
@@ -419,3 +419,42 @@ def test_a_wrong_limit_is_an_error_before_the_work(kept, monkeypatch):
     assert not traced
     halves = Halves(jnp.arange(5.0), None)
     run(split, halves, 4.0, keep=False, at=2)
+
+
+def test_fitted_constants_are_part_of_the_code(tmp_path):
+    """What stands in a JSON of the package is compiled into programs too."""
+    copy = tmp_path / "jfsf"
+    shutil.copytree(_program_files.PACKAGE, copy)
+    ask = [
+        sys.executable,
+        "-c",
+        "from jfsf.runtime import _program_files as p;print(p.CODE)",
+    ]
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    codes = set()
+    for ending in ("", " "):
+        constants = copy / "evidence/confidence.json"
+        constants.write_text(constants.read_text() + ending)
+        done = subprocess.run(ask, env=environment, capture_output=True, cwd=tmp_path)
+        codes.add(done.stdout)
+    assert len(codes) == 2 and b"" not in codes
+
+
+def test_threads_set_back_what_the_first_found():
+    values, found = [0], []
+
+    @shared_context
+    def changed():
+        before, values[0] = values[0], 1
+        yield
+        values[0] = before
+
+    one, other = changed(), changed()
+    for step in (one.__enter__, other.__enter__, lambda: one.__exit__(*[None] * 3)):
+        step()
+        found.append(values[0])
+    other.__exit__(None, None, None)
+    assert found == [1, 1, 1] and values == [0]
+    with pytest.raises(KeyError), changed():
+        raise KeyError
+    assert values == [0]

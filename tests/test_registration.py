@@ -354,3 +354,21 @@ def test_values_of_a_vertex_have_names_of_their_own(tmp_path):
 
 def test_it_is_at_the_top():
     assert jfsf.register is register and jfsf.Registration is Registration
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"hold": 0.0},
+        {"candidates": 0},
+        {"reaches": ()},
+        {"map_reaches": (0.1, 0.0)},
+        {"updates": 0},
+        {"scale_neighbours": np.nan},
+    ],
+)
+def test_numbers_that_nothing_can_be_registered_with(change):
+    with pytest.raises(
+        ValueError, match=f"RegistrationSettings: .*{next(iter(change))}"
+    ):
+        RegistrationSettings(**change)

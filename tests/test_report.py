@@ -4,6 +4,7 @@ import json
 import re
 from base64 import b64decode
 from unittest import mock
+from urllib.parse import unquote, urljoin, urlsplit
 
 import jax.numpy as jnp
 import numpy as np
@@ -247,6 +248,18 @@ def test_measured_figures_are_those_of_the_metrics():
     assert right.back.mean() < 0.02 < 0.2 < wrong.back.mean()
     assert len(right.back) == len(x.mesh.vertices)
     assert measure(x.mesh, y.mesh, found).truth_rows == []
+    assert measure(x.mesh, y.mesh, found, ([], [])).truth_rows == []
+    short = truth[0], truth[1][:-1]
+    for unequal in (short, (truth[0][:-1], truth[1])):
+        with pytest.raises(ValueError, match=r"give \(p,\) of each"):
+            measure(x.mesh, y.mesh, found, unequal)
+
+
+def test_a_page_of_sides_that_do_not_fit_is_an_error(tmp_path):
+    x, y, found = pair()
+    with pytest.raises(ValueError, match="write_report: T_xy .* the other way"):
+        write_report(tmp_path / "a.html", Side(y.mesh, "y"), Side(x.mesh, "x"), found)
+    assert not list(tmp_path.iterdir())
 
 
 def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
@@ -345,6 +358,17 @@ def test_index_puts_failed_and_doubtful_pairs_first(tmp_path):
     listed = record_of(tmp_path / "index.html")["pairs"]
     assert [row["x"] for row in listed] == ["e", "c", "a", "g"]
     assert [row["level"] for row in listed] == ["failed", "poor", "good", "unknown"]
+
+
+def test_links_hold_what_names_hold(tmp_path):
+    name = "report/a#1?%41 ü"
+    row = Row("a", "b", f"{name}.html", f"{name}.png", 0.9, [])
+    write_index(tmp_path / "index.html", [row])
+    (listed,) = record_of(tmp_path / "index.html")["pairs"]
+    for found in (listed["page"], listed["picture"]):
+        parts = urlsplit(urljoin("file:///x/index.html", found))
+        assert unquote(parts.path).startswith(f"/x/{name}.")
+        assert not parts.query and not parts.fragment
 
 
 def test_names_that_the_locale_does_not_hold_do_no_harm(tmp_path):

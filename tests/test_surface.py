@@ -16,8 +16,9 @@ from jfsf.geometry import (
     sum_at_vertices,
     surface,
 )
-from jfsf.mesh import vertex_normals
+from jfsf.mesh import MeshError, closest, surface_tree, vertex_normals
 from jfsf.spectral import operators
+from jfsf.types import Mesh
 
 N, K = 162, 4
 NO_LIMIT = (-np.inf, np.inf)
@@ -85,3 +86,14 @@ def test_vmap_equals_the_loop():
         truth = surface(*arrays(shape))
         np.testing.assert_allclose(found.rest[i], truth.rest, atol=1e-12)
         np.testing.assert_allclose(found.stiff[i], truth.stiff, atol=1e-9)
+
+
+def test_a_surface_of_single_points_is_an_error():
+    with pytest.raises(MeshError, match="faces are single points"):
+        surface_tree(Mesh(np.eye(3), np.zeros((2, 3), int)))
+    # As padding has: most faces are no hindrance.
+    ball = testing.blob(0, subdivisions=1)
+    padded = np.concatenate([ball.faces, np.zeros((2 * len(ball.faces), 3), int)])
+    found = closest(surface_tree(Mesh(ball.vertices, padded)), 2 * ball.vertices)
+    expected = closest(surface_tree(ball), 2 * ball.vertices)
+    np.testing.assert_allclose(found.distance, expected.distance)

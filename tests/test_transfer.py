@@ -228,6 +228,30 @@ def test_whole_files_in_place_of_what_was_kept(laid):
     assert (with_names[2:] == transfer.labels(laid, quadrant(Y.vertices))).all()
 
 
+def test_vertices_that_are_not_finite_get_nothing_and_give_nothing(laid):
+    nowhere = [[np.nan, 0, 0]]
+    whole_x = Mesh(np.vstack([X.vertices, nowhere]), [*X.faces, [0, 1, N_X]])
+    whole_y = Mesh(np.vstack([Y.vertices, nowhere]), [*Y.faces, [0, 1, N_Y]])
+    found = transfer.extended(laid, whole_x, whole_y)
+    assert not np.isfinite(found.at_x[-1]).any() and not found.known_x[-1]
+    carried = transfer.values(found, np.append(Y.vertices[:, 0], 0))
+    assert np.isnan(carried[-1])
+    assert np.allclose(carried[:-1], transfer.values(laid, Y.vertices[:, 0]))
+    with pytest.raises(MeshError, match="a face names vertex 900000"):
+        transfer.extended(laid, X, Mesh(Y.vertices, Y.faces + 900000))
+
+
+def test_landmarks_on_pieces_without_a_place_are_an_error(registered):
+    piece = np.array([[8.0, 0, 0], [9, 0, 0], [8, 1, 0]])
+    whole = Mesh(np.vstack([X.vertices, piece]), [*X.faces, N_X + np.arange(3)])
+    found = transfer.extended(transfer.lay_template(X, Y, registered), Y, whole)
+    on_it = Landmarks(("tip", "crumb"), np.stack([X.vertices[0], piece.mean(0)]))
+    with pytest.raises(ValueError, match=r"\['crumb'\] lie on pieces of Y"):
+        transfer.landmarks(found, on_it)
+    kept = transfer.landmarks(found, Landmarks(("tip",), X.vertices[:1]))
+    assert np.isfinite(kept.points).all() and not kept.said
+
+
 # Textures.
 
 
@@ -399,7 +423,12 @@ def test_round_trips_of_columns(tmp_path, suffix):
     assert np.allclose(transfer.read_values(path, 5).rows, rows, equal_nan=True)
     transfer.write_column(path, transfer.Column(rows[:, 0]))
     assert np.allclose(transfer.read_values(path, 5).rows, rows[:, 0])
-    for labels in (np.array([3, -1, 2]), np.array(["Kopf", "", "左手"])):
+    for labels in (
+        np.array([3, -1, 2]),
+        np.array(["Kopf", "", "左手"]),
+        np.array(["arm, left", "", ""]),
+        np.array(['a "b"', "1_0", "2"]),
+    ):
         transfer.write_column(path, transfer.Column(labels))
         found = transfer.read_labels(path, 9, 3).rows
         assert found.tolist() == labels.tolist()
@@ -415,6 +444,25 @@ def test_titles_are_kept(tmp_path):
     path.write_text("part\r\n1\r\n2\r\n")
     found = transfer.read_labels(path, 2, 7)
     assert found.titles == ("part",) and found.rows.tolist() == [1, 2]
+
+
+def test_text_of_one_column(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("1\n\n3\n")
+    assert np.allclose(transfer.read_values(path, 3).rows, [1, np.nan, 3], 0, 0, True)
+    assert transfer.read_values(path, 2).rows.tolist() == [1, 3]
+    np.savetxt(path, [1, 2])
+    assert transfer.read_labels(path, 2, 9).rows.tolist() == [1, 2]
+    for ending in ("", "\n", "\n\n", "\n\n\n"):
+        path.write_text("a\nb" + ending)
+        assert transfer.read_labels(path, 2, 9).rows.tolist() == ["a", "b"]
+    path.write_text("1.5\n2\n")
+    with pytest.raises(ValueError, match="label 1 is 1.5, not a whole number"):
+        transfer.read_labels(path, 2, 9)
+    path = tmp_path / "a.csv"
+    path.write_text("0,arm\n1,leg\n")
+    with pytest.raises(ValueError, match="line 1 has 2 cells, expected one label"):
+        transfer.read_labels(path, 2, 9)
 
 
 def test_wrong_columns_name_what_was_found(tmp_path):
@@ -544,6 +592,28 @@ def test_the_command_carries_a_texture_and_landmarks(folder):
     tip = read_landmarks(folder / "tip.mrk.json")
     assert tip.names == ("tip",)
     assert np.linalg.norm(tip.points - bent(at)) < 0.05 * UNIT
+
+
+def test_the_command_takes_what_repair_is_for(folder):
+    rows = [f"v {x} {y} {z}" for x, y, z in X.vertices] + ["v nan 0 0"]
+    rows += [f"f {a} {b} {c}" for a, b, c in X.faces + 1]
+    (folder / "broken.obj").write_text("\n".join(rows))
+    np.savetxt(folder / "v.txt", Y.vertices)
+    write_map(folder / "repaired.npz", np.append(T_XY, 0).astype(np.int32))
+    pair = folder / "broken.obj", folder / "y.off", folder / "repaired.npz"
+    args = "--values", folder / "v.txt", "--out", folder / "b.npy", "--repair"
+    found = run(*pair, *args)
+    assert found.exit_code == 0, found.output
+    carried = np.load(folder / "b.npy")
+    assert len(carried) == N_X + 1 and np.isnan(carried[-1]).all()
+    assert np.isfinite(carried[:-1]).all()
+
+
+def test_images_of_more_than_eight_bits_are_an_error(tmp_path):
+    deep = np.full((2, 2), 30000, np.uint16)
+    Image.fromarray(deep).save(tmp_path / "deep.png")
+    with pytest.raises(ValueError, match="more than 8 bits a channel"):
+        transfer.read_image(tmp_path / "deep.png")
 
 
 def test_the_command_refuses_before_it_works(folder):

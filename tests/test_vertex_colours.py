@@ -142,3 +142,38 @@ def test_the_command_takes_the_colours_of_y(tmp_path, monkeypatch):
     result = CliRunner().invoke(app, [*args, "--by-place"])
     assert result.exit_code == 0 and "vertex colours" not in result.stdout
     assert np.abs(vertex_colours("c.ply") - colours[1:][T]).max() > 0.1
+
+
+@pytest.mark.parametrize("texture", ["property float s\nproperty float t\n", ""])
+def test_colours_of_ply_beside_texture_and_bad_vertices(tmp_path, texture):
+    more = " 0.5 0.5" if texture else ""
+    head = (
+        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\n"
+        "property float y\nproperty float z\nproperty uchar red\n"
+        f"property uchar green\nproperty uchar blue\n{texture}"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = ["0 0 0 255 0 0", "1 0 0 0 255 0", "0 1 0 0 0 255", "nan 0 0 51 0 0"]
+    body = "".join(f"{row}{more}\n" for row in rows) + "3 0 1 2\n"
+    (tmp_path / "a.ply").write_text(head + body)
+    expected = [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.2, 0, 0]]
+    np.testing.assert_allclose(found_colours(tmp_path / "a.ply"), expected)
+
+
+@pytest.mark.parametrize(
+    "keyword, behind",
+    [
+        ("CNOFF", "0 0 1 {}"),
+        ("NCOFF", "{} 0 0 1"),  # as MeshLab
+        ("NCSTOFF", "{} 0 0 1 0.5 0.5"),
+        ("CSTOFF", "{} 0.5 0.5"),
+    ],
+)
+def test_keywords_of_off_in_any_order(tmp_path, keyword, behind):
+    colours = "255 0 0", "0 255 0", "0 0 255"
+    points = "0 0 0", "1 0 0", "0 1 0"
+    rows = [f"{p} {behind.format(c)}" for p, c in zip(points, colours, strict=True)]
+    text = "\n".join([keyword, "3 1 0", *rows, "3 0 1 2"])
+    (tmp_path / "a.off").write_text(text)
+    assert len(read(tmp_path / "a.off").faces) == 1
+    np.testing.assert_allclose(found_colours(tmp_path / "a.off"), np.eye(3))

@@ -10,7 +10,8 @@ from typer.testing import CliRunner
 import jfsf
 from jfsf import matching, storage
 from jfsf.cli import app
-from jfsf.runtime import _programs
+from jfsf.matching import _warm_up
+from jfsf.runtime import _programs, common_size
 
 
 @pytest.mark.slow  # all programs of a match
@@ -61,3 +62,22 @@ def test_the_command_says_how_many_and_where(tmp_path, monkeypatch):
         done = CliRunner().invoke(app, ["warm-up", *given])
         assert done.exit_code == 0 and asked == meant
         assert "7 programs in" in done.output and str(tmp_path) in done.output
+
+
+def test_small_shapes_have_the_eigenpairs_of_a_match(monkeypatch):
+    asked = []
+    first, further = (
+        lambda pair, runner, *, settings, kind=kind: asked.append(
+            (kind, len(pair.spectra[0].mass), len(pair.spectra[0].evals))
+        )
+        for kind in ("first", "copies")
+    )
+    monkeypatch.setattr(_warm_up, "compile_first_attempt", first)
+    monkeypatch.setattr(_warm_up, "compile_copies", further)
+    few = jfsf.Settings(k=32, ks=(20, 32))
+    for settings, n in ((jfsf.Settings(), 300), (jfsf.Settings(), 5000), (few, 5000)):
+        asked.clear()
+        matching.warm_up([n], settings=settings)
+        k = settings.eigenpairs(n)
+        copies = min(common_size(n), common_size(settings.coarse_vertices))
+        assert asked == [("first", common_size(n), k), ("copies", copies, k)]

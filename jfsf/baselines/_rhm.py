@@ -36,11 +36,11 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 import scipy.sparse as sp
-from threadpoolctl import threadpool_limits
 
 from jfsf.convert import precise, to_vertex
 from jfsf.geometry import geodesics, vertex_indices
 from jfsf.mesh import farthest_vertices, vertex_components
+from jfsf.runtime import one_blas_thread
 from jfsf.spectral import definite_solver, operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
@@ -265,7 +265,7 @@ def _shape(name, argument, mesh: Mesh, dim: int, num_samples: int = SAMPLES) -> 
     at = farthest_vertices(unit_mesh, count)
     dist = geodesics(unit_mesh, at)[:, at]
     # Small products: threads cost more than they bring.
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         scaled = _scaling((dist + dist.T) / 2, dim)
 
     emb = np.empty((len(vertices), dim))

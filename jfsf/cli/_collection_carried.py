@@ -67,7 +67,8 @@ def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> lis
     carry = {"labels": labels, "values": values}
     for one in carried:
         (out / one.what).mkdir(exist_ok=True)
-    source = read(paths[template])
+    # What is not finite is left out by --repair; without it there is none.
+    source = read(paths[template], finite=False)
     for row in rows:
         if not carried or row["reason"]:
             continue
@@ -75,7 +76,7 @@ def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> lis
         with np.load(registered(out, name)) as file:
             found = Registration(*(file[field] for field in Registration._fields))
         laid = lay_template(shapes[template].mesh, shapes[name].mesh, found)
-        laid = extended(laid, read(paths[name]), source)
+        laid = extended(laid, read(paths[name], finite=False), source)
         for one in carried:
             result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
             write_column(out / one.what / f"{name}{one.suffix}", result)

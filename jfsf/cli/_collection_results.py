@@ -73,6 +73,7 @@ def write_model_of(
     """Write the model of the joined shapes; the files, and what to say of it."""
     from jfsf.model import (
         bending_warning,
+        centred,
         fit_gradient_model,
         fit_model,
         write_model,
@@ -83,7 +84,8 @@ def write_model_of(
     names = sorted(row["name"] for row in rows if not row["reason"])
     if len(names) < 2:
         return [], ["a model needs two shapes or more, and there is none"]
-    positions = np.stack([np.load(registered(out, n))["vertices"] for n in names])
+    shapes = np.stack([np.load(registered(out, n))["vertices"] for n in names])
+    positions = centred(shapes)
     model = fit_model(positions, faces, scale=scale)
     write_model(out / "model.npz", model)
     write_scores(out / "scores.csv", names, model)

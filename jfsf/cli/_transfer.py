@@ -143,7 +143,7 @@ def transfer(
     inputs = [x, y, map_file, *(path for path in given.values() if path is not None)]
     _check_out(out, texture is not None, inputs)
     paths = (x, y) if source is Source.y else (y, x)
-    goal, own = (read(path) for path in paths)
+    goal, own = (read(path, finite=not repair) for path in paths)
     if values is not None:
         work = _values(values, own, paths, out)
     elif labels is not None:

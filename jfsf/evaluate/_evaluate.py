@@ -113,6 +113,11 @@ def evaluate(
 
     found: dict[str, Any] = {}
     if truth is not None and "error" in wanted:
+        if len(truth) != 2:
+            raise ValueError(
+                f"evaluate: truth has {len(truth)} rows; give two arrays (p,), of "
+                "vertices of X and of Y (pairs (p, 2) transposed)"
+            )
         points = (np.asarray(side)[::every] for side in truth)
         error = geodesic_error(
             T_xy, mesh_y, *points, exact=exact, progress=report("error")

@@ -13,8 +13,9 @@ from functools import cache
 
 import numpy as np
 import potpourri3d as pp3d
+from scipy.spatial import KDTree
 
-from jfsf.mesh import edges, vertex_components
+from jfsf.mesh import components, edges, vertex_components
 from jfsf.types import ArrayLike, Mesh
 
 Progress = Callable[[int, int], object]  # sources done, sources in all
@@ -156,13 +157,18 @@ def vertex_indices(name: str, argument: str, values: ArrayLike, n: int) -> np.nd
 def _rows(mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
     """source -> (n,) distances. Solvers are built on first use, one a piece."""
     vertices = np.ascontiguousarray(mesh.vertices, np.float64)
-    faces = np.asarray(mesh.faces, np.int64).reshape(-1, 3)
+    faces = np.asarray(mesh.faces)
+    if faces.size and (faces.shape[1:] != (3,) or faces.dtype.kind not in "iu"):
+        raise ValueError(
+            f"geodesics: faces are {faces.dtype} {faces.shape}; pass (m, 3) integers"
+        )
+    faces = faces.reshape(-1, 3).astype(np.int64)
     n = len(vertices)
     if not np.isfinite(vertices).all():
         at = np.flatnonzero(~np.isfinite(vertices).all(1))[0]
         raise ValueError(f"geodesics: vertex {at} is {vertices[at]}, not finite")
     if len(faces) == 0:
-        return _clean_row(_cloud_solver(vertices, exact))
+        return _clean_row(_cloud_row(vertices, exact))
     if faces.min() < 0 or faces.max() >= n:
         raise ValueError(
             f"geodesics: faces span {faces.min()}..{faces.max()}, the mesh has {n} "
@@ -177,25 +183,37 @@ def _rows(mesh: Mesh, exact: bool) -> Callable[[int], np.ndarray]:
     faces = faces[np.unique(ring, axis=0, return_index=True)[1]]
     piece = vertex_components(faces, n)
 
-    # The heat method gives a finite, meaningless distance to other pieces: solve each
-    # piece on its own. A vertex in no face is a piece of one.
-    @cache
-    def solver(label: int):
-        ids = np.flatnonzero(piece == label)
+    def solver(ids):
+        if len(ids) == 1:  # a vertex in no face
+            return None
         local = np.full(n, -1)
         local[ids] = np.arange(len(ids))
-        own = local[faces[piece[faces[:, 0]] == label]]
-        solve = _exact_solver if exact else _heat_solver
-        return ids, local, solve(vertices[ids], own) if len(own) else None
+        own = local[faces[piece[faces[:, 0]] == piece[ids[0]]]]
+        return (_exact_solver if exact else _heat_solver)(vertices[ids], own)
+
+    return _clean_row(_by_pieces(piece, solver))
+
+
+def _by_pieces(piece, solver):
+    """source -> (n,) distances, inf to other pieces.
+
+    The heat method gives a finite, meaningless distance to them: each piece is solved
+    on its own, by `solver` of its vertices.
+    """
+
+    @cache
+    def solve(label: int):
+        ids = np.flatnonzero(piece == label)
+        return ids, solver(ids)
 
     def row(source):
-        ids, local, solve = solver(int(piece[source]))
-        out = np.full(n, np.inf)
-        if solve is not None:
-            out[ids] = solve(local[source])
+        ids, distances = solve(int(piece[source]))
+        out = np.full(len(piece), np.inf)
+        if distances is not None:
+            out[ids] = distances(int(np.searchsorted(ids, source)))
         return out
 
-    return _clean_row(row)
+    return row
 
 
 def _clean_row(row):
@@ -211,15 +229,28 @@ def _heat_solver(vertices, faces):
     return pp3d.MeshHeatMethodDistanceSolver(vertices, faces).compute_distance
 
 
-def _cloud_solver(vertices, exact):
+def _cloud_row(vertices, exact):
     if exact:
         raise ValueError("geodesics: exact=True needs faces, the mesh has 0")
-    if len(vertices) < CLOUD_POINTS:
+    n = len(vertices)
+    if n < CLOUD_POINTS:
         raise ValueError(
             f"geodesics: a point cloud needs at least {CLOUD_POINTS} points, this one "
-            f"has {len(vertices)}"
+            f"has {n}"
         )
-    return pp3d.PointCloudHeatSolver(vertices).compute_distance
+    near = np.asarray(KDTree(vertices).query(vertices, CLOUD_POINTS)[1])
+    at = np.broadcast_to(np.arange(n)[:, None], near.shape)
+    return _by_pieces(components(n, at, near), lambda ids: _cloud_solver(vertices[ids]))
+
+
+def _cloud_solver(vertices):
+    try:
+        return pp3d.PointCloudHeatSolver(vertices).compute_distance
+    except RuntimeError:
+        raise ValueError(
+            f"geodesics: {len(vertices)} points of the cloud have no surface, as where "
+            "they coincide or lie on a line; leave them out"
+        ) from None
 
 
 def _exact_solver(vertices, faces):

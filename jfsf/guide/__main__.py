@@ -69,7 +69,7 @@ def linked(docstring: str, module: str) -> str:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 2:
+    if len(sys.argv) != 2 or sys.argv[1].startswith("-"):
         sys.exit("usage: python -m jfsf.guide FOLDER")
     try:
         build(Path(sys.argv[1]))

@@ -15,10 +15,12 @@ Read in this order:
 - `_search`: the search among these, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
+- `_given`: what two spectra are given beside them, checked
 - `_start`: candidates to the starts of attempts
 """
 
 from jfsf.initial._fit import fit
+from jfsf.initial._given import given_arrays
 from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
 from jfsf.initial._linear import Fit, solve
 from jfsf.initial._nonlinear import solve_nonlinear
@@ -54,6 +56,7 @@ __all__ = [
     "Weights",
     "best_different",
     "best_start",
+    "given_arrays",
     "candidates",
     "combine",
     "energies",

@@ -111,7 +111,8 @@ def write_matlab(
     Args:
         path: ends in `.mat`.
         mesh: in any unit of length.
-        spectrum: of this mesh, in its order of vertices.
+        spectrum: of this mesh, in its order of vertices. Of a noisy mesh `jfsf.basis`
+            gives that of `jfsf.mesh.denoised(mesh)`, which is to be passed then.
         key: the name of a struct to put all of this in; None writes variables.
 
     Raises:
@@ -206,7 +207,8 @@ def _in_own_unit(mesh, spectrum):
     if np.abs(own - length * unit).max() > 1e-4 * np.abs(own).max():
         raise ValueError(
             "write_matlab: the spectrum's vertices are not those of the mesh; pass the "
-            "spectrum of this mesh, in its order"
+            "spectrum of this mesh, in its order. Of a noisy mesh `jfsf.basis` is that "
+            "of jfsf.mesh.denoised(mesh): pass this as the mesh"
         )
     area = length**2
     return {

@@ -1,4 +1,4 @@
-"""Many shapes at once: which pairs are matched, and maps that agree round all cycles.
+"""Many shapes at once: which pairs are matched, and maps by way of one.
 
 Read in this order:
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.initial import Orientation
+from jfsf.initial import Orientation, orientation_sign
 from jfsf.joint._agree import Beside
 from jfsf.joint._grow import Graph, Matched, matched
 from jfsf.joint._member import (
@@ -16,14 +16,14 @@ from jfsf.joint._member import (
     itself,
     member,
 )
-from jfsf.joint._mirror import Mirror, grow_with_mirrors
+from jfsf.joint._mirror import Mirror, check_mirror, grow_with_mirrors
 from jfsf.joint._pairs import Edge
 from jfsf.joint._paths import map_along
 from jfsf.joint._reasons import reason
 from jfsf.joint._sketch import sketch
 from jfsf.matching import basis, check_matchable, match
 from jfsf.mesh import MeshError, closest, mirror_image, surface_tree
-from jfsf.model import ShapeModel, fit_model
+from jfsf.model import ShapeModel, centred, fit_model
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -60,7 +60,8 @@ class Collection(NamedTuple):
     def map_between(self, x: int, y: int) -> Int[np.ndarray, " n_x"]:
         """The vertex of shape y for each vertex of shape x, by way of the template.
 
-        These maps agree round all cycles: from x to y and on to z is from x to z.
+        From x to y and on to z is from x to z, up to the rounding to vertices: maps
+        agree round all cycles as far as the shapes have vertices there.
 
         Raises:
             ValueError: a shape that was left out.
@@ -97,11 +98,13 @@ class Collection(NamedTuple):
     def model(self, *, modes: int | None = None, scale: bool = False) -> ShapeModel:
         """The mean of the joined shapes and how they vary (`jfsf.model.fit_model`).
 
+        About the origin, wherever the shapes lie.
+
         Raises:
             ValueError: fewer than two shapes were joined.
         """
         faces = self.meshes[self.template].faces
-        return fit_model(self.registered, faces, modes=modes, scale=scale)
+        return fit_model(centred(self.registered), faces, modes=modes, scale=scale)
 
 
 def collection(
@@ -143,10 +146,12 @@ def collection(
     Raises:
         MeshError: a mesh that cannot be matched; the message begins with its name.
         ValueError: fewer than two meshes, names or a template that do not fit, or
-            another word for `mirror`.
+            another word for `mirror` or `orientation`.
     """
     names = tuple(map(str, range(len(meshes)))) if names is None else tuple(names)
     _check(meshes, names, template)
+    check_mirror(mirror)
+    orientation_sign(orientation)
     for name, mesh in zip(names, meshes, strict=True):
         check_surface(mesh, name)
         check_matchable(mesh, name=name, settings=settings.match)

@@ -50,11 +50,13 @@ def triangles(maps: Mapping[Edge, Maps], sketches: Sequence[Sketch]) -> list[Tri
         maps: of each matched pair (x, y), x < y.
         sketches: of each shape.
     """
-    found, edges = [], set(maps)
-    after = {a: sorted(y for x, y in edges if x == a) for a, _ in edges}
-    for a, b in sorted(edges):
+    found, edges = [], sorted(maps)
+    after: dict[int, list[int]] = {}
+    for a, b in edges:
+        after.setdefault(a, []).append(b)
+    for a, b in edges:
         for c in after.get(b, []):
-            if (a, c) in edges:
+            if (a, c) in maps:
                 over = np.asarray(maps[b, c].T_xy)[np.asarray(maps[a, b].T_xy)]
                 straight = np.asarray(maps[a, c].T_xy)
                 apart = distance(over, straight, sketches[a], sketches[c])

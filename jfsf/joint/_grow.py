@@ -81,6 +81,10 @@ class MirrorTest(NamedTuple):
     turned: float
     ratio: float
 
+    def mirrors(self, settings: PairSettings) -> bool:
+        """Whether the shape is the mirror image of its partner: see `mirror_images`."""
+        return self.turned >= settings.trusted and self.ratio >= settings.mirror_shear
+
 
 class Graph(NamedTuple):
     """The matched pairs of a collection.

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jfsf.joint._grow import Graph, Matched, MirrorTest, PairSettings, grow
-from jfsf.joint._pairs import Edge, unlikeness
+from jfsf.joint._pairs import Edge, edge_of, unlikeness
 from jfsf.joint._sketch import Sketch
 from jfsf.types import ArrayLike
 
@@ -51,8 +51,8 @@ def grow_with_mirrors(
     Raises:
         ValueError: as `grow`, or another word for `mirror`.
     """
-    if mirror is not None and mirror not in get_args(Mirror):
-        raise ValueError(f"collection: mirror is {mirror!r}; it is 'name' or 'auto'")
+    if mirror is not None:
+        check_mirror(mirror)
     plain = lambda edges: match(edges, [False] * len(edges))
     graph = grow(sketches, plain, template=template, settings=settings)
     if mirror is None:
@@ -96,7 +96,7 @@ def suspects(
     found, inside = [], np.flatnonzero(graph.joined).tolist()
     pairs = enumerate(graph.paths.before.tolist())
     sheared = {
-        i: graph.matched[_edge((i, before))].shear
+        i: graph.matched[edge_of(i, before)].shear
         for i, before in pairs
         if before >= 0 and graph.joined[i]
     }
@@ -109,6 +109,12 @@ def suspects(
         elif before >= 0 and sheared[i] > most:
             found.append((i, before))
     return found
+
+
+def check_mirror(mirror: Mirror) -> None:
+    """ValueError for another word."""
+    if mirror not in get_args(Mirror):
+        raise ValueError(f"collection: mirror is {mirror!r}; it is 'name' or 'auto'")
 
 
 def mirror_images(
@@ -130,7 +136,7 @@ def mirror_images(
     """
     turned: dict[int, MirrorTest] = {}
     for test in sorted(tests, key=lambda test: test.turned):
-        if test.turned >= settings.trusted and test.ratio >= settings.mirror_shear:
+        if test.mirrors(settings):
             turned[test.shape] = test
     mirrored = np.zeros(len(graph.joined), bool)
     ways = [graph.paths.way(i) for i in np.flatnonzero(graph.joined).tolist()]
@@ -145,13 +151,13 @@ def mirror_images(
 
 def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
     """The tests of these pairs, but for those that could not be matched."""
-    edges = sorted({_edge(pair) for pair in pairs})
+    edges = sorted({edge_of(*pair) for pair in pairs})
     new = [edge for edge in edges if edge not in graph.matched]
     straight = graph.matched | _known(new, False, match)
     turned = _known(edges, True, match)
     found = []
     for shape, partner in pairs:
-        one, other = (maps.get(_edge((shape, partner))) for maps in (straight, turned))
+        one, other = (maps.get(edge_of(shape, partner)) for maps in (straight, turned))
         if one is not None and other is not None:
             ratio = one.shear / max(other.shear, 1e-12)
             sure = one.confidence, other.confidence
@@ -164,10 +170,6 @@ def _known(edges, turned: bool, match: MatchPairs) -> dict[Edge, Matched]:
         return {}
     outcomes = zip(edges, match(edges, [turned] * len(edges)), strict=True)
     return {edge: one for edge, one in outcomes if one is not None}
-
-
-def _edge(pair: tuple[int, int]) -> Edge:
-    return min(pair), max(pair)
 
 
 def _mask(numbers, s: int) -> np.ndarray:

@@ -36,7 +36,7 @@ def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
     unlike = np.asarray(unlike, float)
     # A zero would be no edge to scipy.
     tree = minimum_spanning_tree(unlike + 1e-12).tocoo()
-    branches = [_edge(a, b) for a, b in zip(tree.row, tree.col, strict=True)]
+    branches = [edge_of(a, b) for a, b in zip(tree.row, tree.col, strict=True)]
     found: set[Edge] = set()
     near: dict[int, set[int]] = {i: set() for i in range(len(unlike))}
 
@@ -50,8 +50,8 @@ def first_pairs(unlike: Float[ArrayLike, "s s"]) -> list[Edge]:
         add(branch)
     for a, b in sorted(branches):
         # Pairs that make a triangle of the branch and a pair next to it.
-        closing = {_edge(c, b) for c in near[a] - {b}}
-        closing |= {_edge(c, a) for c in near[b] - {a}}
+        closing = {edge_of(c, b) for c in near[a] - {b}}
+        closing |= {edge_of(c, a) for c in near[b] - {a}}
         if closing and not found & closing:
             add(min(closing, key=lambda edge: (unlike[edge], edge)))
     return sorted(found)
@@ -90,9 +90,10 @@ def more_pairs(
         left.sort(key=lambda b: (-len(near[a] & near[b]), unlike[a, b], b))
         number = min(each, most_of_one + 1 - len(near[a]))  # it is near to itself
         for b in left[: max(number, 0)]:
-            found[_edge(a, b)] = unlike[a, b]
+            found[edge_of(a, b)] = unlike[a, b]
     return sorted(sorted(found, key=lambda edge: (found[edge], edge))[:most])
 
 
-def _edge(a, b) -> Edge:
+def edge_of(a, b) -> Edge:
+    """The edge between two shapes."""
     return (int(min(a, b)), int(max(a, b)))

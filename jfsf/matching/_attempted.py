@@ -7,12 +7,18 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from threadpoolctl import threadpool_limits
 
 from jfsf.arguments import MatchInputs, padded_inputs
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
-from jfsf.runtime import CompileOnly, OneByOne, padded, padded_shapes, spectrum_like
+from jfsf.runtime import (
+    CompileOnly,
+    OneByOne,
+    one_blas_thread,
+    padded,
+    padded_shapes,
+    spectrum_like,
+)
 from jfsf.settings import Settings
 from jfsf.types import Match, Mesh
 
@@ -54,10 +60,9 @@ def attempted(
     k = settings.eigenpairs(min(len(mesh.vertices) for mesh in surfaces))
     sizes = padded_shapes(k, [(len(m.vertices), len(m.faces)) for m in surfaces])
     given = padded_inputs(inputs, sizes)
-    # Threads for the spectra, and two that compile. The limit is set around all: one
-    # set and lifted by each of them would be left behind.
+    # Threads for the spectra, and two that compile.
     threads = ThreadPoolExecutor(len(shapes) + 2)
-    with threadpool_limits(1, user_api="blas"), threads as pool:
+    with one_blas_thread(), threads as pool:
         # Two spectra with two threads each take longer than one after the other.
         alone, keep = len(shapes) == 1, host.keep_spectra
         specs = pool.map(

@@ -218,6 +218,7 @@ def _given(
     meshes: Mapping[str, Mesh], orientation, landmarks, descriptors, initial
 ) -> tuple[dict[str, MatchedShape], MatchInputs]:
     """Both shapes, and what was given with them, checked."""
+    orientation_sign(orientation)  # a wrong word is an error of any pair
     shapes = {name: shape_of(mesh) for name, mesh in meshes.items()}
     if not all(tells_left_from_right(shape) for shape in shapes.values()):
         orientation = "any"

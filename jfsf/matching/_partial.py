@@ -120,11 +120,12 @@ def _with_region(
 ) -> Match:
     """The match with what both shapes share, from the membership of each vertex."""
     inside = member_x > 0.5, member_y > 0.5
-    areas = (jnp.asarray(vertex_areas(*mesh)) for mesh in meshes.values())
-    share_x, share_y = (
-        jnp.sum(jnp.where(own, area, 0)) / jnp.sum(area)
-        for area, own in zip(areas, inside, strict=True)
-    )
+    shares = []
+    for mesh, own in zip(meshes.values(), inside, strict=True):
+        areas = vertex_areas(*mesh)  # in any unit: float32 has none for some
+        share = areas[np.asarray(own)].sum() / areas.sum()
+        shares.append(jnp.asarray(share, member_x.dtype))
+    share_x, share_y = shares
     return match._replace(
         matched_x=inside[0],
         matched_y=inside[1],

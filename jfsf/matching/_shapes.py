@@ -13,7 +13,7 @@ from jfsf.mesh import (
     without_holes,
 )
 from jfsf.settings import Settings
-from jfsf.spectral import spectrum_of_valid
+from jfsf.spectral import plain_arrays, spectrum_of_valid
 from jfsf.types import Mesh, Spectrum
 
 
@@ -40,7 +40,7 @@ def basis(
         MeshError: as `match`.
     """
     check_matchable(mesh, name=name, settings=settings)
-    return basis_of(shape_of(mesh), name, settings, cache)
+    return basis_of(shape_of(plain_arrays(mesh)), name, settings, cache)
 
 
 def check_matchable(
@@ -85,11 +85,11 @@ def shape_of(mesh: Mesh) -> MatchedShape:
 
 
 def checked(mesh_x: Mesh, mesh_y: Mesh, settings: Settings) -> dict[str, Mesh]:
-    """Both meshes by the names of their arguments."""
+    """Both meshes by the names of their arguments, as arrays of one precision."""
     meshes = {"mesh_x": mesh_x, "mesh_y": mesh_y}
     for name, mesh in meshes.items():
         check_matchable(mesh, name=name, settings=settings)
-    return meshes
+    return {name: plain_arrays(mesh) for name, mesh in meshes.items()}
 
 
 def tells_left_from_right(shape: MatchedShape) -> bool:

@@ -52,15 +52,16 @@ def warm_up(
         )
     say = progress or (lambda line: None)
     runner = CompileOnly(True, programs=(programs := []))
-    sizes = sorted(set(map(common_size, vertices)))
-    for size in sizes:
+    sizes = sorted({(common_size(n), settings.eigenpairs(n)) for n in vertices})
+    for size, k in sizes:
         say(f"programs for up to {size} vertices")
-        pair = _like(size, settings.eigenpairs(size))
+        pair = _like(size, k)
         compile_first_attempt(pair, runner, settings=settings)
     say("programs for pairs in doubt")
     # A shape of fewer vertices is its own coarse copy.
-    for size in {min(size, settings.coarse_vertices) for size in sizes}:
-        copy = _like(size, settings.k)
+    few = settings.coarse_vertices
+    for size, k in sorted({(min(size, few), k) for size, k in sizes}):
+        copy = _like(size, k)
         compile_copies(copy, runner, settings=settings)
     return len(set(map(id, programs)))
 

@@ -64,7 +64,7 @@ def surface_tree(mesh: Mesh) -> SurfaceTree:
         mesh: with faces.
 
     Raises:
-        MeshError: a point cloud.
+        MeshError: a point cloud, or faces that are single points.
     """
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
     if len(faces) == 0:
@@ -72,7 +72,9 @@ def surface_tree(mesh: Mesh) -> SurfaceTree:
     corner = vertices[faces]
     middle = corner.mean(1)
     reach = np.linalg.norm(corner - middle[:, None], axis=2).max(1)
-    radius = np.median(reach)
+    if not reach.any():
+        raise MeshError("surface_tree: its faces are single points; repair the mesh")
+    radius = np.median(reach[reach > 0])
     while (np.ceil(reach / radius) ** 2).sum() > PIECES * len(faces):
         radius *= 1.5
     parts = np.maximum(np.ceil(reach / radius), 1).astype(int)

@@ -8,6 +8,7 @@ where no other points are: the flat base of a solid ends at its walls.
 import numpy as np
 from scipy.spatial import ConvexHull, KDTree, QhullError
 
+from jfsf.mesh._geometry import in_unit_box
 from jfsf.types import ArrayLike, Mesh
 
 FEWEST = 100  # points, below which nothing is told
@@ -55,7 +56,7 @@ def outliers(cloud: Mesh) -> ArrayLike:
     found = np.zeros(len(points), bool)
     if len(points) < FEWEST or len(cloud.faces):
         return found
-    points = _scaled(points)
+    points = in_unit_box(points)
     for _ in range(ROUNDS):
         left = np.flatnonzero(~found)
         found_near = KDTree(points[left]).query(points[left], k=NEIGHBOURS + 1)
@@ -88,7 +89,7 @@ def floor_points(cloud: Mesh) -> ArrayLike:
     found = np.zeros(len(points), bool)
     if len(points) < FEWEST or len(cloud.faces):
         return found
-    points = _scaled(points)
+    points = in_unit_box(points)
     for _ in range(PLANES):
         left = np.flatnonzero(~found)
         floor = _floor(points[left]) if len(left) >= FEWEST else None
@@ -96,12 +97,6 @@ def floor_points(cloud: Mesh) -> ArrayLike:
             break
         found[left[floor]] = True
     return found
-
-
-def _scaled(points):
-    low, high = points.min(0) / 2, points.max(0) / 2
-    size = (high - low).max()
-    return (points / 2 - low) / (size if size > 0 else 1)
 
 
 def _floor(points):

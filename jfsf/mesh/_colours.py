@@ -4,22 +4,20 @@ OFF and OBJ are read here: trimesh 5.2 drops colours of OFF, and those of an OBJ
 texture. Textures, materials and colours of faces are no colours of vertices.
 """
 
-import io
 import os
 import re
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import KDTree
 
+from jfsf.mesh._formats import off_keyword, text_of
 from jfsf.mesh._gltf import scene_parts
+from jfsf.mesh._ply import ply_columns
 from jfsf.mesh._read import contents, format_of, read_noted
 from jfsf.mesh._values import MeshError
 
 _GREY = 0.7  # of a part of a scene without colours, beside parts with some
-# Of the diagonal of the bounding box: within, two vertices are one.
-_SAME = 1e-6
 # As glTF's colours are linear, and all others sRGB.
 _STEP = 0.0031308
 
@@ -41,7 +39,7 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
     finder = _FINDERS.get(format_of(path))
     if finder is None:
         return None
-    mesh = read_noted(path).mesh
+    mesh = read_noted(path, finite=False).mesh
     try:
         found = finder(contents(path), mesh, path)
     except MeshError:
@@ -57,15 +55,15 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
 
 def _of_off(data, mesh, path):
     """Behind coordinates and normals: whole numbers to 255, or else to 1."""
-    text = data.decode("ascii", "replace")
-    lines = (line.split("#", 1)[0].split() for line in text.splitlines())
+    lines = (line.split("#", 1)[0].split() for line in text_of(data).splitlines())
     words = [line for line in lines if line]
-    keyword = re.match(r"(?:ST)?(C?)(N?)OFF", words[0][0])
-    if keyword is None or not keyword[1]:
+    keyword = off_keyword(words[0][0])
+    if keyword is None or "C" not in keyword[1]:
         return None
     # The counts stand behind the keyword or on a line of their own.
     first = 1 if len(words[0]) > 1 or words[0][0][-1].isdigit() else 2
-    at = 6 if keyword[2] else 3
+    # MeshLab, whose keywords begin with N, writes the normal last.
+    at = 6 if "N" in keyword[1] and not keyword[1].startswith("N") else 3
     rows = [row[at : at + 3] for row in words[first : first + len(mesh.vertices)]]
     if any(len(row) < 3 for row in rows):
         return None
@@ -76,7 +74,8 @@ def _of_off(data, mesh, path):
 
 def _of_obj(data, mesh, path):
     """Behind the coordinates of a v, in [0, 1]; some programs write up to 255."""
-    data = data.replace(b"\\\n", b" ").replace(b"\\\r\n", b" ")
+    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    data = data.replace(b"\\\n", b" ")
     rows = re.findall(rb"(?m)^[ \t]*v[ \t]+([^\r\n#]*)", data)
     words = [row.split()[3:6] for row in rows]
     if any(len(row) < 3 for row in words):
@@ -86,22 +85,14 @@ def _of_obj(data, mesh, path):
 
 
 def _of_ply(data, mesh, path):
-    import trimesh
-
-    try:
-        found = trimesh.load(io.BytesIO(data), file_type="ply", process=False)
-    except Exception:  # it reads fewer files than `read`
+    """In [0, 1], or whole numbers to 255."""
+    vertex = ply_columns(data)[0].get("vertex", {})
+    names = "red", "green", "blue"
+    if not all(name in vertex for name in names):
         return None
-    if getattr(found.visual, "kind", None) != "vertex":  # type: ignore
-        return None
-    colours = np.asarray(found.visual.vertex_colors)[:, :3] / 255  # type: ignore
-    # Split at texture seams it has other vertices.
-    points = np.asarray(found.vertices, np.float64)  # type: ignore
-    if np.array_equal(points, mesh.vertices):
-        return colours
-    away, near = KDTree(points).query(mesh.vertices)
-    size = np.linalg.norm(np.ptp(np.asarray(mesh.vertices), axis=0))
-    return colours[near] if away.max() <= _SAME * size else None
+    columns = np.stack([vertex[name][1] for name in names], 1)
+    is_byte = columns.dtype.kind in "iu" or columns.max(initial=0) > 1
+    return columns / 255 if is_byte else columns
 
 
 def _of_scene(data, mesh, path):

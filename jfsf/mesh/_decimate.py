@@ -47,7 +47,7 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
     simplified = fast_simplification.simplify(
         ((whole.vertices - low) / size).astype(np.float32),
         np.asarray(whole.faces, np.int32),
-        target_count=m * num // n,
+        target_count=len(whole.faces) * num // len(whole.vertices),
     )
     moved = np.asarray(simplified[0], float) * size + low
     return _in_one_piece(Mesh(moved, np.asarray(simplified[1], np.int32)))

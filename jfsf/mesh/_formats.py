@@ -29,17 +29,16 @@ def parse_off(data: bytes) -> Mesh:
     Raises:
         MeshError: not OFF, binary or 4D OFF, or other counts than announced.
     """
-    text = [line.split("#", 1)[0] for line in _text(data).splitlines()]
+    text = [line.split("#", 1)[0] for line in text_of(data).splitlines()]
     lines = [line.split() for line in text if line.strip()] or [[""]]
-    # ModelNet writes the counts without a space after the keyword: OFF490 518 0.
-    keyword = re.fullmatch(r"(?:ST)?C?N?(4?n?)OFF(\d*)", lines[0][0])
+    keyword = off_keyword(lines[0][0])
     if keyword is None:
         raise MeshError(
             f"it starts with {lines[0][0][:20]!r}, not OFF; export it again"
         )
-    if keyword[1] or lines[0][1:2] == ["BINARY"]:
+    if keyword[2] or lines[0][1:2] == ["BINARY"]:
         raise MeshError(f"it is {' '.join(lines[0][:2])}; export it as ASCII OFF in 3D")
-    head, body = [keyword[2]] * bool(keyword[2]) + lines[0][1:], lines[1:]
+    head, body = [keyword[3]] * bool(keyword[3]) + lines[0][1:], lines[1:]
     if not head:
         head, body = body[0] if body else [], body[1:]
     n, m = (int(count) if count.isdecimal() else -1 for count in (*head, "", "")[:2])
@@ -72,7 +71,7 @@ def parse_obj(data: bytes) -> Mesh:
             three corners, index 0, or a negative index before the first vertex.
     """
     rows, sizes, corners = [], [], []
-    text = _text(data).replace("\r\n", "\n").replace("\\\n", " ")
+    text = text_of(data).replace("\r\n", "\n").replace("\\\n", " ")
     for line in text.splitlines():
         word, *rest = line.split("#", 1)[0].split() or [""]
         if word in ("v", "f"):
@@ -128,7 +127,18 @@ def parse_stl(data: bytes) -> Mesh:
     return weld(Mesh(points.astype(np.float64), faces)).mesh
 
 
-def _text(data):
+def off_keyword(word: str) -> re.Match[str] | None:
+    """The keyword of OFF: what a vertex has, "4" or "n" if it is not 3D, and a number.
+
+    Colours (C), normals (N) and texture (ST) in any order: MeshLab writes NC, others
+    CN.
+    ModelNet writes the counts without a space after the keyword: OFF490 518 0.
+    """
+    return re.fullmatch(r"((?:ST|C|N)*)(4?n?)OFF(\d*)", word)
+
+
+def text_of(data: bytes) -> str:
+    """A file of text, without a byte order mark."""
     # Only names and comments hold characters beyond ASCII.
     return data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "replace")
 

@@ -43,13 +43,25 @@ class HalfEdgePairs(NamedTuple):
 
 def face_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
     """Normals (m, 3) of the faces, each as long as twice the area of its face."""
-    a, b, c = (vertices[corner] for corner in faces.T)
+    # Differences of whole numbers, which files may hold, would wrap round.
+    vertices = np.asarray(vertices, np.float64)
+    a, b, c = (vertices[corner] for corner in np.asarray(faces).T)
     return np.cross(b - a, c - a)
 
 
 def face_areas(vertices: ArrayLike, faces: ArrayLike) -> Any:
     """Areas of the faces, (m,) float64."""
     return np.linalg.norm(face_normals(vertices, faces), axis=1) / 2
+
+
+def in_unit_box(points: ArrayLike) -> Any:
+    """Points (n, 3) moved and scaled so that the longest side of their box is 1.
+
+    Neither very large nor very small units overflow. Points that coincide stay 0.
+    """
+    low, high = points.min(0) / 2, points.max(0) / 2
+    size = (high - low).max()
+    return (points / 2 - low) / (size if size > 0 else 1)
 
 
 def surface_area(mesh: Mesh) -> float:

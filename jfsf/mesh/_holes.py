@@ -52,7 +52,7 @@ def rims(faces: ArrayLike) -> list[list[int]]:
         The vertices of each rim in their order, against the winding of the faces beside
         it. Rims that touch another or themselves are left out.
     """
-    ends = boundary_edges(faces).T[::-1]
+    ends = boundary_edges(faces).T[::-1].astype(np.int64)
     n = int(ends.max(initial=-1)) + 1
     starts, stops = (np.bincount(one, minlength=n) for one in ends)
     simple = (starts == 1) & (stops == 1)

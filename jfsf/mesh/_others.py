@@ -57,6 +57,9 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
             f"VTK does not read it within {seconds:.0f} s, so it is damaged; export it "
             "again"
         ) from None
+    if done.returncode > 0:  # by an exception
+        said = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
+        raise MeshError(f"VTK does not run ({said[:120]}); install vtk again")
     if done.returncode:
         raise MeshError("VTK fails on it, so it is damaged; export it again")
     with np.load(io.BytesIO(done.stdout)) as file:

@@ -25,6 +25,7 @@ from jfsf.mesh._geometry import (
     components,
     face_areas,
     face_normals,
+    in_unit_box,
     pair_half_edges,
     vertex_components,
 )
@@ -85,9 +86,7 @@ def _faces(points):
     n = len(points)
     if n <= NEIGHBOURS:
         return None
-    # Neither very large nor very small units overflow.
-    low, high = points.min(0) / 2, points.max(0) / 2
-    points = (points / 2 - low) / (high - low).max()
+    points = in_unit_box(points)
     near, votes = _voted(points)
     seeds = _largest_piece(points, near[votes == 3])
     if len(seeds) == 0:

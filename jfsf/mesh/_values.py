@@ -17,7 +17,9 @@ def checked_mesh(mesh: Mesh, name: str) -> Mesh:
     """
     vertices, faces = (np.asarray(a) for a in mesh)
     check_values(vertices, faces, name)
-    return Mesh(vertices, faces)
+    # Differences of whole numbers would wrap round.
+    whole = vertices.dtype.kind in "iu"
+    return Mesh(vertices.astype(np.float64) if whole else vertices, faces)
 
 
 def check_values(

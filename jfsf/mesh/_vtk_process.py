@@ -86,6 +86,9 @@ def _limit(size: int) -> None:
         import resource
     except ImportError:  # not on Windows
         return
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    if hard != resource.RLIM_INFINITY:
+        size = min(size, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (size, size))
 
 

@@ -21,6 +21,7 @@ Read in this order:
 from jfsf.model._align import AlignedShapes, align, align_onto
 from jfsf.model._batches import fit_model_in_batches
 from jfsf.model._bending import MOST_TURN, bending_warning, local_rotation
+from jfsf.model._checks import centred
 from jfsf.model._files import read_model, write_model, write_modes, write_scores
 from jfsf.model._fit import fit_gradient_model, fit_model
 from jfsf.model._gradients import from_gradients, gradients_of
@@ -45,6 +46,7 @@ __all__ = [
     "align",
     "align_onto",
     "bending_warning",
+    "centred",
     "compactness",
     "fit_gradient_model",
     "fit_model",

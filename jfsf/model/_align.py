@@ -73,7 +73,8 @@ def align(
 
     Raises:
         ValueError: fewer than two shapes, arrays that do not fit each other, or
-            positions or weights that are not finite.
+            positions or weights that are not finite; or shapes so far from the origin,
+            so small or so large that their precision is too coarse (`centred`).
     """
     shapes = check_shapes("align", shapes, missing, least=2)
     s, n, _ = shapes.shape

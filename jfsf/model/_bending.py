@@ -28,7 +28,7 @@ def local_rotation(
     rounding. Noise turns faces too: smooth a rough mesh first.
 
     Args:
-        positions: of vertices that correspond, in one unit, anywhere.
+        positions: of vertices that correspond, in one unit, as for `fit_model`.
         faces: of all shapes.
 
     Raises:

@@ -5,8 +5,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jaxtyping import Float
 
 from jfsf.mesh import MeshError
+from jfsf.types import ArrayLike
+
+# How coarse the numbers of a shape may be, over its size: modes of a hundredth of the
+# size are then known to a hundredth.
+COARSE = 1e-4
 
 
 def check_shapes(name: str, shapes: Any, missing: Any = None, *, least: int) -> Any:
@@ -17,8 +23,11 @@ def check_shapes(name: str, shapes: Any, missing: Any = None, *, least: int) -> 
         shapes: what it was given.
         missing: (s, n) vertices whose positions are not read, so they may be nan.
         least: how many shapes it needs.
+
+    They are refused where their precision is too coarse for where they lie, or for
+    their size.
     """
-    ranks = {np.shape(shape) for shape in shapes} if isinstance(shapes, list) else ()
+    ranks = set(map(np.shape, shapes)) if isinstance(shapes, list | tuple) else ()
     if len(ranks) > 1:
         raise ValueError(
             f"{name}: shapes are {' and '.join(map(str, sorted(ranks)))}; they need "
@@ -33,16 +42,60 @@ def check_shapes(name: str, shapes: Any, missing: Any = None, *, least: int) -> 
             f"{name}: there are {len(shapes)} shapes, it needs {least} or more"
         )
     if is_known(shapes, missing):
-        finite = np.isfinite(np.asarray(shapes)).all(2)
-        if missing is not None and np.shape(missing) == finite.shape:
-            finite |= np.asarray(missing, bool)
-        if not finite.all():
-            shape, vertex = np.argwhere(~finite)[0]
+        read = np.ones(shapes.shape[:2], bool)
+        if np.shape(missing) == read.shape:
+            read = ~np.asarray(missing, bool)
+        bad = read & ~np.isfinite(np.asarray(shapes)).all(2)
+        if bad.any():
+            shape, vertex = np.argwhere(bad)[0]
             raise ValueError(
                 f"{name}: vertex {vertex} of shape {shape} is not finite; name it in "
                 "`missing`, or leave the shape out"
             )
+        _check_precision(name, np.asarray(shapes), read)
     return shapes
+
+
+def centred(shapes: Float[ArrayLike, "s n 3"]) -> Float[np.ndarray, "s n 3"]:
+    """Shapes about their own centroids, in float64 even where jax has float32.
+
+    For shapes far from the origin. A model of them is the same but for its place.
+
+    Args:
+        shapes: positions of vertices, all of them known.
+    """
+    shapes = np.asarray(shapes, float)
+    return shapes - shapes.mean(1, keepdims=True)
+
+
+def _check_precision(name: str, shapes: np.ndarray, read: np.ndarray) -> None:
+    """ValueError for shapes too far away, too small or too large for their precision.
+
+    Args:
+        name: the function that asks.
+        shapes: (s, n, 3).
+        read: (s, n), the vertices that count.
+    """
+    at, limits = read[..., None], np.finfo(shapes.dtype)
+    most = np.where(at, shapes, -np.inf).max(1)
+    least = np.where(at, shapes, np.inf).min(1)
+    size = (most - least).max(1)
+    away = np.maximum(np.abs(most), np.abs(least)).max(1)
+    # Squares of areas are computed.
+    smallest, largest = 1e3 * limits.tiny**0.25, 0.1 * limits.max**0.25
+    for i in np.flatnonzero(read.any(1) & (size > 0)):
+        if limits.eps * away[i] > COARSE * size[i]:
+            raise ValueError(
+                f"{name}: shape {i} has size {size[i]:.3g} and lies {away[i]:.3g} from "
+                f"the origin, where {limits.dtype} is too coarse; pass "
+                "`jfsf.model.centred(shapes)`, or make jax use float64"
+            )
+        if not smallest < size[i] < largest:
+            raise ValueError(
+                f"{name}: shape {i} has size {size[i]:.3g}, and areas are squared in "
+                f"{limits.dtype}; pass shapes in another unit, of a size from "
+                f"{smallest:.1g} to {largest:.1g}"
+            )
 
 
 def check_faces(name: str, faces: Any, n: int) -> Any:

@@ -46,7 +46,8 @@ def fit_model(
     `fit_gradient_model`.
 
     Args:
-        positions: of vertices that correspond, in one unit, anywhere.
+        positions: of vertices that correspond, in one unit; far from the origin pass
+            `centred` ones.
         faces: of all shapes.
         modes: how many are kept; all s - 1 if None.
         scale: take away differences of size too.

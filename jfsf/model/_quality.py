@@ -81,7 +81,7 @@ def generality(
     One program for all shapes; it takes as long as fitting s models.
 
     Args:
-        positions: of vertices that correspond, in one unit, anywhere.
+        positions: of vertices that correspond, in one unit, as for `fit_model`.
         faces: of all shapes.
         fit: makes a model, `fit_model` or `fit_gradient_model`, or a
             `functools.partial` of one.
@@ -119,7 +119,7 @@ def specificity(
     Args:
         model: of either kind. One of gradients solves a system of equations for each
             sample and number of modes: take fewer.
-        positions: the shapes that it was fitted to, anywhere.
+        positions: the shapes that it was fitted to.
         key: of `jax.random`.
         samples: N.
         counts: numbers of modes; if None 1 to all of them.

@@ -167,9 +167,12 @@ def covered_by(x: Target, y: Mesh, drawn: Drawn, sign: int = 1):
 
 
 def cut(mesh: Mesh, keep: np.ndarray) -> Submesh:
-    """The largest piece of the faces whose corners are all kept."""
+    """The largest piece of the faces whose corners are all kept; empty without any."""
     faces = np.asarray(mesh.faces)
-    return largest_component(Mesh(mesh.vertices, faces[keep[faces].all(1)]))
+    kept = faces[keep[faces].all(1)]
+    if len(kept) == 0:  # it would be a cloud of all vertices
+        return Submesh(Mesh(np.zeros((0, 3)), kept), np.zeros(0, np.int32))
+    return largest_component(Mesh(mesh.vertices, kept))
 
 
 def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:

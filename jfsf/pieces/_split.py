@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 from jfsf.matching import check_matchable
 from jfsf.mesh import (
     MeshError,
+    checked_mesh,
     split_components,
     surface_area,
     validate,
@@ -81,6 +82,7 @@ def pieces_of(
         raise ValueError(
             f"min_share is {min_share}; give a share of the area, from 0 to below 1"
         )
+    mesh = checked_mesh(mesh, name)
     validate(without_strays(mesh).mesh, name=name, components=False)
     if len(mesh.faces) == 0:
         raise MeshError(

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.mesh import face_normals
+from jfsf.mesh import face_areas, vertex_normals
 from jfsf.plot._colours import Up, frame, points_of
 from jfsf.plot._upright import find_frame, find_frames
 from jfsf.types import ArrayLike, Mesh
@@ -103,16 +103,12 @@ def _view(mesh, axes, turn) -> View:
     c, s = np.cos(tilt), np.sin(tilt)
     points = points @ np.array([[1, 0, 0], [0, c, s], [0, -s, c]])
 
-    cross = face_normals(points, faces)
-    size = np.sqrt(np.linalg.norm(cross, axis=1).sum() / 2)
+    size = np.sqrt(face_areas(points, faces).sum())
     if size == 0:
         size = 2.6 * np.linalg.norm(points.std(0))
     points = (points - points.min(0)) / (size or 1)
-    normals = np.zeros_like(points)
-    for corner in faces.T:
-        np.add.at(normals, corner, cross)
-    length = np.linalg.norm(normals, axis=1, keepdims=True)
-    normals = np.where(length > 0, normals / np.where(length > 0, length, 1), [0, 0, 1])
+    normals = vertex_normals(points, faces)
+    normals[~normals.any(1)] = [0, 0, 1]  # towards the eye
     sky = _sky(points, normals)
     return View(body, points[:, :2], points[:, 2], normals, sky, faces)
 

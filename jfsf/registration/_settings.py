@@ -53,3 +53,26 @@ class RegistrationSettings:
     mending_rounds: int = 2
     mending_reach: float = 0.005
     easing: float = 0.1
+
+    def __post_init__(self) -> None:
+        """ValueError for numbers that nothing can be registered with."""
+        if not self.reaches or not min([*self.map_reaches, *self.reaches]) > 0:
+            raise ValueError(
+                f"RegistrationSettings: map_reaches are {self.map_reaches} and reaches "
+                f"{self.reaches}; give one or more of these, all above 0"
+            )
+        for name in ("updates", "candidates", "rotation_rings"):
+            if getattr(self, name) < 1:
+                raise ValueError(
+                    f"RegistrationSettings: {name} is {getattr(self, name)}; give 1 or "
+                    "more"
+                )
+        for name in (
+            *("hold", "side_reach", "turn_reach", "max_distance"),
+            *("scale_neighbours", "mending_reach", "easing"),
+        ):
+            if not getattr(self, name) > 0:
+                raise ValueError(
+                    f"RegistrationSettings: {name} is {getattr(self, name)}; give more "
+                    "than 0"
+                )

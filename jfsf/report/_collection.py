@@ -26,7 +26,7 @@ class ShapeRow(NamedTuple):
     """A shape in the page of a collection.
 
     name: of the shape.
-    page, picture: addresses relative to the page; None if there are none.
+    page, picture: paths relative to the page, with "/"; None if there are none.
     confidence: of its map from the template; nan if it is not known.
     lines: what to say of it, such as why it was left out.
     left_out: whether it was.
@@ -176,7 +176,7 @@ def _cycles(graph: Graph, names, agree: float) -> dict[str, Any]:
         said = (
             f"{len(apart)} triangles, the maps round {alike} of them agree (below "
             f"{agree:g}); median {np.median(apart):.3f}. Maps by way of the template "
-            "agree round all cycles."
+            "agree round all cycles, up to rounding to vertices."
         )
     return {
         "cycles": said,

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 from jfsf.report._html import level, page
 from jfsf.report._words import verdict
@@ -13,7 +14,7 @@ class Row(NamedTuple):
     """A pair in the index.
 
     x, y: names of the shapes.
-    page, picture: addresses relative to the index; None if there are none.
+    page, picture: paths relative to the index, with "/"; None if there are none.
     confidence: of its certificate; nan if it is not known.
     lines: what to say of it, such as its warnings.
     failed: there is no match; the lines say why.
@@ -71,9 +72,14 @@ def plain(row: Row) -> dict[str, Any]:
     return {
         "x": row.x,
         "y": row.y,
-        "page": row.page,
-        "picture": row.picture,
+        "page": _address(row.page),
+        "picture": _address(row.picture),
         "lines": list(row.lines),
         "verdict": words,
         "level": "failed" if row.failed else level(likely),
     }
+
+
+def _address(path: str | None) -> str | None:
+    """A path as an address, where #, ? and % mean something else."""
+    return path and quote(path, errors="surrogateescape")

@@ -63,7 +63,7 @@ def measure(
         mesh_x, mesh_y: the shapes. Of shapes above `MOST` vertices the figures without
             geodesics are measured only.
         found: their match.
-        truth: vertices of X and of Y that correspond.
+        truth: vertices of X and of Y that correspond; none is as without one.
 
     Raises:
         ValueError: as `jfsf.evaluate.geodesic_error`.
@@ -112,9 +112,14 @@ def measure(
         doubt = 1 - likely
         meaning = f"share of X within {WITHIN} of its partner, by the confidence"
         rows.append(("vertices expected right", f"{likely.mean():.1%}", meaning))
-    if truth is None or not small:
+    at_x, at_y = (np.asarray(side) for side in truth or ([], []))
+    if at_x.shape != at_y.shape:
+        raise ValueError(
+            f"measure: truth has vertices {at_x.shape} of X and {at_y.shape} of Y; "
+            "give (p,) of each"
+        )
+    if len(at_x) == 0 or not small:
         return Measured(rows, [], back, None, None, doubt)
-    at_x, at_y = (np.asarray(side) for side in truth)
     some = _spread(len(at_x), n_y)
     errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
     shares = error_curve(errors, LIMITS)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from jfsf.arguments import checked_map
 from jfsf.initial import Orientation
 from jfsf.plot import (
     Up,
@@ -99,6 +100,10 @@ def write_report(
         ImportError: matplotlib is missing; the message says how to install it.
         ValueError: maps or ground truth that do not fit the meshes.
     """
+    name, (n_x, n_y) = "write_report", (len(x.mesh.vertices), len(y.mesh.vertices))
+    checked_map(found.T_xy, found.matched_x, (n_x, n_y), caller=name)
+    back = {"called": ("T_yx", "matched_y"), "names": ("Y", "X")}
+    checked_map(found.T_yx, found.matched_y, (n_y, n_x), caller=name, **back)
     step = progress or (lambda name: None)
     seconds = dict(seconds or {})
     if found.info is not None:

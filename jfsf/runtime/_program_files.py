@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
 from jfsf.array import static_text
+from jfsf.runtime._shared import shared_context
 from jfsf.storage import (
     PROGRAM,
     NotPrivateError,
@@ -31,11 +32,15 @@ from jfsf.storage import (
 )
 
 PACKAGE = Path(__file__).parents[1]
-# All code that is traced, as it is at import: a file may have changed when a program is
-# asked for.
+# All code that is traced, and the fitted constants in it, as they are at import: a file
+# may have changed when a program is asked for.
 CODE = key(
-    *map(version, ("jax", "jaxlib", "jaxopt", "lineax")),
-    *(file.read_bytes() for file in sorted(PACKAGE.rglob("*.py"))),
+    *map(version, ("jax", "jaxlib", "jaxopt", "lineax", "optimistix", "equinox")),
+    *(
+        file.read_bytes()
+        for kind in ("*.py", "*.json")
+        for file in sorted(PACKAGE.rglob(kind))
+    ),
 )
 # Seconds to wait for another process that compiles the same program.
 LOCK_SECONDS = 120
@@ -129,7 +134,7 @@ def load_program(path: Path, num: int) -> tuple[Callable, Any] | None:
     return compiled, result
 
 
-@contextmanager
+@shared_context
 def _without_messages() -> Iterator[None]:
     """XLA logs two long lines for each program that it loads, which mean nothing."""
     name = "jax_logging_level"

@@ -33,7 +33,7 @@ from jfsf.spectral._functional_maps import (
     truncate_pair,
     uniform,
 )
-from jfsf.spectral._laplacian import operators
+from jfsf.spectral._laplacian import operators, plain_arrays
 from jfsf.spectral._orientation import (
     COLUMN_WEIGHT,
     FUNCTIONS,
@@ -79,6 +79,7 @@ __all__ = [
     "functional_map",
     "hks",
     "operators",
+    "plain_arrays",
     "orientation_score",
     "polar",
     "restrict",

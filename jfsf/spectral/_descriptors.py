@@ -20,6 +20,7 @@ SMALLEST = 1e-6  # eigenvalues below are the constant's: log and division stay f
 # Times of the heat flow on a shape of area 1, no unit. Half the wavelengths that they
 # damp are 0.04 to 0.3: from a wrist to a thigh.
 CURVATURE_TIMES = (1 / 8000, 1 / 4000, 1 / 2000, 1 / 1000, 1 / 500, 1 / 250, 1 / 125)
+CONSTANT = 100  # roundings of its values by which a constant column may vary
 
 
 @partial(jax.jit, static_argnames="num")
@@ -111,11 +112,16 @@ def curvature(
 def standardise(
     desc: Float[Array, "n d"], mass: Float[Array, " n"]
 ) -> Float[Array, "n d"]:
-    """Each column with mean 0 and mean square 1 over the shape; 0 on padding."""
+    """Each column with mean 0 and mean square 1 over the shape; 0 on padding.
+
+    A column that is constant but for rounding becomes 0.
+    """
     centred = desc - matmul(mass, desc)[None, :]
-    size = jnp.sqrt(matmul(mass, centred**2))
-    varies = size > 0
-    scaled = centred * jnp.where(varies, 1 / jnp.where(varies, size, 1), 0)[None, :]
+    square = matmul(mass, centred**2)
+    rounded = CONSTANT * jnp.finfo(desc.dtype).eps
+    varies = square > rounded**2 * matmul(mass, desc**2)
+    size = jnp.sqrt(jnp.where(varies, square, 1))
+    scaled = centred * jnp.where(varies, 1 / size, 0)[None, :]
     return jnp.where((mass > 0)[:, None], scaled, 0)
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
-from threadpoolctl import threadpool_limits
 
-from jfsf.mesh import MeshError, validate
+from jfsf.mesh import MeshError, in_unit_box, validate
+from jfsf.runtime import one_blas_thread
 from jfsf.spectral._definite import definite_solver
 from jfsf.spectral._lanczos import largest_eigenpairs
 from jfsf.spectral._laplacian import (
@@ -120,9 +120,7 @@ def spectrum_of_valid(
 
 
 def _spectrum(mesh, k, laplacian, mass, tol, threads):
-    # Neither very large nor very small units overflow.
-    low, high = mesh.vertices.min(0) / 2, mesh.vertices.max(0) / 2
-    scaled = Mesh((mesh.vertices / 2 - low) / (high - low).max(), mesh.faces)
+    scaled = Mesh(in_unit_box(mesh.vertices), mesh.faces)
     stiffness, areas = operators(scaled, laplacian=laplacian, mass=mass)
     _check_operators(stiffness, areas)
 
@@ -134,7 +132,7 @@ def _spectrum(mesh, k, laplacian, mass, tol, threads):
     symmetric = (root @ stiffness @ root).tocsc()
     # The products are long and thin: threads cost more than they bring, and on a busy
     # machine 20 times as much.
-    with threadpool_limits(1, user_api="blas"):
+    with one_blas_thread():
         # Lanczos gains nothing where most pairs are asked for, and cannot give all.
         if 2 * k > len(areas):
             evals, evecs = np.linalg.eigh(symmetric.toarray())

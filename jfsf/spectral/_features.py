@@ -128,8 +128,7 @@ def features(
     return Features(
         spec,
         all_descriptors,
-        # The same numbers as in the columns.
-        weighted / settings.curvature_weight,
+        standard,
         jnp.where(self_map, 0, columns),
         brackets(spec, k=k),
     )

@@ -27,10 +27,11 @@ def functional_map(
         T_xy: the vertex of Y for each vertex of X.
         spec_x, spec_y: spectra; also of samples (`jfsf.spectral.restrict`), whose
             eigenvectors are no longer orthonormal: the pseudo-inverse is the weighted
-            least squares one.
+            least squares one. X needs as many vertices as eigenpairs, or more.
 
     Raises:
-        ValueError: T_xy does not have one entry a vertex of X.
+        ValueError: T_xy does not have one entry a vertex of X, or X has fewer vertices
+            than eigenpairs.
     """
     if T_xy.shape != (len(spec_x.evecs),):
         raise ValueError(
@@ -42,7 +43,17 @@ def functional_map(
 
 @jax.jit
 def coefficients(values: Float[Array, "n c"], spec: Spectrum) -> Float[Array, "k c"]:
-    """Phi^+ values: functions in an eigenbasis, by weighted least squares."""
+    """Phi^+ values: functions in an eigenbasis, by weighted least squares.
+
+    Raises:
+        ValueError: fewer vertices than eigenpairs.
+    """
+    n, k = spec.evecs.shape
+    if n < k:
+        raise ValueError(
+            f"a basis of {k} eigenfunctions is read at {n} points, which do not tell "
+            f"them apart; take {k} points or more, or fewer functions"
+        )
     weighted = spec.evecs * spec.mass[:, None]
     right = matmul(weighted.T, values)
     return jax.scipy.linalg.solve(matmul(weighted.T, spec.evecs), right, assume_a="pos")

@@ -39,7 +39,8 @@ def read_values(path: Path, n: int) -> Column:
     Args:
         path: `.npy`, (n,) or (n, d); `.csv` or `.txt`, a line a vertex with d numbers
             between commas, semicolons, tabs or blanks. Its first line may hold titles.
-            An empty cell, or nan, is a number that is not known.
+            An empty cell, or nan, is a number that is not known; of one column an empty
+            line, if there are as many lines as vertices.
         n: vertices to expect.
 
     Returns:
@@ -62,8 +63,8 @@ def read_labels(path: Path, n: int, m: int) -> Column:
     """Labels of the n vertices or the m faces of a mesh.
 
     Args:
-        path: `.npy` of whole numbers or names; `.csv` or `.txt`, a label a line. They
-            are numbers if all of them are whole numbers. The first line is a title if
+        path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt`, a label
+            a line. They are numbers if all of them are. The first line is a title if
             there is one more than there should be.
         n, m: vertices and faces; as many labels are expected.
 
@@ -139,27 +140,41 @@ def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
         if not isinstance(rows, np.ndarray):
             raise ValueError(f"{path}: holds several arrays; write one with numpy.save")
         return Column(rows)
-    text = path.read_bytes().decode("utf-8-sig", "replace").rstrip()
+    text = path.read_bytes().decode("utf-8-sig", "replace")
     # Not splitlines, which also splits at rarer characters that names may hold.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    if not lines[-1]:
+        lines.pop()  # it was ended by the last line break
+    full = max((i for i, line in enumerate(lines, 1) if line.strip()), default=0)
+    if full == 0:
+        raise ValueError(f"{path}: is empty; expected a line a vertex")
+    # Empty lines at the end mean nothing, unless they are needed: a label may be empty.
+    titled = full not in counts and len(lines) - 1 in counts
+    if len(lines) not in counts and not titled:
+        lines = lines[:full]
     return convert(path, lines, counts)
 
 
-def _cells(path: Path, lines) -> list[list[str]]:
-    lines = [line for line in lines if line.strip()]
-    if not lines:
-        raise ValueError(f"{path}: is empty; expected a line a vertex")
-    separator = next((mark for mark in "\t;," if mark in lines[0]), None)
-    if separator is None:
-        return [line.split() for line in lines]
+def _by_csv(path: Path, lines, separator: str) -> list[list[str]]:
     try:
         return list(csv.reader(lines, delimiter=separator, skipinitialspace=True))
     except csv.Error as error:
         raise ValueError(f"{path}: {error}; save it again") from None
 
 
+def _cells(path: Path, lines, counts) -> list[list[str]]:
+    full = [line for line in lines if line.strip()]
+    separator = next((mark for mark in "\t;," if mark in full[0]), None)
+    if separator is not None:
+        return _by_csv(path, full, separator)
+    rows = [line.split() for line in full]
+    if len(rows) not in counts and max(map(len, rows)) == 1:
+        return [line.split() or [""] for line in lines]
+    return rows
+
+
 def _numbers(path: Path, lines, counts) -> Column:
-    rows, titles = _cells(path, lines), ()
+    rows, titles = _cells(path, lines, counts), ()
     if any(_number(cell) is None for cell in rows[0]):
         titles, rows = tuple(cell.strip() for cell in rows[0]), rows[1:]
     if len(rows) not in counts:
@@ -179,13 +194,29 @@ def _numbers(path: Path, lines, counts) -> Column:
 
 
 def _words(path: Path, lines, counts) -> Column:
-    rows, titles = [line.strip().strip('"') for line in lines], ()
+    if path.suffix.lower() == ".csv":
+        table, titles = _by_csv(path, lines, ","), ()
+        for number, cells in enumerate(table, 1):
+            if len(cells) > 1:
+                raise ValueError(
+                    f"{path}: line {number} has {len(cells)} cells, expected one "
+                    "label; save that column alone, names that hold commas in quotes"
+                )
+        rows = [cells[0].strip() if cells else "" for cells in table]
+    else:
+        rows, titles = [_unquoted(line.strip()) for line in lines], ()
     if len(rows) not in counts and len(rows) - 1 in counts:
         titles, rows = (rows[0],), rows[1:]
+    if any(_number(row) is None or not row for row in rows):
+        return Column(np.array(rows, str), titles)
     try:
         return Column(np.array([int(row) for row in rows], np.int64), titles)
     except (ValueError, OverflowError):
-        return Column(np.array(rows, str), titles)
+        return Column(np.array([_number(row) for row in rows], float), titles)
+
+
+def _unquoted(word: str) -> str:
+    return word[1:-1] if len(word) > 1 and word[0] == word[-1] == '"' else word
 
 
 def _number(cell: str) -> float | None:

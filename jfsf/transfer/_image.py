@@ -19,20 +19,24 @@ def read_image(path: Path) -> ArrayLike:
 
     Raises:
         ImportError: Pillow is not installed.
-        ValueError: no image.
+        ValueError: no image, or one of more than 8 bits a channel.
         OSError: the file cannot be read.
     """
     pillow = _pillow()
     data = Path(path).read_bytes()
     try:
         with pillow.open(io.BytesIO(data)) as image:
-            clear = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-            return np.asarray(image.convert("RGBA" if clear else "RGB"))
+            mode = image.mode
+            clear = mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+            pixels = np.asarray(image.convert("RGBA" if clear else "RGB"))
     except Exception as error:
         # Pillow has errors of its own for each format.
         raise ValueError(
             f"{path}: is not a readable image ({type(error).__name__}); save it as PNG"
         ) from None
+    if mode.startswith(("I", "F")):  # which were clipped
+        raise ValueError(f"{path}: has more than 8 bits a channel; save it with 8 bits")
+    return pixels
 
 
 def png_of(image: ArrayLike) -> bytes:

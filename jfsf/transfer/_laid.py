@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
 from jfsf.arguments import checked_map
-from jfsf.mesh import MAX_UNCLEAR, checked_mesh, unclear_winding
+from jfsf.mesh import MAX_UNCLEAR, check_values, checked_mesh, unclear_winding
 from jfsf.registration import Registration, RegistrationSettings, register
 from jfsf.types import ArrayLike, Mesh
 
@@ -109,12 +109,17 @@ def extended(laid: Laid, mesh_x: Mesh, mesh_y: Mesh) -> Laid:
     Args:
         laid: of what was kept.
         mesh_x, mesh_y: the whole meshes. A vertex lies where one at the same point was
-            put, and has no place if none is there.
+            put, and has no place if none is there, or if it is not finite.
 
     Returns:
         Both meshes; the one whose coordinates are the common ones keeps its own.
+
+    Raises:
+        MeshError: arrays that are no mesh.
     """
-    mesh_x, mesh_y = checked_mesh(mesh_x, "X"), checked_mesh(mesh_y, "Y")
+    mesh_x, mesh_y = (Mesh(*map(np.asarray, mesh)) for mesh in (mesh_x, mesh_y))
+    check_values(*mesh_x, "X", finite=False)
+    check_values(*mesh_y, "Y", finite=False)
     at_x, known_x = _places(laid.mesh_x, laid.at_x, mesh_x, laid.known_x)
     at_y, _ = _places(laid.mesh_y, laid.at_y, mesh_y, np.ones(len(laid.at_y), bool))
     return Laid(mesh_x, mesh_y, at_x, at_y, known_x, laid.orientation_sign)
@@ -124,11 +129,12 @@ def _places(part: Mesh, at, whole: Mesh, known):
     """Positions of the vertices of the whole, and whether each is known."""
     own = np.asarray(part.vertices, np.float64)
     points = np.asarray(whole.vertices, np.float64)
-    size = float(np.ptp(points, axis=0).max())
-    away, near = KDTree(own).query(points)
-    there = away <= SAME * size
+    finite = np.asarray(np.isfinite(points).all(1))
+    size = float(np.ptp(points[finite], axis=0).max(initial=0))
+    away, near = KDTree(own).query(np.where(finite[:, None], points, 0))
+    there = finite & (away <= SAME * size)
     if np.array_equal(own, at):
-        return points, there & known[near]
+        return np.where(finite[:, None], points, np.nan), there & known[near]
     return np.where(there[:, None], at[near], np.nan), there & known[near]
 
 

@@ -111,9 +111,9 @@ def sides(laid: Laid) -> tuple[Side, Side]:
     ):
         faces, normals = np.asarray(mesh.faces), None
         if sign and len(faces):
-            wound = orient(mesh).faces
             there = np.isfinite(at[faces]).all((1, 2))
-            normals = sign * vertex_normals(at, wound[there])
+            wound = orient(Mesh(mesh.vertices, faces[there])).faces
+            normals = sign * vertex_normals(at, wound)
         found.append(Side(at, normals, faces))
     return found[0], found[1]
 
@@ -138,8 +138,16 @@ def target(side: Side) -> Target:
 
 
 def place(side: Side, points: Points) -> tuple[ArrayLike, ArrayLike | None]:
-    """Positions (q, 3) of points of a side, and their unit normals."""
-    mean = lambda rows: np.einsum("qc,qcd->qd", points.weights, rows[points.corners])
+    """Positions (q, 3) of points of a side, and their unit normals.
+
+    nan where a corner that counts has no place.
+    """
+    counts = np.asarray(points.weights)[..., None]
+
+    def mean(rows):
+        corners = np.where(counts > 0, rows[points.corners], 0)  # 0 * nan is nan
+        return (counts * corners).sum(1)
+
     normals = side.normals
     return mean(side.vertices), None if normals is None else _unit(mean(normals))
 
