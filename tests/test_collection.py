@@ -17,7 +17,10 @@ from shapes import small
 from typer.testing import CliRunner
 
 from jfsf import testing
+from jfsf.batch import Job, is_done
 from jfsf.cli import app
+from jfsf.cli._collection import _meshes_in, _points, _with_template
+from jfsf.cli._collection_steps import _write_way
 from jfsf.mapfiles import read_match
 from jfsf.mesh import mirror_image, read
 from jfsf.model import read_model
@@ -249,3 +252,51 @@ def test_a_folder_that_is_no_collection_is_an_error(tmp_path):
     found = run(scans, *out, "--template", tmp_path / "t.ply")
     assert found.exit_code == 1 and "is no file" in found.output
     assert not (tmp_path / "out").exists()
+    found = run(scans, "--out", scans / ".." / "scans")
+    assert found.exit_code == 1 and "would be read as shapes" in found.output
+    assert [path.name for path in scans.iterdir()] == ["a.ply"]
+
+
+def test_which_files_are_shapes_and_which_is_the_template(tmp_path):
+    scans = tmp_path / "scans"
+    box_in(scans, "a.ply")
+    box_in(scans, "b.ply")
+    (scans / "._a.ply").write_bytes(b"of macOS")
+    paths = _meshes_in(scans)
+    assert list(paths) == ["a", "b"]
+    (tmp_path / "link").symlink_to(scans)
+    same, found = _with_template(tmp_path / "link" / "b.ply", paths)
+    assert (same, found) == (paths["b"], paths)
+    box_in(tmp_path / "other", "b.ply")
+    with pytest.raises(ValueError, match="has the name of"):
+        _with_template(tmp_path / "other" / "b.ply", paths)
+
+
+def test_landmarks_by_vertices_are_those_of_the_file(tmp_path):
+    ball = testing.blob(0)
+    strays = Mesh(np.concatenate([np.full((3, 3), 9.0), ball.vertices]), ball.faces + 3)
+    rows = [f"v {x} {y} {z}" for x, y, z in [*strays.vertices, (np.nan, 0, 0)]]
+    rows += [f"f {a} {b} {c}" for a, b, c in strays.faces + 1]
+    (tmp_path / "t.obj").write_text("\n".join(rows))
+    (tmp_path / "marks.csv").write_text("name,vertex\nnose,10\n")
+    found = _points(tmp_path / "marks.csv", tmp_path / "t.obj")
+    assert found.vertices is None and found.names == ("nose",)
+    np.testing.assert_allclose(found.points, strays.vertices[[10]], atol=1e-9)
+    (tmp_path / "marks.csv").write_text(f"name,vertex\nnose,{len(strays.vertices)}\n")
+    with pytest.raises(ValueError, match="has no finite place"):
+        _points(tmp_path / "marks.csv", tmp_path / "t.obj")
+
+
+def test_ways_that_are_cut_short_are_written_again(tmp_path):
+    path = tmp_path / "a.npz"
+    arrays = {"T_xy": np.arange(500), "turned": np.array(False)}
+    _write_way(path, **arrays)
+    whole = path.stat().st_mtime_ns
+    _write_way(path, **arrays)
+    assert path.stat().st_mtime_ns == whole
+    assert is_done(Job((), path))
+    path.write_bytes(path.read_bytes()[:300])
+    assert not is_done(Job((), path))
+    _write_way(path, **arrays)
+    with np.load(path) as file:
+        np.testing.assert_array_equal(file["T_xy"], arrays["T_xy"])

@@ -291,7 +291,7 @@ def test_wrong_colours_are_named(tmp_path):
     for colours, message in (
         (COLOURS[1:], rf"colours has shape \({N_X - 1}, 3\)"),
         (COLOURS * 255, r"colours run from .*; pass sRGB in \[0, 1\]"),
-        (COLOURS * np.nan, "pass finite rows"),
+        (COLOURS * np.nan, "at vertex 0: .*pass finite numbers"),
     ):
         with pytest.raises(ValueError, match=message):
             export_mesh(tmp_path / "a.ply", X, colours=colours)

@@ -13,6 +13,7 @@ from hypothesis.extra import numpy as hnp
 from jfsf import storage
 from jfsf.storage import (
     check_writable,
+    remove_left_over,
     remove_unfinished,
     write_atomically,
     write_text,
@@ -238,6 +239,18 @@ def test_what_is_unfinished_can_be_removed(tmp_path):
         write_atomically(path, write)
     remove_unfinished()
     assert path.read_text() == "old" and os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_only_what_this_package_left_unfinished_is_removed(tmp_path):
+    mine = tmp_path / "below" / f".{'0af1' * 8}.tmp"
+    foreign = tmp_path / "draft.tmp", tmp_path / ".swap.tmp", tmp_path / "below/a.tmp"
+    mine.parent.mkdir()
+    for path in (mine, *foreign):
+        path.touch()
+    folder = tmp_path / f".{'0af2' * 8}.tmp"
+    folder.mkdir()
+    remove_left_over(tmp_path)
+    assert not mine.exists() and folder.is_dir() and all(p.exists() for p in foreign)
 
 
 def test_what_can_be_written_is_left_as_it_was(tmp_path):

@@ -1,8 +1,10 @@
 """What Y has, carried to X: on the right places, across seams, from file to file."""
 
 import io
+import json
 from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
@@ -16,11 +18,12 @@ from jfsf.cli import app
 from jfsf.cli._collection_carried import carried_of, write_carried
 from jfsf.export import export_textured
 from jfsf.landmarks import Landmarks, read_landmarks, write_landmarks
-from jfsf.mapfiles import write_map
+from jfsf.mapfiles import write_map, write_match
 from jfsf.mesh import (
     MeshError,
     closest,
     decimate,
+    mirror_image,
     read,
     read_uv,
     surface_area,
@@ -29,7 +32,7 @@ from jfsf.mesh import (
 from jfsf.testing import blob, mirror
 from jfsf.transfer._atlas import MARGIN
 from jfsf.transfer._points import in_faces, nearest, place, sides, target
-from jfsf.types import Mesh
+from jfsf.types import Certificate, Mesh
 
 Y = blob(0, subdivisions=3)
 COARSE = decimate(blob(0, subdivisions=4), 350)  # the same surface
@@ -536,7 +539,7 @@ def test_a_collection_carries_what_its_template_has(tmp_path, registered):
     files = {"labels": tmp_path / "l.txt", "values": tmp_path / "v.npy"}
     carried = carried_of(paths["template"], **files)
     rows = [{"name": "scan", "reason": ""}, {"name": "lost", "reason": "broken"}]
-    write_carried(tmp_path, rows, paths, shapes, "template", carried)
+    write_carried(tmp_path, rows, paths, shapes, "template", carried, set())
     values = np.load(tmp_path / "values" / "scan.npy")
     assert np.linalg.norm(values - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
     right = np.loadtxt(tmp_path / "labels" / "scan.txt") == quadrant(at_faces(Y))
@@ -544,6 +547,13 @@ def test_a_collection_carries_what_its_template_has(tmp_path, registered):
     assert len(list((tmp_path / "labels").iterdir())) == 1
     with pytest.raises(ValueError, match=f"{N_X} vertices or of {len(X.faces)} faces"):
         carried_of(paths["template"], labels=tmp_path / "v.npy")
+    # What is kept of a scan that was mirrored back is the mirror image of its file.
+    trimesh.Trimesh(*mirror_image(read_back["scan"]), process=False).export(
+        paths["scan"]
+    )
+    write_carried(tmp_path, rows, paths, shapes, "template", carried, {"scan"})
+    again = np.load(tmp_path / "values" / "scan.npy")
+    np.testing.assert_allclose(again, values, atol=1e-6)
 
 
 # The command.
@@ -607,6 +617,45 @@ def test_the_command_takes_what_repair_is_for(folder):
     carried = np.load(folder / "b.npy")
     assert len(carried) == N_X + 1 and np.isnan(carried[-1]).all()
     assert np.isfinite(carried[:-1]).all()
+
+
+def test_maps_of_parts_beside_vertices_without_a_face(folder):
+    """What is matched is of the file's vertices; those without a face are dropped."""
+    far = [[9.0, 9.0, 9.0]]
+    strays = Mesh(np.vstack([far, X.vertices]), X.faces + 1)
+    trimesh.Trimesh(*strays, process=False).export(folder / "strays.off")
+    lower = np.append(False, X.vertices[:, 0] < 0)
+    figures = jnp.asarray(0.9)
+    evidence = Certificate(*(figures for _ in Certificate._fields))
+    match = jfsf.Match(
+        np.append(0, T_XY).astype(np.int32),
+        1 + KDTree(COARSE.vertices).query(Y.vertices)[1].astype(np.int32),
+        np.eye(20),
+        evidence._replace(landmarks=jnp.zeros(0), finite=jnp.asarray(True)),
+        matched_x=lower,
+        matched_y=np.ones(N_Y, bool),
+    )
+    write_match(folder / "parts.npz", match)
+    pair = folder / "strays.off", folder / "y.off", folder / "parts.npz"
+    ask = "--labels", folder / "l.npy", "--out", folder / "parts.txt"
+    np.save(folder / "l.npy", quadrant(Y.vertices))
+    assert run(*pair, *ask).exit_code == 0
+    command = ["register", *pair[:2], "--map", pair[2], "--out", folder / "r.ply"]
+    found = CliRunner().invoke(app, list(map(str, command)))
+    assert found.exit_code == 0, found.output
+    words = " ".join(found.output.split())
+    assert f"1 of {N_X + 1} vertices are left out" in words
+    assert len(read(folder / "r.ply").vertices) == N_X
+    truth = np.arange(1, N_X + 1), T_XY
+    for name, rows in zip(("gx.vts", "gy.vts"), truth, strict=True):
+        np.savetxt(folder / name, rows + 1, "%d")
+    command = ["evaluate", *pair, "--gt-x", folder / "gx.vts", "--gt-y"]
+    command += [folder / "gy.vts", "--json", folder / "e.json"]
+    found = CliRunner().invoke(app, list(map(str, command)))
+    assert found.exit_code == 0, found.output
+    record = json.loads((folder / "e.json").read_text())
+    assert record["points_left_out"] == N_X - lower.sum()
+    assert record["figures"]["error_max"] == 0
 
 
 def test_images_of_more_than_eight_bits_are_an_error(tmp_path):

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from zipfile import is_zipfile
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -152,8 +153,13 @@ def _result(future) -> tuple[str | None, float]:
 
 
 def is_done(job: Job) -> bool:
-    """Whether `out` exists and all inputs and extras exist and are not newer."""
+    """Whether `out` exists and all inputs and extras exist and are not newer.
+
+    A `.npz` that is cut short, say by a crash of the machine, does not count.
+    """
     try:
+        if job.out.suffix == ".npz" and not is_zipfile(job.out):
+            return False
         made = job.out.stat().st_mtime_ns
         used = *job.inputs, *job.extras
         return all(path.stat().st_mtime_ns <= made for path in used)

@@ -286,6 +286,8 @@ def match(
         return
     if warped is not None:
         can_export([warped], False, (x, y))
+        if warped.absolute() in [path.absolute() for path in exports]:
+            raise ValueError(f"{warped}: is the file of --export too; name another")
     can_report(report, gt_x, gt_y)
     if any_unit and not partial:
         raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")

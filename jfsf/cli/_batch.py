@@ -173,6 +173,8 @@ def batch(
     if any_unit and not any(own.partial for own in options.values()):
         raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
     can_write_in(out)
+    if (summary := out / "summary.csv").exists() and summary.samefile(pairs):
+        raise ValueError(f"{pairs}: would be overwritten by the results; name another")
     jobs = [
         # Absolute, because each worker has its own working folder.
         Job(

@@ -148,8 +148,13 @@ def collection(
                 f"{path}: --{option} are those of the template; name it: --template"
             )
     paths = _meshes_in(folder)
-    if template is not None and template.absolute() not in paths.values():
-        paths = _with_template(template, paths)
+    if out.is_dir() and out.samefile(folder):
+        raise ValueError(
+            f"{out}: is the folder of the meshes, and what is written there would be "
+            "read as shapes; name another one"
+        )
+    if template is not None:
+        template, paths = _with_template(template, paths)
     points = _points(landmarks, template)
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
@@ -192,7 +197,8 @@ def collection(
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks)
-    written += write_carried(out, rows, paths, shapes, name, carried)
+    turned = {names[i] for i in graph.mirrored if graph.joined[i]}
+    written += write_carried(out, rows, paths, shapes, name, carried, turned)
     if report:
         written.append(write_index_page(out, rows, shapes, graph))
     console = Console()
@@ -224,6 +230,8 @@ def _meshes_in(folder: Path) -> dict[str, Path]:
         raise ValueError(f"{folder}: is no folder; give one with two meshes or more")
     found: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):  # as macOS keeps beside each file
+            continue
         if format_of(path) not in ("", *CLOUDS) and path.is_file():
             name = stem_of(path)
             if name in found:
@@ -232,23 +240,37 @@ def _meshes_in(folder: Path) -> dict[str, Path]:
     return found
 
 
-def _with_template(template: Path, paths: dict[str, Path]) -> dict[str, Path]:
-    """The files, with a template that is not in the folder before them."""
+def _with_template(
+    template: Path, paths: dict[str, Path]
+) -> tuple[Path, dict[str, Path]]:
+    """The template's file, and all files: one that is not in the folder comes first."""
     if not template.is_file():
         raise ValueError(f"{template}: is no file; check the path")
+    for path in paths.values():
+        if path.samefile(template):
+            return path, paths
     name = stem_of(template)
     if name in paths:
         raise ValueError(f"{template}: has the name of {paths[name]}; rename one")
-    return {name: template.absolute(), **paths}
+    return template, {name: template.absolute(), **paths}
 
 
 def _points(landmarks: Path | None, template: Path | None):
-    """The landmarks, which lie on the template; None without any."""
+    """The landmarks as points of the template; None without any.
+
+    Their vertices, if they are such, are those of its file: of what is kept of it they
+    would be others.
+    """
     from jfsf.landmarks import on_surface, read_landmarks
     from jfsf.mesh import read
 
     if landmarks is None or template is None:
         return None
     found = read_landmarks(landmarks)
-    on_surface(found, read(template))
-    return found
+    mesh = read(template, finite=False)  # --repair leaves them out
+    at = on_surface(found, mesh)
+    if found.vertices is None:
+        return found
+    corners = np.asarray(mesh.vertices, np.float64)[at.corners]
+    points = np.einsum("lc,lci->li", at.weights, corners)
+    return found._replace(points=points, vertices=None)

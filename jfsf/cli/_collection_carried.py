@@ -39,7 +39,7 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
     for what, path in files.items():
         if path is None or template is None:
             continue
-        mesh = read(template)
+        mesh = read(template, finite=False)  # --repair leaves them out
         n, m = len(mesh.vertices), len(mesh.faces)
         is_labels = what == "labels"
         column = read_labels(path, n, m) if is_labels else read_values(path, n)
@@ -47,7 +47,9 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
     return found
 
 
-def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> list[Path]:
+def write_carried(
+    out: Path, rows, paths, shapes, template: str, carried, turned
+) -> list[Path]:
     """Write them for the vertices or faces of the file of each joined shape.
 
     Args:
@@ -56,11 +58,12 @@ def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> lis
         paths, shapes: the file, and what was kept of it, by name.
         template: its name.
         carried: of `carried_of`.
+        turned: names of the shapes that were mirrored back.
 
     Returns:
         The folders that were written to.
     """
-    from jfsf.mesh import read
+    from jfsf.mesh import mirror_image, read
     from jfsf.registration import Registration
     from jfsf.transfer import extended, labels, lay_template, values, write_column
 
@@ -76,7 +79,8 @@ def write_carried(out: Path, rows, paths, shapes, template: str, carried) -> lis
         with np.load(registered(out, name)) as file:
             found = Registration(*(file[field] for field in Registration._fields))
         laid = lay_template(shapes[template].mesh, shapes[name].mesh, found)
-        laid = extended(laid, read(paths[name], finite=False), source)
+        file = read(paths[name], finite=False)
+        laid = extended(laid, mirror_image(file) if name in turned else file, source)
         for one in carried:
             result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
             write_column(out / one.what / f"{name}{one.suffix}", result)

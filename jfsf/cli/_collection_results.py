@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.markup import escape
 from rich.table import Table
 
 from jfsf.cli._collection_pages import write_model_pages
@@ -131,7 +132,7 @@ def write_landmarks_of(
 def table(rows, title: str) -> Table:
     """A line a shape, those to be looked at first."""
     joined = sum(not row["reason"] for row in rows)
-    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {title}")
+    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {escape(title)}")
     shown.add_column("shape")
     for name in ("confidence", "mean distance", "95 %", "bridged", "flipped faces"):
         shown.add_column(name, justify="right")
@@ -139,7 +140,7 @@ def table(rows, title: str) -> Table:
         if not row["reason"]:
             likely = row["confidence"]
             shown.add_row(
-                row["name"],
+                escape(row["name"]),
                 "unknown" if np.isnan(likely) else f"{likely:.2f}",
                 f"{row['mean_distance']:.2%}",
                 f"{row['most_distance']:.2%}",

@@ -2,6 +2,7 @@
 
 from functools import partial
 from pathlib import Path
+from zipfile import is_zipfile
 
 import numpy as np
 
@@ -165,7 +166,7 @@ def _write_way(path: Path, **arrays) -> None:
     """Write a map; an equal one keeps its date, and what was made of it counts."""
     from jfsf.storage import write_atomically
 
-    if path.exists():
+    if is_zipfile(path):  # or it is not there, or cut short
         with np.load(path) as file:
             same = set(file.files) == set(arrays)
             if same and all(np.array_equal(file[n], own) for n, own in arrays.items()):

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from jfsf.cli._files import BaseOption, MeshX, MeshY, can_write
 from jfsf.cli._report import figures_of
-from jfsf.cli._stored import read_pair
+from jfsf.cli._stored import read_pair, stored_match
 
 
 def evaluate(
@@ -67,14 +68,16 @@ def evaluate(
     if truth is not None:
         points = len(read_map(gt_x, base=base))  # type: ignore
         left_out = points - len(truth[0])
-        why = _why_left_out(maps, repair)
+        match = stored_match(map_file)
+        parts = match is not None and match.matched_x is not None
+        why = _why_left_out(maps, parts, repair)
         if left_out == points:
             raise ValueError(
                 f"{gt_x}, {gt_y}: all {points} points are left out, {why}; are the "
                 "files those of these meshes?"
             )
     figures = figures_of(mesh_x, mesh_y, maps, truth, exact, every)
-    shown = Table(title=map_file.name)
+    shown = Table(title=escape(map_file.name))
     shown.add_column("figure")
     shown.add_column("value", justify="right")
     for name, value in figures.items():
@@ -110,10 +113,9 @@ def evaluate(
         write_text(json_file, json.dumps(record, indent=2) + "\n")
 
 
-def _why_left_out(maps, repair: bool) -> str:
+def _why_left_out(maps, parts: bool, repair: bool) -> str:
     """Why points of the ground truth are left out."""
-    if repair:
-        return "on vertices that the repair removes"
-    if maps.index_x is not None or maps.index_y is not None:
-        return "on vertices that were not matched"
-    return "on vertices that belong to no face"
+    known = ["the repair removes"] if repair else []
+    if parts or maps.index_x is not None or maps.index_y is not None:
+        known.append("were not matched")
+    return f"on vertices that {' or '.join(known or ['belong to no face'])}"

@@ -6,6 +6,7 @@ from typing import Annotated
 import numpy as np
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from jfsf.cli._files import (
@@ -89,7 +90,7 @@ def info(
 
 
 def _table(name: str, report) -> Table:
-    shown = Table(title=name, show_header=False)
+    shown = Table(title=escape(name), show_header=False)
     for row, value in report._asdict().items():
         if value is not None:
             words = {True: "yes", False: "no"}

@@ -17,7 +17,7 @@ from jfsf.cli._files import (
     matchable,
 )
 from jfsf.cli._stages import stage_bar
-from jfsf.cli._stored import read_pair, stored_match
+from jfsf.cli._stored import of_kept, read_pair, stored_match
 from jfsf.report import verdict, warnings_of
 from jfsf.types import Mesh
 
@@ -81,6 +81,8 @@ def register(
             "--largest-component is for finding the map; a map of match "
             "--largest-component says itself which vertices it has; leave it out"
         )
+    from jfsf.mesh import read_noted
+
     T = certificate = matched = None
     said: list[str] = []
     if map_file is not None:
@@ -88,10 +90,16 @@ def register(
             template, scan, map_file, None, None, base, mend=repair
         )
         T = maps.T_xy
+        file = read_noted(template, finite=not repair).mesh
         if (stored := stored_match(map_file)) is not None:
-            certificate = stored.certificate
-            # Of a repaired mesh they would have other numbers.
-            matched = None if repair else stored.matched_x
+            certificate, matched = stored.certificate, stored.matched_x
+            if matched is not None:
+                matched = of_kept(np.asarray(matched), file, mesh)
+        if lost := len(file.vertices) - len(mesh.vertices):
+            said.append(
+                f"{template}: {lost} of {len(file.vertices)} vertices are left out, so "
+                "those of the file written have other numbers"
+            )
     else:
         paths = template, scan
         shapes = [matchable(path, largest_component, repair) for path in paths]

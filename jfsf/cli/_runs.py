@@ -34,7 +34,7 @@ WorkersOption = Annotated[
 def begin(out: Path, options: dict) -> None:
     """Make the folder; refuse to mix results of different settings."""
     from jfsf import __version__
-    from jfsf.storage import write_text
+    from jfsf.storage import remove_left_over, write_text
 
     options = {**options, "jfsf": __version__}
     path = out / SETTINGS
@@ -49,9 +49,7 @@ def begin(out: Path, options: dict) -> None:
                 f"{_differences(before, options)}; name another folder, or remove it"
             )
     out.mkdir(parents=True, exist_ok=True)
-    # Unfinished files of a killed run.
-    for part in out.rglob("*.tmp"):
-        part.unlink(missing_ok=True)
+    remove_left_over(out)
     write_text(path, json.dumps(options, indent=2) + "\n")
 
 

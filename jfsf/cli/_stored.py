@@ -26,7 +26,8 @@ def read_pair(
 
     A map of `match --largest-component` counts the vertices that were kept. Then the
     meshes are cut to these, and points of the ground truth that were not kept are left
-    out. With `mend` the meshes are repaired, and the map becomes one between these.
+    out; so are those that a match of parts leaves out. With `mend` the meshes are
+    repaired, and the map becomes one between these.
     Else vertices without a face are left out, to which no distance is finite.
     """
     from jfsf.mapfiles import read_ground_truth, read_stored
@@ -57,6 +58,11 @@ def read_pair(
         if maps.index_x is None and maps.index_y is None:
             meshes, maps, partners[:] = _pair_without_strays(meshes, maps)
     if truth is not None:
+        match = stored_match(map_file)
+        inside = None if match is None else match.matched_x
+        if inside is not None and len(inside) == sizes["n_x"]:
+            matched = np.asarray(inside)[truth[0]]
+            truth = truth[0][matched], truth[1][matched]
         truth = kept_points(truth, partners)
     return meshes[0], meshes[1], maps, truth
 
@@ -100,3 +106,19 @@ def _pair_without_strays(meshes, maps):
     T_yx = None if maps.T_yx is None else near_x[maps.T_yx[y.index]]
     maps = maps._replace(T_xy=T_xy, T_yx=T_yx)
     return [x.mesh, y.mesh], maps, (x.partner, y.partner)
+
+
+def of_kept(matched: np.ndarray, file: Mesh, kept: Mesh) -> np.ndarray:
+    """Whether vertices of what was kept are matched, from those of the file or its."""
+    if len(matched) == len(kept.vertices):
+        return matched
+    return matched[nearest_vertex(file, kept)]
+
+
+def nearest_vertex(mesh: Mesh, points: Mesh) -> np.ndarray:
+    """The vertex of a mesh nearest to each vertex of another, which is finite."""
+    from scipy.spatial import KDTree
+
+    finite = np.flatnonzero(np.isfinite(mesh.vertices).all(1))
+    tree = KDTree(np.asarray(mesh.vertices)[finite])
+    return finite[np.asarray(tree.query(points.vertices)[1])]

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from jfsf.cli._files import MeshX, MeshY, can_write
 from jfsf.cli._stages import stage_bar
-from jfsf.cli._stored import read_pair, stored_match
+from jfsf.cli._stored import of_kept, read_pair, stored_match
 from jfsf.report import verdict, warnings_of
 from jfsf.types import Mesh
 
@@ -167,7 +167,7 @@ def transfer(
     with stage_bar(_STAGES) as stage:
         stage("registration")
         if matched is not None:
-            matched = _of_kept(np.asarray(matched), goal, mesh_x)
+            matched = of_kept(np.asarray(matched), goal, mesh_x)
         laid = extended(lay(mesh_x, mesh_y, T, matched_x=matched), goal, own)
         stage(work.what)
         result = work.carry(laid)
@@ -186,7 +186,8 @@ def transfer(
         likely = float(match.certificate.confidence)
         words = f"confidence of the map: {likely:.2f}, {verdict(likely)}"
         console.print(words, soft_wrap=True, markup=False)
-        notes += warnings_of(match.certificate, "preserve")
+        # Which orientation was asked for is not in the file.
+        notes += warnings_of(match.certificate, "any")
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in _written(out, texture is not None):
@@ -267,17 +268,3 @@ def _texture(path: Path, goal: Mesh, own: Mesh, file: Path, out, size: int) -> W
         lambda baked: export_textured(out, goal, baked.uv, png_of(baked.image)),
         "it is grey there",
     )
-
-
-def _of_kept(matched: np.ndarray, file: Mesh, kept: Mesh) -> np.ndarray:
-    """Whether vertices of what was kept are matched, from those of the file or its."""
-    if len(matched) == len(kept.vertices):
-        return matched
-    return matched[_nearest(file, kept)]
-
-
-def _nearest(mesh: Mesh, points: Mesh) -> np.ndarray:
-    """The vertex of a mesh nearest to each vertex of another."""
-    from scipy.spatial import KDTree
-
-    return np.asarray(KDTree(mesh.vertices).query(points.vertices)[1])

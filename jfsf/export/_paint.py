@@ -74,10 +74,15 @@ def painted(
 
 def _rows(name, values, shape):
     values = np.asarray(values, float)
-    if values.shape != shape or not np.isfinite(values).all():
+    if values.shape != shape:
         raise ValueError(
-            f"export_mesh: {name} has shape {values.shape}; pass finite rows, one a "
-            f"vertex: {shape}"
+            f"export_mesh: {name} has shape {values.shape}; pass one row a vertex: "
+            f"{shape}"
+        )
+    if not np.isfinite(values).all():
+        at = int(np.argmin(np.isfinite(values).reshape(len(values), -1).all(1)))
+        raise ValueError(
+            f"export_mesh: {name} at vertex {at}: {values[at]}; pass finite numbers"
         )
     return values
 

@@ -100,6 +100,7 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
     Args:
         landmarks: points in the coordinates of the mesh; or vertices.
         mesh: n vertices, m faces; of a point cloud the nearest vertices are found.
+            Vertices that are not finite are passed over, with their faces.
 
     Raises:
         ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of
@@ -107,7 +108,14 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
     """
     landmarks = checked(landmarks, "on_surface")
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
-    check_values(vertices, faces, "on_surface")
+    check_values(vertices, faces, "on_surface", finite=False)
+    finite = np.asarray(np.isfinite(vertices).all(1))
+    if not finite.any():
+        check_values(vertices, faces, "on_surface")
+    if not finite.all():
+        faces = faces[finite[faces].all(1)]
+        vertices = np.where(finite[:, None], vertices, vertices[finite][0])
+        mesh = Mesh(vertices, faces)
     names = landmarks.names
     if landmarks.vertices is not None:
         wrong = (landmarks.vertices < 0) | (landmarks.vertices >= len(vertices))
@@ -116,6 +124,11 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
                 f"{titled(names, lost[0])} is vertex {landmarks.vertices[lost[0]]}, "
                 f"and the mesh has {len(vertices)} vertices, from 0 on; is the file of "
                 "another mesh?"
+            )
+        if len(lost := np.flatnonzero(~finite[landmarks.vertices])):
+            raise ValueError(
+                f"{titled(names, lost[0])} is vertex {landmarks.vertices[lost[0]]}, "
+                "which has no finite place; leave the landmark out"
             )
         found = at_vertices(mesh, landmarks.vertices)
         return OnSurface(*found, landmarks.system, [])

@@ -23,7 +23,8 @@ def read_text(path: Path) -> np.ndarray:
         MapFileError: missing, empty, or with lines that are not one number.
     """
     try:
-        lines = _read_bytes(path).decode("ascii").splitlines()
+        data = _read_bytes(path).removeprefix(b"\xef\xbb\xbf")  # as Notepad writes
+        lines = data.decode("ascii").splitlines()
     except UnicodeDecodeError:
         raise MapFileError(f"{path}: not text; expected one index a line") from None
     values = []

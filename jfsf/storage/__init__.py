@@ -11,6 +11,7 @@ Read in this order:
 
 from jfsf.storage._atomic import (
     check_writable,
+    remove_left_over,
     remove_unfinished,
     utf8,
     write_atomically,
@@ -55,6 +56,7 @@ __all__ = [
     "programs_folder",
     "read_npz_array",
     "read_private",
+    "remove_left_over",
     "remove_stored",
     "remove_unfinished",
     "store",

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import BinaryIO
 from uuid import uuid4
 
 _unfinished: set[Path] = set()
+_TEMPORARY = re.compile(r"\.[0-9a-f]{32}\.tmp")
 
 
 def write_atomically(
@@ -93,6 +95,13 @@ def remove_unfinished() -> None:
     for temporary in list(_unfinished):
         with suppress(OSError):
             temporary.unlink()
+
+
+def remove_left_over(folder: Path) -> None:
+    """Remove what a process that was killed left unfinished in a folder or below."""
+    for path in folder.rglob(".*.tmp"):
+        if _TEMPORARY.fullmatch(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
 
 
 def _temporary(path):
