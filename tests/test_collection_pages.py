@@ -205,6 +205,7 @@ def test_a_picture_takes_the_colours_of_the_template():
 def test_shapes_are_written_once(tmp_path):
     run = lambda: CliRunner().invoke(app, ["shapes", str(tmp_path / "bodies")])
     assert "wrote 12 shapes" in run().output.replace("\n", " ")
+    assert "wrote 0 shapes" in run().output.replace("\n", " ")
     files = {path.stem: path for path in (tmp_path / "bodies").iterdir()}
     assert set(files) == set(names())
     found, true = read(files["man_t"]), load("man_t").mesh

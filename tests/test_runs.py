@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 import zipfile
+from functools import partial
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -18,8 +19,9 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.batch import Job, PairOptions, connect, read_pairs, run_jobs
-from jfsf.cli import app
-from jfsf.cli._runs import _interrupt, raising_interrupts
+from jfsf.cli import _batch_jobs, app
+from jfsf.cli._pages import pages_of
+from jfsf.cli._runs import DRAWING, _interrupt, note_drawing, raising_interrupts
 from jfsf.mapfiles import read_match, read_notes
 from jfsf.types import STAGES, Certificate, Match, MatchInfo, Mesh
 
@@ -361,15 +363,19 @@ def test_the_command(client, tmp_path, monkeypatch):
     # Without the bad mesh. Unfinished and damaged files of a killed run are replaced.
     pairs.write_text("0.off,1.off\n1.off,0.off\n")
     assert batch(pairs, out, *at).exit_code == 0
-    (out / ".left.npz.1.tmp").touch()
+    (out / f".{'0af1' * 8}.tmp").touch()
     (out / "1.off__0.off.npz").write_bytes(b"PK")
     result = batch(pairs, out, *at)
     assert result.exit_code == 0, result.output
     assert "2 pairs: 2 matched (1 of them earlier), 2 with warnings" in _words(
         result.stdout
     )
-    assert not list(out.glob("*.tmp"))
+    assert not list(out.glob(".*.tmp"))
     assert read_match(out / "1.off__0.off.npz").T_xy.shape == (162,)
+    (listed := out / "summary.csv").write_text("0.off,1.off\n")
+    result = batch(listed, out, *at)
+    assert result.exit_code == 1 and "would be overwritten" in result.stderr
+    assert listed.read_text() == "0.off,1.off\n"
 
     result = batch(pairs, out, *at, "--orientation", "any")
     assert result.exit_code == 1 and "name another folder" in result.stderr
@@ -532,6 +538,37 @@ def test_damaged_results_are_made_again(client, tmp_path, monkeypatch):
         result.stdout
     )
     assert all(read_match(path).C_yx.shape == (3, 3) for path in damaged)
+
+
+def test_what_is_drawn_in_another_way_is_drawn_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(_batch_jobs, "is_matched", lambda job: True)
+    truth = tmp_path / "gt.vts"
+    job = Job((), tmp_path / "a.npz", (), PairOptions(gt_x=truth, gt_y=truth))
+    ask = partial(_batch_jobs.is_complete, job, report=True, png=False, suffixes=())
+    clock = iter(range(10**9, 2 * 10**9, 10**8))
+
+    def touch(*paths):
+        now = next(clock)
+        for path in paths:
+            path.parent.mkdir(exist_ok=True)
+            path.touch()
+            os.utime(path, ns=(now, now))
+
+    how = {"up": None, "base": None}
+    note_drawing(tmp_path, how)
+    touch(truth, job.out, tmp_path / DRAWING)
+    assert not ask()
+    touch(*pages_of(job.out))
+    assert ask()
+    note_drawing(tmp_path, how)
+    assert ask()
+    note_drawing(tmp_path, how | {"base": 0})
+    assert not ask()
+    touch(tmp_path / DRAWING)
+    touch(*pages_of(job.out))
+    assert ask()
+    touch(truth)
+    assert not ask()
 
 
 @pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")

@@ -39,6 +39,7 @@ from jfsf.cli._runs import (
     WorkersOption,
     bars,
     begin,
+    note_drawing,
     raising_interrupts,
 )
 from jfsf.cli._summary import (
@@ -191,6 +192,8 @@ def batch(
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
         begin(out, settings | ({"same_unit": False} if any_unit else {}))
         forget_outdated(out, options, PairOptions(**settings))
+        if report or png or suffixes:
+            note_drawing(out, looks._asdict() | {"base": base})
         with bars() as shown:
             shapes = shown.add_task("spectra", total=None)
             done = shown.add_task("pairs", total=len(jobs))

@@ -12,6 +12,7 @@ from jfsf.cli._files import kept_match, matchable, write_found
 from jfsf.cli._landmarks import known_pairs
 from jfsf.cli._notes import WARNING, check_units, notes_of
 from jfsf.cli._pages import kept_truth, pages_of, pair_page
+from jfsf.cli._runs import DRAWING
 
 
 def prepare(
@@ -126,10 +127,13 @@ def is_matched(job) -> bool:
 
 
 def is_complete(job, report: bool, png: bool, suffixes: tuple[str, ...]) -> bool:
-    """Whether the match is there, and all that is drawn of it."""
+    """Whether the match is there, and all that is drawn of it, as it is asked for."""
     if not is_matched(job):
         return False
-    made = job.out.stat().st_mtime_ns
+    given, drawing = job.options, job.out.parent / DRAWING
+    truth = [path for path in (given.gt_x, given.gt_y) if path is not None and report]
+    used = [job.out, *truth, *([drawing] if drawing.exists() else [])]
+    made = max(path.stat().st_mtime_ns for path in used)
     files = list(pages_of(job.out)) if report else []
     files += [job.out.with_suffix(".png")] if png else []
     files += [job.out.with_suffix(suffix) for suffix in suffixes]

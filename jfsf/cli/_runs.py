@@ -14,6 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
 SETTINGS = "settings.json"
+DRAWING = "drawing.json"
 
 SchedulerOption = Annotated[
     str | None,
@@ -51,6 +52,18 @@ def begin(out: Path, options: dict) -> None:
     out.mkdir(parents=True, exist_ok=True)
     remove_left_over(out)
     write_text(path, json.dumps(options, indent=2) + "\n")
+
+
+def note_drawing(out: Path, how: dict) -> None:
+    """Write how pages and pictures are made; an equal file keeps its date.
+
+    Those that are older than it were made in another way.
+    """
+    from jfsf.storage import write_text
+
+    text, path = json.dumps(how, indent=2) + "\n", out / DRAWING
+    if not path.exists() or path.read_text(encoding="utf-8") != text:
+        write_text(path, text)
 
 
 def _differences(before, now: dict) -> str:

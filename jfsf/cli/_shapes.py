@@ -26,11 +26,14 @@ def shapes(
 
     can_write_in(folder)
     folder.mkdir(parents=True, exist_ok=True)
+    written = 0
     for name in names():
         # A new date would make `jfsf collection` do all of its work again.
         if not (path := folder / f"{name}.ply").exists():
             export_mesh(path, load(name).mesh)
-    console = Console()
-    console.print(
-        f"wrote {len(names())} shapes to {folder}", soft_wrap=True, markup=False
+            written += 1
+    there = len(names()) - written
+    said = f"wrote {written} shapes to {folder}" + (
+        f", {there} are there" * bool(there)
     )
+    Console().print(said, soft_wrap=True, markup=False)
