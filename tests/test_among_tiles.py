@@ -458,3 +458,16 @@ def test_settings_that_no_search_can_use_are_an_error(options):
     (name,) = options
     with pytest.raises(ValueError, match=f"NeighbourSettings: {name} is "):
         NeighbourSettings(**options)
+
+
+def test_what_does_not_fit_is_named():
+    x, y, *flat = map(jnp.asarray, surfaces(0))
+    held = tuple(map(tiles, flat))
+    with pytest.raises(ValueError, match="are those of X and Y exchanged"):
+        many = jnp.zeros((9000, WIDTH))
+        _among_tiles.tiled_one_way(many, y, *held, k0=1)
+    with pytest.raises(ValueError, match="equally many columns"):
+        nearest(x, y[:, :2], None, None, NeighbourSearch(held))
+    for k0 in (0, M + 1):
+        with pytest.raises(ValueError, match=f"k0 is {k0}"):
+            _among_tiles.tiled_one_way(x, y, *held, k0=k0)

@@ -200,3 +200,13 @@ def test_errors():
         cpd(x, x, num_iters=0)
     with pytest.raises(ValueError, match="must be positive, got 50 and 0"):
         cpd(x, x, rank=0)
+
+
+def test_rows_that_are_not_finite_are_padding():
+    x, y = pair()
+    found = cpd_full(jnp.asarray(x), jnp.asarray(y))
+    x = np.insert(x, 5, np.nan, 0)
+    again = cpd_full(jnp.asarray(x), jnp.asarray(y))
+    np.testing.assert_array_equal(np.delete(again.T_xy, 5), found.T_xy)
+    back = np.asarray(found.T_yx)
+    np.testing.assert_array_equal(again.T_yx, back + (back >= 5))

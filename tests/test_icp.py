@@ -13,7 +13,7 @@ from jfsf import testing
 from jfsf.convert import nearest
 from jfsf.refine import icp
 from jfsf.runtime import pad
-from jfsf.spectral import embeddings, functional_map, polar, truncate
+from jfsf.spectral import embeddings, functional_map, polar, restrict, truncate
 
 N_X, N_Y, K_X, K_Y = 162, 42, 20, 15
 spectra_x = testing.spectra(K_X)
@@ -118,3 +118,17 @@ def test_errors():
         icp(*pair(0), jnp.eye(5), num_iters=-1, converter=nearest)
     with pytest.raises(ValueError, match="k is 21, there are 20 eigenpairs"):
         icp(*pair(0), jnp.ones((21, 5)), converter=nearest)
+
+
+@pytest.mark.parametrize("start", [np.eye(K_X, dtype=int), np.eye(K_X)])
+def test_the_start_may_have_another_precision(start):
+    spec = testing.cast(testing.blob_spectrum(0, K_X), jnp.float32)
+    found = run(spec, spec, jnp.asarray(start))
+    assert found.dtype == jnp.float32
+    np.testing.assert_allclose(found, np.eye(K_X), atol=1e-3)
+
+
+def test_fewer_points_than_functions_are_an_error():
+    few = restrict(testing.blob_spectrum(0, 40), jnp.arange(25))
+    with pytest.raises(ValueError, match="40 eigenfunctions is read at 25 points"):
+        run(few, few, jnp.eye(40))

@@ -845,3 +845,15 @@ def test_nothing_else_is_mended():
     assert same.done == () and np.array_equal(same.mesh.faces, X.faces)
     cloud = Mesh(X.vertices, np.zeros((0, 3), np.int32))
     assert without_strays(cloud).done == ()
+
+
+def test_names_are_text(tmp_path):
+    points = np.eye(3)[:2]
+    for names in ((1, 2), (None, "a")):
+        with pytest.raises(ValueError, match=f"a name is {names[0]!r}"):
+            write_landmarks(tmp_path / "a.fcsv", Landmarks(names, points))
+    path = tmp_path / "a.mrk.json"
+    control = [{"label": None, "position": row.tolist()} for row in points]
+    markups = {"coordinateSystem": "LPS", "controlPoints": control}
+    path.write_text(json.dumps({"markups": [markups]}))
+    assert read_landmarks(path).names == ("", "")

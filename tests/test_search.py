@@ -16,6 +16,7 @@ from jfsf.initial import (
     search,
     search_samples,
 )
+from jfsf.initial._search import _different
 from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.spectral import features, wks
 
@@ -199,3 +200,11 @@ def test_the_mirror_gap_says_which_side_fits():
     assert there.mirror_gap > 0 > other.mirror_gap
     free = search(SPEC, SPEC, DESC, DESC, orientation="any", settings=SMALL, num=3)
     assert np.isnan(free.mirror_gap)
+
+
+def test_a_copy_of_a_better_map_does_not_count_as_different():
+    maps = np.random.default_rng(0).normal(size=(4, 6, 6))
+    maps[0] = maps[1] + 1e-3
+    energy = jnp.array([1.0, 0.9, 2.0, 3.0])
+    kept, differs = _different(jnp.asarray(maps), energy, 4, settings=DEFAULT)
+    assert kept.tolist() == [1, 2, 3, 0] and differs.tolist() == [True] * 3 + [False]

@@ -221,3 +221,9 @@ def test_one_of_a_pair_is_an_error(one):
     with pytest.raises(ValueError, match=f"give both {one}_x and {one}_y, or neither"):
         alone = {f"{one}_x": jnp.ones((N, 3, 3)[: 2 if one == "extra" else 3])}
         zoomout(*pair(0), jnp.ones((20, 30)), **alone, ks=(9,), converter=nearest)
+
+
+def test_fewer_points_than_functions_are_an_error():
+    few = restrict(testing.blob_spectrum(0, K), jnp.arange(25))
+    with pytest.raises(ValueError, match="ks ends at 40, and 25 points"):
+        run(few, few, jnp.eye(K))

@@ -79,7 +79,7 @@ def cpd(
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: 0 marks padding, which is never matched and is mapped to
-            0; other values do not matter.
+            0; other values do not matter. Rows that are not finite are padding too.
         search: ignored; all points are compared.
         beta: width of the kernel that makes the motion smooth, in units of the root
             mean square distance of a point to the mean.
@@ -91,7 +91,7 @@ def cpd(
             there are centroids, or more, G is exact.
 
     Raises:
-        ValueError: shapes do not fit, or an option is out of range.
+        ValueError: shapes do not fit, or num_iters or rank is out of range.
     """
     _check("cpd", emb_x, emb_y, marginal_x, marginal_y, num_iters, rank)
     run = partial(
@@ -126,7 +126,7 @@ def drift(
     """Move `centroids` coherently onto `samples`. Arguments as for `cpd`.
 
     Raises:
-        ValueError: shapes do not fit, or an option is out of range.
+        ValueError: shapes do not fit, or num_iters or rank is out of range.
     """
     _check(
         "drift",
@@ -139,8 +139,8 @@ def drift(
         names=("centroids", "samples"),
     )
     dtype, width = centroids.dtype, samples.shape[1]
-    real_c = _real(centroids, marginal_centroids)
-    real_s = _real(samples, marginal_samples)
+    real_c, centroids = _real(centroids, marginal_centroids)
+    real_s, samples = _real(samples, marginal_samples)
     beta, lam = jnp.asarray(beta, dtype), jnp.asarray(lam, dtype)
     outliers, tol = jnp.asarray(outliers, dtype), jnp.asarray(tol, dtype)
     start, data = _standard(centroids, real_c), _standard(samples, real_s)
@@ -306,9 +306,11 @@ def _blocks(points, real):
 
 
 def _real(emb, marginal):
-    if marginal is None:
-        return jnp.ones(len(emb), emb.dtype)
-    return (marginal > 0).astype(emb.dtype)
+    """1 for rows that are no padding and finite, and the rows, 0 elsewhere."""
+    real = jnp.isfinite(emb).all(1)
+    if marginal is not None:
+        real &= marginal > 0
+    return real.astype(emb.dtype), jnp.where(real[:, None], emb, 0)
 
 
 def _check(

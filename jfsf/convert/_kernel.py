@@ -1,7 +1,8 @@
 """Neighbours -> sparse kernel K = exp(-lam d^p) in the log domain, and the plan.
 
-K is eq. 12 of Pai et al. (CVPR 2021) on the union of the k0 neighbours both ways
-(their algorithm 2). Every row has a fixed number of entries. They are stored in two
+K is that of algorithm 2 of Pai et al. (CVPR 2021); their eq. 12 has 1 / lam in its
+place. They take the k0 neighbours of each row of X, here it is the union of those both
+ways. Every row has a fixed number of entries. They are stored in two
 padded halves, each entry once. So memory is O(n k0), and shapes never depend on the
 data.
 """

@@ -11,7 +11,8 @@ vertices with the least such bounds give the candidates; rows that the next boun
 not settle, few on smooth embeddings, are measured against every triangle.
 
 Exact up to rounding: where a row all but touches the surface, products of float32 rows
-cancel, and the distance may come out larger than the least by some 1e-4 of itself.
+cancel, and the distance may come out larger than the least by some 1e-4 of itself. And
+the least bounds are found as exactly as `jfsf.neighbours` tells points apart.
 """
 
 from functools import partial

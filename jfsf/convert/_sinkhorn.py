@@ -1,7 +1,8 @@
 """Fast Sinkhorn Filter: aligned embeddings -> maps both ways by entropic transport.
 
-Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours both
-ways (eq. 12), Sinkhorn scaling to the marginals, row and column argmax of the plan.
+Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours,
+here those both ways, Sinkhorn scaling to the marginals, row and column argmax of the
+plan.
 """
 
 from functools import partial
@@ -74,9 +75,10 @@ def sinkhorn(
             `max_iters` of them; see `Filtered.converged`. Derivatives are then those of
             the plan that meets the marginals exactly (the implicit function theorem),
             and take memory that does not depend on the number of updates.
-        max_iters: updates of each side with `tol`, at most. They end before where the
-            error no longer falls: k0 neighbours may be too few to hold the mass,
-            above all with marginals other than uniform.
+        max_iters: updates of each side with `tol`, at most, but for two and what fills
+            the last round of four. They end before where the error no longer falls: k0
+            neighbours may be too few to hold the mass, above all with marginals other
+            than uniform.
         scale: the length that lam is relative to. "nearest" is the median distance to
             the nearest neighbour, one for both directions. It does not depend on
             outliers, nor on the size of the mesh. "max" is the largest neighbour

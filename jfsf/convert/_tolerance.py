@@ -67,7 +67,8 @@ def scale_to_tolerance(
         problem: kernel and marginals.
         tol: marginal error to reach.
         relax: factor of each update to begin with, in (0, 2).
-        max_iters: updates of each side, at most.
+        max_iters: updates of each side, at most, but for two and what fills the last
+            round of `ABSORB_EVERY`.
     """
     dtype = problem.log_x.dtype
     root = jnp.sqrt(jnp.where(problem.marginal_x > 0, problem.marginal_x, 1))

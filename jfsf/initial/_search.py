@@ -217,8 +217,8 @@ def _candidates(
     energy, orientation = oriented(energy_of(ranking_pair, last), last)
     # Two candidates may have become one map. Copies rank last, or they would count as
     # rivals.
-    kept = best_different(last, energy, num, settings=settings)
-    is_kept = jnp.zeros(num, bool).at[kept].set(True)
+    kept, differs = _different(last, energy, num, settings=settings)
+    is_kept = jnp.zeros(num, bool).at[kept].max(differs)
     energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
     order = jnp.argsort(energy)
     return Candidates(last[order], energy[order], orientation[order], gap)
@@ -256,7 +256,15 @@ def best_different(
             in turn.
         groups: how many groups there are.
         settings: `compared` and `min_difference`.
+
+    Returns:
+        The indices; 0 where no candidate is left that differs.
     """
+    return _different(C_yx, energy, num, group, groups, settings=settings)[0]
+
+
+def _different(C_yx, energy, num, group=0, groups=1, *, settings):
+    """`best_different`, and whether each differs from those before."""
     size = settings.compared
     lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
     square = jnp.sum(lead**2, 1)
@@ -264,8 +272,10 @@ def best_different(
     close = gap < 2 * size * settings.min_difference
 
     def step(energy, turn):
-        best = jnp.argmin(jnp.asarray(jnp.where(group == turn, energy, jnp.inf)))
-        return jnp.where(close[best] & (group == turn), jnp.inf, energy), best
+        left = jnp.asarray(jnp.where(group == turn, energy, jnp.inf))
+        best = jnp.argmin(left)
+        energy = jnp.where(close[best] & (group == turn), jnp.inf, energy)
+        return energy, (best, jnp.isfinite(left[best]))
 
     return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 

@@ -53,8 +53,8 @@ def read_markups(text: str, path: object) -> Landmarks:
             word = markups.get("coordinateSystem", "LPS")
             systems.append(to_system(str(word), path))
         for control in found:
-            name = control.get("label", "")
-            name = clean_name(name if isinstance(name, str) else str(name))
+            name = control.get("label")
+            name = clean_name("" if name is None else str(name))
             if control.get("positionStatus", "defined") != "defined":
                 without.append(name)
                 continue

@@ -54,6 +54,8 @@ def checked(landmarks: Landmarks, function: str) -> Landmarks:
     if system not in (None, "LPS", "RAS"):
         raise ValueError(f'{function}: system is {system!r}; "LPS", "RAS" or None')
     names, shape = tuple(names), (len(names), 3)
+    if strange := [name for name in names if not isinstance(name, str)]:
+        raise ValueError(f"{function}: a name is {strange[0]!r}; pass text, or ''")
     if points is not None:
         points = np.asarray(points)
         if points.shape != shape or points.dtype.kind not in "fiu":

@@ -101,10 +101,22 @@ def tiled_one_way(
         Neighbours of each query, their recall, and whether all points were compared.
 
     Raises:
-        ValueError: min_recall is not in [0, 1].
+        ValueError: min_recall is not in [0, 1], points or k0 do not fit, or tiles of
+            fewer points.
     """
     if not 0 <= min_recall <= 1:
         raise ValueError(f"tiled_neighbours: min_recall is {min_recall}, not in [0, 1]")
+    if queries.shape[1:] != points.shape[1:] or not 1 <= k0 <= len(points):
+        raise ValueError(
+            f"tiled_neighbours: queries are {queries.shape}, points {points.shape} and "
+            f"k0 is {k0}; give equally many columns, and k0 from 1 to the points"
+        )
+    for tiles, rows in ((tiles_q, queries), (tiles_p, points)):
+        if tiles.member.size < len(rows):
+            raise ValueError(
+                f"tiled_neighbours: tiles of {tiles.member.size} points or fewer for "
+                f"{len(rows)} rows; are those of X and Y exchanged?"
+            )
     queries, valid_q = valid_rows(queries, valid_q)
     points, valid_p = valid_rows(points, valid_p)
     scaled, idx = _search(queries, points, tiles_q, tiles_p, valid_p, k0, settings)

@@ -48,6 +48,7 @@ def icp(
         raise ValueError(f"icp: num_iters is {num_iters}, it must not be negative")
     k_x, k_y = C_yx.shape
     spec_x, spec_y = truncate(spec_x, k_x), truncate(spec_y, k_y)
+    C_yx = C_yx.astype(spec_x.evecs.dtype)
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
 
     def step(C_yx, _):

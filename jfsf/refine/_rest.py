@@ -1,6 +1,7 @@
 """A mesh at rest for deformations that are solved with a sparse factor. Host side.
 
-The energy is that of `jfsf.refine.deform`. There the products are jitted and the solve
+The energy is that of `jfsf.refine.deform`, but that there each cotangent is clipped, and
+here their sum at an edge. There the products are jitted and the solve
 is by conjugate gradients, for shapes of padded sizes. Here each solve is exact, which
 large deformations and weak pulls need.
 """

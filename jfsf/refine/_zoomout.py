@@ -124,14 +124,20 @@ def zoomout(
         C_yx at ks[-1].
 
     Raises:
-        ValueError: ks is empty, decreases, or does not fit C_yx or the spectra; only
-            one of extra_x and extra_y, or of field_x and field_y, is given.
+        ValueError: ks is empty, decreases, does not fit C_yx or the spectra, or ends
+            above the number of points of a shape; only one of extra_x and extra_y, or
+            of field_x and field_y, is given.
     """
     if not ks or list(ks) != sorted(ks):
         raise ValueError(f"zoomout: ks must not be empty or decrease, got {ks}")
     widest = min(len(spec_x.evals), len(spec_y.evals))
     if ks[-1] > widest:
         raise ValueError(f"zoomout: ks ends at {ks[-1]}, there are {widest} eigenpairs")
+    if (fewest := min(len(spec_x.mass), len(spec_y.mass))) < ks[-1]:
+        raise ValueError(
+            f"zoomout: ks ends at {ks[-1]}, and {fewest} points do not tell so many "
+            "functions apart; take more samples, or end ks before"
+        )
     if not 1 <= ks[0] <= min(C_yx.shape):
         raise ValueError(f"zoomout: C_yx is {C_yx.shape}, ks starts at {ks[0]}")
     if (extra_x is None) != (extra_y is None):
