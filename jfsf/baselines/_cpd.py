@@ -28,7 +28,7 @@ and overflows at the width of an embedding.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -305,7 +305,7 @@ def _blocks(points, real):
     return points.reshape(-1, ROWS, points.shape[1]), real.reshape(-1, ROWS)
 
 
-def _real(emb, marginal):
+def _real(emb, marginal) -> tuple[Any, Any]:
     """1 for rows that are no padding and finite, and the rows, 0 elsewhere."""
     real = jnp.isfinite(emb).all(1)
     if marginal is not None:

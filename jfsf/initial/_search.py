@@ -15,7 +15,7 @@ al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -263,7 +263,7 @@ def best_different(
     return _different(C_yx, energy, num, group, groups, settings=settings)[0]
 
 
-def _different(C_yx, energy, num, group=0, groups=1, *, settings):
+def _different(C_yx, energy, num, group: Any = 0, groups=1, *, settings):
     """`best_different`, and whether each differs from those before."""
     size = settings.compared
     lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)

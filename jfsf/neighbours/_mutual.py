@@ -41,10 +41,10 @@ def mutual_neighbours(
     """The neighbours in y of each x and in x of each y, at the cost of one product.
 
     The nearest is found, as exactly as `jfsf.neighbours` tells points apart. Of the
-    others, on average one in 2 `bins` or fewer is replaced by a farther one. In a set of
-    fewer than 2 `bins` k0 points, padding included, none is; nor is any when k0 is above 32
-    (`jfsf.array.TOP_K_LIMIT`), because each direction is then searched on its own.
-    Memory is O(n k0): `bins` to 2 `bins` numbers for each neighbour.
+    others, on average one in 2 `bins` or fewer is replaced by a farther one. In a set
+    of fewer than 2 `bins` k0 points, padding included, none is; nor is any when k0 is
+    above 32 (`jfsf.array.TOP_K_LIMIT`), because each direction is then searched on its
+    own. Memory is O(n k0): `bins` to 2 `bins` numbers for each neighbour.
 
     Args:
         x, y: rows of one Euclidean space.

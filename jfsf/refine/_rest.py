@@ -1,9 +1,9 @@
 """A mesh at rest for deformations that are solved with a sparse factor. Host side.
 
-The energy is that of `jfsf.refine.deform`, but that there each cotangent is clipped, and
-here their sum at an edge. There the products are jitted and the solve
-is by conjugate gradients, for shapes of padded sizes. Here each solve is exact, which
-large deformations and weak pulls need.
+The energy is that of `jfsf.refine.deform`, but that there each cotangent is clipped,
+here their sum at an edge. There products are jitted and the solve is by conjugate
+gradients, for shapes of padded sizes. Here each solve is exact, which large
+deformations and weak pulls need.
 """
 
 from typing import NamedTuple
