@@ -410,7 +410,7 @@ def test_whole_numbers_for_coordinates_are_no_other_shape():
     faces = np.concatenate([BLOBS[0].faces, BLOBS[0].faces + N])
     both = np.concatenate([large, small])
     exact, whole = (
-        pieces_of(Mesh(both.astype(kind), faces)).pieces for kind in (float, np.uint16)
+        pieces_of(Mesh(both.astype(kind), faces)).kept for kind in (float, np.uint16)
     )
     for one, other in zip(exact, whole, strict=True):
         assert one.share == pytest.approx(other.share)

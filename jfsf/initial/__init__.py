@@ -10,7 +10,7 @@ Read in this order:
 - `_geodesics`: distances between samples
 - `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
-- `_hypotheses`: refine maps on samples, and their energy
+- `_hypotheses`: refine maps on samples, their energy, and the best that differ
 - `_seeds`: sign patterns, fits to descriptors, and flips
 - `_search`: the search among these, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
@@ -21,7 +21,12 @@ Read in this order:
 
 from jfsf.initial._fit import fit
 from jfsf.initial._given import given_arrays
-from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.initial._hypotheses import (
+    SamplePair,
+    best_different,
+    energies,
+    refine_hypotheses,
+)
 from jfsf.initial._linear import Fit, solve
 from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._proportions import log_stretch_std, nonisometric_candidates
@@ -29,7 +34,6 @@ from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._search import (
     Candidates,
     Orientation,
-    best_different,
     candidates,
     orientation_sign,
     search,

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import argmax, map_sides, matmul
 from jfsf.initial._settings import SearchSettings
@@ -137,3 +137,40 @@ def dense_nearest(emb_x, emb_y, *_) -> Maps:
     half_x, half_y = jnp.sum(emb_x**2, 1) / 2, jnp.sum(emb_y**2, 1) / 2
     T_xy = argmax(product - half_y[None, :], 1)
     return Maps(T_xy, argmax(product - half_x[:, None], 0))
+
+
+def best_different(
+    C_yx: Float[Array, "c k k"],
+    energy: Float[Array, " c"],
+    num: int,
+    group: Int[Array, " c"] | int = 0,
+    groups: int = 1,
+    *,
+    settings: SearchSettings,
+) -> tuple[Int[Array, " num"], Bool[Array, " num"]]:
+    """Indices of `num` lowest energies, each different from those before in its group.
+
+    Args:
+        C_yx, energy: of each candidate.
+        num: how many.
+        group: in 0..groups - 1, of each candidate. Indices are taken from the groups
+            in turn.
+        groups: how many groups there are.
+        settings: `compared` and `min_difference`.
+
+    Returns:
+        The indices, and whether each differs: 0 and False where none is left.
+    """
+    size = settings.compared
+    lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
+    square = jnp.sum(lead**2, 1)
+    gap = square[:, None] + square[None, :] - 2 * matmul(lead, lead.T)
+    close = gap < 2 * size * settings.min_difference
+
+    def step(energy, turn):
+        left = jnp.asarray(jnp.where(group == turn, energy, jnp.inf))
+        best = jnp.argmin(left)
+        energy = jnp.where(close[best] & (group == turn), jnp.inf, energy)
+        return energy, (best, jnp.isfinite(left[best]))
+
+    return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]

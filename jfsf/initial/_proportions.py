@@ -18,6 +18,7 @@ from jfsf.initial._extremities import Assignments, best_assignments
 from jfsf.initial._hypotheses import (
     CACHED_ENTRIES,
     SamplePair,
+    best_different,
     dense_nearest,
     energies,
     refine_hypotheses,
@@ -26,7 +27,6 @@ from jfsf.initial._samples import SearchSamples
 from jfsf.initial._search import (
     Candidates,
     Orientation,
-    best_different,
     orientation_sign,
     sample_pair,
     with_orientation,
@@ -85,7 +85,7 @@ def _nonisometric_candidates(
     cost += settings.difference_weight * assigned.difference
     _, score = oriented(cost, C_yx)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
-    kept = best_different(
+    kept, _ = best_different(
         C_yx, cost, settings.nonisometric_candidates, settings=settings
     )
     weight = settings.nonisometric_descriptor_weight

@@ -15,14 +15,19 @@ al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
 from functools import partial
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import map_sides, matmul
-from jfsf.initial._hypotheses import SamplePair, energies, refine_hypotheses
+from jfsf.array import map_sides
+from jfsf.initial._hypotheses import (
+    SamplePair,
+    best_different,
+    energies,
+    refine_hypotheses,
+)
 from jfsf.initial._samples import SearchSamples, search_samples
 from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.initial._settings import SearchSettings
@@ -191,7 +196,7 @@ def _candidates(
     # does not see what they are good for.
     start_weights = jnp.pad(start_weights, (0, len(fitted)), constant_values=1)
     group = jnp.where(start_weights < 1, 1, 0)
-    chosen = best_different(
+    chosen, _ = best_different(
         parents,
         energy_of(search_pair, parents),
         settings.parents,
@@ -211,13 +216,13 @@ def _candidates(
     plain = energy_of(search_pair, children)
     energy, score = oriented(plain, children)
     gap = jnp.where(self_map, jnp.nan, _mirror_gap(plain, sign * score))
-    best = children[best_different(children, energy, num, settings=settings)]
+    chosen, _ = best_different(children, energy, num, settings=settings)
 
-    last = refine(ranking_pair, best, half, ks=settings.final_ks)
+    last = refine(ranking_pair, children[chosen], half, ks=settings.final_ks)
     energy, orientation = oriented(energy_of(ranking_pair, last), last)
     # Two candidates may have become one map. Copies rank last, or they would count as
     # rivals.
-    kept, differs = _different(last, energy, num, settings=settings)
+    kept, differs = best_different(last, energy, num, settings=settings)
     is_kept = jnp.zeros(num, bool).at[kept].max(differs)
     energy = jnp.asarray(jnp.where(is_kept, energy, jnp.inf))
     order = jnp.argsort(energy)
@@ -236,48 +241,6 @@ def sample_pair(x: Features, y: Features, sign, self_map) -> SamplePair:
     """Samples of both shapes, to be matched with this orientation."""
     # With "any" the sign is 0, and the oriented columns are constant.
     return SamplePair(x._replace(brackets=sign * x.brackets), y, self_map)
-
-
-def best_different(
-    C_yx: Float[Array, "c k k"],
-    energy: Float[Array, " c"],
-    num: int,
-    group: Int[Array, " c"] | int = 0,
-    groups: int = 1,
-    *,
-    settings: SearchSettings,
-) -> Int[Array, " num"]:
-    """Indices of `num` lowest energies, each different from those before in its group.
-
-    Args:
-        C_yx, energy: of each candidate.
-        num: how many.
-        group: in 0..groups - 1, of each candidate. Indices are taken from the groups
-            in turn.
-        groups: how many groups there are.
-        settings: `compared` and `min_difference`.
-
-    Returns:
-        The indices; 0 where no candidate is left that differs.
-    """
-    return _different(C_yx, energy, num, group, groups, settings=settings)[0]
-
-
-def _different(C_yx, energy, num, group: Any = 0, groups=1, *, settings):
-    """`best_different`, and whether each differs from those before."""
-    size = settings.compared
-    lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
-    square = jnp.sum(lead**2, 1)
-    gap = square[:, None] + square[None, :] - 2 * matmul(lead, lead.T)
-    close = gap < 2 * size * settings.min_difference
-
-    def step(energy, turn):
-        left = jnp.asarray(jnp.where(group == turn, energy, jnp.inf))
-        best = jnp.argmin(left)
-        energy = jnp.where(close[best] & (group == turn), jnp.inf, energy)
-        return energy, (best, jnp.isfinite(left[best]))
-
-    return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]
 
 
 def with_orientation(
