@@ -640,6 +640,10 @@ def test_maps_of_parts_beside_vertices_without_a_face(folder):
     ask = "--labels", folder / "l.npy", "--out", folder / "parts.txt"
     np.save(folder / "l.npy", quadrant(Y.vertices))
     assert run(*pair, *ask).exit_code == 0
+    mirrors = match.certificate._replace(orientation=jnp.asarray(-0.9))
+    write_match(folder / "mirrors.npz", match._replace(certificate=mirrors))
+    words = " ".join(run(*pair[:2], folder / "mirrors.npz", *ask).output.split())
+    assert "the map mirrors, orientation -0.90" in words
     command = ["register", *pair[:2], "--map", pair[2], "--out", folder / "r.ply"]
     found = CliRunner().invoke(app, list(map(str, command)))
     assert found.exit_code == 0, found.output

@@ -32,8 +32,7 @@ def shapes(
         if not (path := folder / f"{name}.ply").exists():
             export_mesh(path, load(name).mesh)
             written += 1
-    there = len(names()) - written
-    said = f"wrote {written} shapes to {folder}" + (
-        f", {there} are there" * bool(there)
-    )
+    said = f"wrote {written} shapes to {folder}"
+    if there := len(names()) - written:
+        said += f", {there} were there"
     Console().print(said, soft_wrap=True, markup=False)

@@ -188,6 +188,11 @@ def transfer(
         console.print(words, soft_wrap=True, markup=False)
         # Which orientation was asked for is not in the file.
         notes += warnings_of(match.certificate, "any")
+        if (score := float(match.certificate.orientation)) < 0:
+            notes.append(
+                f"the map mirrors, orientation {score:.2f}: left and right are "
+                "swapped, unless match was asked for that"
+            )
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in _written(out, texture is not None):

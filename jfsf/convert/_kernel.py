@@ -1,10 +1,9 @@
 """Neighbours -> sparse kernel K = exp(-lam d^p) in the log domain, and the plan.
 
-K is that of algorithm 2 of Pai et al. (CVPR 2021); their eq. 12 has 1 / lam in its
-place. They take the k0 neighbours of each row of X, here it is the union of those both
-ways. Every row has a fixed number of entries. They are stored in two
-padded halves, each entry once. So memory is O(n k0), and shapes never depend on the
-data.
+K is that of algorithm 2 of Pai et al. (CVPR 2021); their eq. 12 has 1 / lam for lam.
+They take the k0 neighbours of each row of X, here it is the union of those both ways.
+Every row has a fixed number of entries. They are stored in two padded halves, each
+entry once. So memory is O(n k0), and shapes never depend on the data.
 """
 
 import jax

@@ -59,7 +59,10 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
         ) from None
     if done.returncode > 0:  # by an exception
         said = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
-        raise MeshError(f"VTK does not run ({said[:120]}); install vtk again")
+        raise MeshError(
+            f"VTK fails on it ({said[:120]}); export it again, or install vtk again if "
+            "it reads no file"
+        )
     if done.returncode:
         raise MeshError("VTK fails on it, so it is damaged; export it again")
     with np.load(io.BytesIO(done.stdout)) as file:

@@ -4,7 +4,7 @@ Memory is O(n k0) and one block; an n by m array is never built. Candidates are 
 in float32 by |q|^2 - 2 q.p + |p|^2, which cancels. So some more than k0 are selected,
 and ranked again by the sum of squared differences in the input's precision. Points that
 lie nearer to each other than some 5e-4 of their distance from the common centre are not
-told apart so: within a cluster that small another one of it may be found.
+told apart so: in a cluster that small another of its points may be found.
 """
 
 from functools import partial

@@ -1,7 +1,7 @@
 """The rotations nearest to many 3 x 3 matrices, without an SVD of each. Host side.
 
-`jfsf.refine.rotations` does the same of the transposed matrices in jitted code, to some
-0.01.
+`jfsf.refine.rotations` does the same of the transposed matrices in jitted code, less
+exactly.
 """
 
 import numpy as np
