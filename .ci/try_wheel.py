@@ -48,7 +48,7 @@ check(error < 0.02, f"the error of jfsf.match is {error:.4f}")
 for wanted, command in {
     "jfsf[viz]": ("jfsf", "demo", "--report"),
     "jfsf[batch]": ("jfsf", "batch", "pairs.csv", "--out", "maps"),
-    "jfsf[docs]": (sys.executable, "-m", "jfsf.guide", "manual"),
+    "jfsf[docs]": (sys.executable, "-m", "jfsf.apps.guide", "manual"),
 }.items():
     Path("pairs.csv").write_text("a.off,b.off\n", encoding="utf-8")
     done = run(*command)

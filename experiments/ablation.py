@@ -52,8 +52,8 @@ def _variant(options: dict[str, Any]) -> compare.Method:
     mass = options.pop("mass", False)
 
     def convert(aligned: Aligned) -> Maps:
-        marginals = aligned[2:] if mass else ()
-        return maps_of(sinkhorn(*aligned[:2], *marginals, **options))
+        marginals = aligned[2:] if mass else (None, None)
+        return maps_of(sinkhorn(*aligned[:2], *marginals[:2], **options))
 
     return convert
 

@@ -22,7 +22,7 @@ import numpy as np
 import results_file
 
 import jfsf
-from jfsf import mapfiles
+from jfsf.apps import mapfiles
 from jfsf.convert import authors_sinkhorn, nearest, sinkhorn
 from jfsf.evaluate import coverage, smoothness
 from jfsf.mesh import surface_area

@@ -14,6 +14,7 @@ from pathlib import Path
 import device_option
 import fast_simplification
 import jax
+import jax.numpy as jnp
 import numpy as np
 import results_file
 from bench_filter import interleave
@@ -22,7 +23,7 @@ import jfsf
 from jfsf import batch, data
 from jfsf.convert import sinkhorn
 from jfsf.initial import SearchSettings
-from jfsf.runtime import common_size, padded_pair
+from jfsf.runtime._sizes import common_size, padded_pair
 from jfsf.spectral import embeddings
 from jfsf.types import Maps, Mesh
 
@@ -97,7 +98,7 @@ def main() -> None:
     match_settings = jfsf.Settings(search=SearchSettings(hypotheses=args.hypotheses))
     contests = {}
     if args.only != "match":
-        eye = np.eye(100, dtype=np.float32)
+        eye = jnp.eye(100, dtype=jnp.float32)
         pairs = [
             jax.device_get(
                 embeddings(eye, *(spec.evecs.astype(np.float32) for spec in p))

@@ -17,10 +17,12 @@ import jax
 import results_file
 
 import jfsf
-from jfsf import policy
-from jfsf.arguments import MatchInputs
-from jfsf.initial import nonisometric_starts
-from jfsf.runtime import PaddedShape, large_jit, spectrum_like
+from jfsf.initial._start import nonisometric_starts
+from jfsf.matching import _policy
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import PairState
+from jfsf.runtime._compiler import large_jit
+from jfsf.runtime._sizes import PaddedShape, spectrum_like
 
 
 class Compiling:
@@ -85,8 +87,8 @@ def main() -> None:
     args = device_option.parse(parser)
     settings = jfsf.Settings()
     spec = spectrum_like(PaddedShape(settings.k, args.vertices, 2 * args.vertices))
-    pair, runner = policy.PairState((spec, spec), MatchInputs()), Compiling()
-    policy.compile_first_attempt(pair, runner, settings=settings)
+    pair, runner = PairState((spec, spec), MatchInputs()), Compiling()
+    _policy.compile_first_attempt(pair, runner, settings=settings)
     # Of a pair in doubt: of its coarse copies.
     stage = partial(nonisometric_starts, settings=settings.search)
     x, y = pair.samples

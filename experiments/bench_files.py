@@ -22,7 +22,7 @@ import results_file
 from upsample import upsample, write_off
 
 from jfsf import data
-from jfsf.mapfiles import read_match
+from jfsf.apps.mapfiles import read_match
 from jfsf.mesh import surface_area
 
 PAIR = ("man_walk", "man_up")

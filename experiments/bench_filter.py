@@ -27,7 +27,8 @@ from jfsf import data
 from jfsf.array import matmul
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error
-from jfsf.neighbours import NeighbourSearch, tiles_of_pair
+from jfsf.neighbours import NeighbourSearch
+from jfsf.neighbours._tiles import tiles_of_pair
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "man_up")

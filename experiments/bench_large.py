@@ -29,15 +29,15 @@ from bench_filter import interleave, product
 from upsample import upsample
 
 from jfsf import data
+from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.convert import sinkhorn
 from jfsf.neighbours import (
     NeighbourSearch,
     mutual_neighbours,
     neighbours,
     spectral_tiles,
-    tiled_neighbours,
 )
-from jfsf.plot import Panel, draw_curves
+from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "woman_up")

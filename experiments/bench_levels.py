@@ -19,11 +19,13 @@ import results_file
 from bench_compile import Compiling
 
 import jfsf
-from jfsf import data, policy
-from jfsf.arguments import MatchInputs
-from jfsf.initial import nonisometric_starts
-from jfsf.runtime import padded_pair
+from jfsf import data
+from jfsf.initial._start import nonisometric_starts
+from jfsf.matching import _policy
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import PairState
 from jfsf.runtime._compiler import compiler_options
+from jfsf.runtime._sizes import padded_pair
 
 PAIR = "man_walk", "man_up"
 LEVELS = 0, 1, 2, 3
@@ -82,8 +84,8 @@ def main() -> None:
     args = device_option.parse(parser)
     settings = jfsf.Settings(retry_below=0.0)
     specs = padded_pair(*(jfsf.basis(data.load(name).mesh) for name in PAIR))
-    pair, runner = policy.PairState(specs, MatchInputs()), Levels(args.repeats)
-    policy.attempt_pairs([pair], runner, settings=settings)
+    pair, runner = PairState(specs, MatchInputs()), Levels(args.repeats)
+    _policy.attempt_pairs([pair], runner, settings=settings)
     # Of a pair in doubt.
     stage = partial(nonisometric_starts, settings=settings.search)
     x, y = pair.samples

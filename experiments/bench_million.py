@@ -1,6 +1,6 @@
 """A map between two meshes of a million vertices, step by step: seconds and memory.
 
-The steps of `jfsf.match` for large meshes, by its own stages (`jfsf.attempt`): spectra
+The steps of `jfsf.match` for large meshes, by its own stages (`jfsf.matching`): spectra
 one after the other, features, search and ZoomOut on samples, a conversion in full, and,
 as the last refinement, the bending of both shapes and another conversion. Embedded
 shapes, upsampled (`upsample.py`). Every step runs once, so it compiles too. Memory is
@@ -25,11 +25,12 @@ from upsample import upsample
 
 import jfsf
 from jfsf import data
-from jfsf.attempt import refine_start, shape_samples
 from jfsf.convert import sinkhorn
 from jfsf.initial import best_start
+from jfsf.matching import shape_samples
+from jfsf.matching._attempt import refine_start
+from jfsf.matching._stages import deform_by_arap, pair_search
 from jfsf.spectral import embeddings, truncate_pair, uniform
-from jfsf.stages import deform_by_arap, pair_search
 
 
 class Steps:

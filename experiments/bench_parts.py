@@ -20,7 +20,7 @@ import protocol
 import results_file
 
 import jfsf
-from jfsf.report import LIKELY
+from jfsf.apps.report._words import LIKELY
 
 # A set of parts, and whole shapes of the same collection.
 SETS = {"becos_pf": "becos_ff", "becos_pp": "becos_ff", "psmal": "smal_whole"}

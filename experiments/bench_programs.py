@@ -34,7 +34,8 @@ from jax import export
 
 import jfsf
 from jfsf import data
-from jfsf.runtime import _compiler, _programs, compile_ahead
+from jfsf.runtime import _compiler, _programs
+from jfsf.runtime._programs import compile_ahead
 
 PAIR = "man_walk", "man_up"
 WAYS = "kept", "exported", "exported, xla cached", "compiled"

@@ -26,7 +26,8 @@ from peer_recipes import pyfm
 from pyFM.refine.zoomout import zoomout_refine
 
 import jfsf
-from jfsf.convert import nearest, quick_sinkhorn, sinkhorn
+from jfsf.convert import nearest, sinkhorn
+from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import search
 from jfsf.mesh import orient

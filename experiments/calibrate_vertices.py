@@ -23,8 +23,8 @@ from scipy.optimize import minimize
 from scipy.special import expit, logit
 
 from jfsf.evaluate import reliability
-from jfsf.evidence import SURE, VERTEX_EVIDENCE, WITHIN
-from jfsf.storage import write_text
+from jfsf.matching._vertices import SURE, VERTEX_EVIDENCE, WITHIN
+from jfsf.storage._atomic import write_text
 
 FOLDER = Path(__file__).parent
 RESULTS = "results/match_*.json"
@@ -163,7 +163,7 @@ def fit(data: Vertices) -> np.ndarray:
 
 
 def predict(factors: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """The probability of each vertex, as `jfsf.evidence.vertex_confidence` gives it."""
+    """The probability of each vertex, as `jfsf.matching.vertex_confidence` gives it."""
     return expit(factors[0] + columns @ factors[1:])
 
 

@@ -2,9 +2,9 @@
 
 Reads what match_pairs.py writes of whole shapes, one file a data set: match_SET.json,
 with match_SET_exhaustive.json and twins_SET.json (wrong maps of the same shapes) where
-there are such. Writes jfsf/evidence/confidence.json, which says of each set what was
+there are such. Writes jfsf/matching/confidence.json, which says of each set what was
 found there. `protocol.py` says which sets the constants are fitted to, and which map is
-right. Three regressions, see `jfsf.evidence.confidence`:
+right. Three regressions, see `jfsf.matching.confidence`:
 
 1. logistic, of an attempt alone. Attempts beside the first of a pair, and twins, count
    less: they are wrong far more often than the maps that people get.
@@ -37,10 +37,10 @@ from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
 from scipy.stats import mannwhitneyu
 
+from jfsf.apps.report._words import LIKELY
 from jfsf.evaluate import reliability
-from jfsf.evidence import column
-from jfsf.report import LIKELY
-from jfsf.storage import write_text
+from jfsf.matching._confidence import column
+from jfsf.storage._atomic import write_text
 
 FOLDER = Path(__file__).parent
 RESULTS = FOLDER / "results"
@@ -63,7 +63,7 @@ TOGETHER = {"shrec07_more": "shrec07"}
 class Attempts(NamedTuple):
     """Attempts of many pairs, (a,) each.
 
-    columns: (a, e) evidence, as `jfsf.evidence.column` reads it.
+    columns: (a, e) evidence, as `jfsf.matching.column` reads it.
     right, weight: whether each is, and what it counts.
     """
 

@@ -12,8 +12,8 @@ from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from jfsf.geometry import geodesics
+from jfsf.matching.parts import cut
 from jfsf.mesh import decimate, surface_area
-from jfsf.parts import cut
 from jfsf.types import Mesh
 
 HOLE = 0.03  # radius of a hole, in sqrt(area)

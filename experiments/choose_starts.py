@@ -26,9 +26,9 @@ import results_file
 from partial import Cut, pairs, parts_of
 
 from jfsf import data
-from jfsf.parts._region import near_vertices
-from jfsf.parts._sides import both_sides
-from jfsf.parts._starts import first_starts
+from jfsf.matching.parts._region import near_vertices
+from jfsf.matching.parts._sides import both_sides
+from jfsf.matching.parts._starts import first_starts
 
 BOTH = "both cut"
 SETS = "psmal", BOTH

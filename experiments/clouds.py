@@ -22,7 +22,7 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import data
-from jfsf.cli import warnings_of
+from jfsf.apps.report._words import warnings_of
 from jfsf.data import Sample
 from jfsf.evaluate import geodesic_error
 from jfsf.types import Mesh

@@ -33,10 +33,11 @@ import protocol
 import results_file
 from scipy.spatial import KDTree
 
-from jfsf.cli._collection_jobs import kept
+from jfsf.apps.cli._collection_jobs import kept
+from jfsf.apps.mapfiles import read_match
 from jfsf.geometry import GeodesicSolver
-from jfsf.mapfiles import read_match
-from jfsf.mesh import closest, surface_area, surface_tree
+from jfsf.mesh import closest, surface_area
+from jfsf.mesh._closest import surface_tree
 from jfsf.types import Mesh
 
 RESULTS = Path(__file__).parent / "results"

@@ -10,8 +10,9 @@ from scipy.spatial import KDTree
 
 from jfsf.data import Sample
 from jfsf.geometry import geodesics
-from jfsf.mesh import Submesh, surface_area, vertex_areas
-from jfsf.parts import cut
+from jfsf.matching.parts import cut
+from jfsf.mesh import surface_area, vertex_areas
+from jfsf.mesh._edit import Submesh
 from jfsf.types import Mesh
 
 

@@ -23,7 +23,7 @@ from protocol import RIGHT
 
 import jfsf
 from jfsf import data
-from jfsf.cli import warnings_of
+from jfsf.apps.report._words import warnings_of
 from jfsf.evaluate import geodesic_error
 
 PAIRS = (

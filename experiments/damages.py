@@ -14,8 +14,8 @@ from upsample import upsample
 from jfsf import data
 from jfsf.data import Sample
 from jfsf.geometry import geodesics
+from jfsf.matching.parts import cut
 from jfsf.mesh import surface_area
-from jfsf.parts import cut
 from jfsf.types import Mesh
 
 # Beyond this share of the width of a body in T-pose is arm, measured from the middle.

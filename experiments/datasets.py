@@ -18,7 +18,8 @@ from protocol import SETS, DataSet
 from scipy.sparse.linalg import factorized
 
 import jfsf
-from jfsf import data, mapfiles
+from jfsf import data
+from jfsf.apps import mapfiles
 from jfsf.mesh import largest_component
 from jfsf.spectral import operators
 from jfsf.types import Mesh

@@ -17,10 +17,10 @@ import results_file
 import trimesh
 from scipy.spatial import ConvexHull, KDTree
 
+from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.convert import nearest
 from jfsf.evaluate import geodesic_error
 from jfsf.mesh import face_normals
-from jfsf.plot import Panel, draw_curves
 from jfsf.spectral import functional_map, spectrum, truncate
 from jfsf.types import Mesh, Spectrum
 

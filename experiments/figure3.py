@@ -20,9 +20,9 @@ import numpy as np
 import results_file
 import table2
 
+from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error, spectral_chamfer
-from jfsf.plot import Panel, draw_curves
 from jfsf.refine import icp, zoomout
 from jfsf.spectral import embeddings, functional_map
 

@@ -18,8 +18,9 @@ import protocol
 import results_file
 
 import jfsf
+from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._pictures import draw_maps
 from jfsf.evaluate import evaluate
-from jfsf.plot import draw_maps, picture_of
 
 ROWS, COLUMNS = 2, 3
 

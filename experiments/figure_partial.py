@@ -19,8 +19,9 @@ from partial import pairs, part_of
 
 import jfsf
 from jfsf import data
-from jfsf.parts import cut
-from jfsf.plot import coordinate_colours, draw_shape, picture_of
+from jfsf.apps.plot import coordinate_colours, draw_shape
+from jfsf.apps.plot._page import picture_of
+from jfsf.matching.parts import cut
 
 SHOWN = ((0, 0.5), (2, 0.5), (7, 0.7))  # number of the pair, share
 UPPER = "man_up", "woman_walk"

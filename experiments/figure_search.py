@@ -15,11 +15,11 @@ import numpy as np
 import results_file
 
 import jfsf
+from jfsf.apps.plot._pictures import draw_maps
 from jfsf.convert import nearest
 from jfsf.data import load
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import search
-from jfsf.plot import draw_maps
 from jfsf.spectral import embeddings, truncate_pair
 
 

@@ -1,9 +1,9 @@
 """How far from the others a way counts little: `CollectionSettings.agree_within`.
 
 Of collections that `collection.py` has made and kept, the template is put on each shape
-by all trusted ways (`jfsf.joint.agreed_map`) at several distances, without the
-registration after it. Errors are of the vertices of the template, in sqrt(area of the
-shape); `alone` is by the way that the collection took before it had others.
+by all trusted ways (`jfsf.apps.collections.agreed_map`) at several distances, without
+the registration after it. Errors are of the vertices of the template, in sqrt(area of
+the shape); `alone` is by the way that the collection took before it had others.
 
 What is shipped is to be within 1 % of the best on each set, of which FAUST's was made
 for fitting and the embedded one for choosing.
@@ -22,8 +22,9 @@ import results_file
 from collection import Errors, shapes_of
 from scipy.spatial import KDTree
 
-from jfsf.cli._collection_jobs import kept
-from jfsf.joint import Beside, CollectionSettings, agreed_map
+from jfsf.apps.cli._collection_jobs import kept
+from jfsf.apps.collections import CollectionSettings, agreed_map
+from jfsf.apps.collections._agree import Beside
 
 DISTANCES = 0.005, 0.01, 0.02, 0.04, 0.08, 1.0
 OUT = Path(__file__).parent / "results" / "fit_agree.json"

@@ -1,4 +1,5 @@
-"""Fit how often the maps round a triangle agree: `jfsf.joint` reads it as AGREE.
+"""Fit how often the maps round a triangle agree: `jfsf.apps.collections` reads it as
+AGREE.
 
 FOLDER is what `collection.py shrec07 FOLDER` has made. All pairs of the shapes of some
 classes are matched, in FOLDER/CLASS/pairs where the collection did not; a killed run
@@ -26,10 +27,10 @@ import protocol
 import results_file
 from collection import Errors, shapes_of
 
-from jfsf.batch import Job
-from jfsf.cli._collection_jobs import kept, match_pair, read_maps
-from jfsf.joint import PairSettings, triangles
-from jfsf.joint._cycles import AGREE
+from jfsf.apps.cli._collection_jobs import kept, match_pair, read_maps
+from jfsf.apps.collections import PairSettings
+from jfsf.apps.collections._cycles import AGREE, triangles
+from jfsf.batch._jobs import Job
 
 CLASSES = "airplane", "ant", "plier"
 OUT = Path(__file__).parent / "results" / "fit_cycles.json"

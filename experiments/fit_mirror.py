@@ -1,10 +1,10 @@
-"""How likely the mirror image of a map is right: jfsf/evidence/mirror.json.
+"""How likely the mirror image of a map is right: jfsf/matching/mirror.json.
 
 Pairs of embedded bodies as they are, of bodies with one swollen arm, and of thigh
 bones, the last two with and without one of them mirrored (`situations.py`), are
 matched, and all compared with their mirror images; so are pairs of FAUST and TOSCA,
 where nothing is mirrored. A logistic regression tells the mirrored ones
-(`jfsf.evidence.mirror_probability`); its factors are drawn to 0 as by a normal
+(`jfsf.matching.mirror_probability`); its factors are drawn to 0 as by a normal
 distribution of standard deviation 10, since without a limit they could grow for ever
 where the pairs can be told without an error.
 
@@ -32,9 +32,8 @@ from scipy.optimize import minimize
 from situations import bodies, bones, plain
 
 import jfsf
-from jfsf.evidence import mirror_columns
-from jfsf.policy import _sources
-from jfsf.settings import Settings
+from jfsf.matching import Settings, _sources
+from jfsf.matching._mirror import mirror_columns
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 

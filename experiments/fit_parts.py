@@ -1,5 +1,5 @@
-"""Fit what ranks the maps of parts: `jfsf.parts.RegisterWeights`; and how likely a map
-of parts is right: jfsf/evidence/regions.json.
+"""Fit what ranks the maps of parts: `jfsf.matching.parts.RegisterWeights`; and
+how likely a map of parts is right: jfsf/matching/regions.json.
 
 Of each pair of the sets of parts, and of pairs that are made of whole shapes
 (`made_parts.py`): all starts of `match(partial=True)`, with what is read of them
@@ -14,7 +14,7 @@ map to be the right one is proportional to exp(-weights . figures). Right is bel
 of the size to the starts where units may differ. How often the first map is right, by
 the weights of the package, is said of every set.
 
-The confidence (`jfsf.evidence.region_confidence`) is a logistic regression of a mean
+The confidence (`jfsf.matching.region_confidence`) is a logistic regression of a mean
 error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
 1. Its constant is such that the mean over the maps that are chosen is the share of the
 right ones among these: they are right more often than others of the same evidence.
@@ -50,12 +50,12 @@ from scipy.special import expit
 
 import jfsf
 from jfsf.geometry import GeodesicSolver
+from jfsf.matching.parts import PartSettings, RegisterWeights
+from jfsf.matching.parts import _match as parts
+from jfsf.matching.parts._region import near_vertices
+from jfsf.matching.parts._sides import both_sides
+from jfsf.matching.parts._starts import Start, first_starts
 from jfsf.mesh import surface_area
-from jfsf.parts import PartSettings, RegisterWeights
-from jfsf.parts import _match as parts
-from jfsf.parts._region import near_vertices
-from jfsf.parts._sides import both_sides
-from jfsf.parts._starts import Start, first_starts
 
 SETS = "becos_pf", "becos_pp", "psmal"
 MADE = "made_parts"  # of sets with the role "fit"

@@ -26,10 +26,9 @@ import results_file
 from situations import faces
 
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching import attempted_pair
+from jfsf.matching import Settings, attempted_pair
+from jfsf.matching._rigid import moved_by_map
 from jfsf.mesh import surface_area
-from jfsf.policy import moved_by_map
-from jfsf.settings import Settings
 from jfsf.types import Mesh
 
 SETS = "faces", "shrec07", "embedded", "hdm_molars", "mouse_skulls"

@@ -19,15 +19,12 @@ from protocol import RIGHT
 
 from jfsf.convert import nearest
 from jfsf.evaluate import evaluate
-from jfsf.initial import (
-    SamplePair,
-    SearchSettings,
-    combine,
-    refine_hypotheses,
-    search_samples,
-    solve,
-    solve_nonlinear,
-)
+from jfsf.initial import SearchSettings
+from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
+from jfsf.initial._linear import solve
+from jfsf.initial._nonlinear import solve_nonlinear
+from jfsf.initial._samples import search_samples
+from jfsf.initial._terms import combine
 from jfsf.spectral import embeddings, features, spectrum
 
 SETTINGS = SearchSettings()

@@ -22,13 +22,16 @@ import results_file
 from jaxtyping import Array, Float, Int
 
 import jfsf
+from jfsf.apps.plot._charts import Panel, draw_curves
+from jfsf.apps.plot._pictures import draw_maps
 from jfsf.convert import pull_back, sinkhorn
 from jfsf.data import load, names
 from jfsf.evaluate import evaluate
-from jfsf.initial import ShapeTerms, Weights, combine, shape_terms, solve
-from jfsf.plot import Panel, draw_curves, draw_maps
+from jfsf.initial import Weights
+from jfsf.initial._linear import solve
+from jfsf.initial._terms import ShapeTerms, combine, shape_terms
 from jfsf.refine import soft_map, soft_zoomout_step
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, farthest_points, features, restrict
 from jfsf.types import Maps, Spectrum
 
@@ -194,8 +197,8 @@ def _map(parameters: Parameters, x: Shape, y: Shape) -> Maps:
     """The filter's maps of all vertices, with the default kernel."""
     C_yx = _steps(parameters, x, y)[-1]
     embs = embeddings(C_yx, x.spec.evecs, y.spec.evecs, space="direct")
-    uniform = [(s.spec.mass > 0) / jnp.sum(s.spec.mass > 0) for s in (x, y)]
-    found = sinkhorn(*embs, *uniform)
+    a, b = ((s.spec.mass > 0) / jnp.sum(s.spec.mass > 0) for s in (x, y))
+    found = sinkhorn(*embs, a, b)
     return Maps(found.T_xy, found.T_yx)
 
 

@@ -16,7 +16,8 @@ import protocol
 from scipy.spatial.transform import Rotation
 
 from jfsf.data import Sample
-from jfsf.mesh import Submesh, largest_component, surface_area
+from jfsf.mesh import largest_component, surface_area
+from jfsf.mesh._edit import Submesh
 from jfsf.refine import closest_rotations
 from jfsf.types import Mesh
 

@@ -21,7 +21,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import KDTree
 
-from jfsf.storage import write_atomically, write_text
+from jfsf.storage._atomic import write_atomically, write_text
 
 
 def remesh(vertices, faces, n, seed):

@@ -47,15 +47,16 @@ import results_file
 import vertex_rows
 
 import jfsf
-from jfsf.evidence import RANK_FACTORS, vertex_evidence
+from jfsf.apps.report._words import LIKELY
 from jfsf.geometry import GeodesicSolver, geodesics
 from jfsf.matching import attempted_pair
+from jfsf.matching._confidence import RANK_FACTORS
+from jfsf.matching._pairs import PairState
+from jfsf.matching._stages import pair_search
+from jfsf.matching._vertices import vertex_evidence
 from jfsf.mesh import surface_area
-from jfsf.policy import PairState
-from jfsf.report import LIKELY
-from jfsf.runtime import padded_pair, with_rows
+from jfsf.runtime._sizes import padded_pair, with_rows
 from jfsf.spectral import functional_map, truncate
-from jfsf.stages import pair_search
 from jfsf.types import Maps, Match
 
 POINTS, SEED = 250, 0  # of ground truth, at most, chosen at random

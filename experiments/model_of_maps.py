@@ -27,11 +27,11 @@ import results_file
 from collection import shapes_of
 
 import jfsf
-from jfsf import model
-from jfsf.cli._collection_jobs import kept
+from jfsf.apps import model
+from jfsf.apps.cli._collection_jobs import kept
+from jfsf.apps.mapfiles import read_match
+from jfsf.apps.model import Distances
 from jfsf.convert import nearest
-from jfsf.mapfiles import read_match
-from jfsf.model import Distances
 from jfsf.spectral import embeddings, truncate
 from jfsf.types import Mesh
 

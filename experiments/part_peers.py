@@ -22,9 +22,9 @@ import protocol
 import results_file
 
 import jfsf
-from jfsf.parts._region import near_vertices
-from jfsf.parts._sides import both_sides
-from jfsf.parts._starts import first_starts
+from jfsf.matching.parts._region import near_vertices
+from jfsf.matching.parts._sides import both_sides
+from jfsf.matching.parts._starts import first_starts
 from jfsf.spectral import spectrum
 
 WIDTHS = range(20, 101, 5)

@@ -38,6 +38,7 @@ from jfsf.convert import nearest
 from jfsf.geometry import pair_distances
 from jfsf.initial import fit
 from jfsf.mesh import surface_area
+from jfsf.mesh._edit import Submesh
 from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, spectrum, wks
 
@@ -106,7 +107,7 @@ def part_of(name: str, keep: float, pair: int):
     return kind(data.load(name), keep, np.random.default_rng(pair))
 
 
-def parts_of(pair: Cut) -> tuple[jfsf.mesh.Submesh, jfsf.mesh.Submesh]:
+def parts_of(pair: Cut) -> tuple[Submesh, Submesh]:
     """Both shapes; what is not cut is whole."""
     x, y = data.load(pair.x), data.load(pair.y)
     if pair.both:
@@ -114,7 +115,7 @@ def parts_of(pair: Cut) -> tuple[jfsf.mesh.Submesh, jfsf.mesh.Submesh]:
         point = int(rng.integers(len(x.template_to_vertex)))
         one = cuts.ball_around(x, point, pair.keep)
         return one, cuts.rest_of_ball(y, point, pair.keep)
-    whole = [jfsf.mesh.Submesh(s.mesh, np.arange(len(s.mesh.vertices))) for s in (x, y)]
+    whole = [Submesh(s.mesh, np.arange(len(s.mesh.vertices))) for s in (x, y)]
     one = whole[0] if pair.keep == 1 else part_of(pair.x, pair.keep, pair.number)
     return one, whole[1]
 
@@ -164,8 +165,9 @@ def _run(method, x, y, same_unit: bool):
 
 def _zoomout(x, y) -> np.ndarray:
     specs = [jax.tree.map(jnp.asarray, spectrum(mesh, KS[-1])) for mesh in (x, y)]
-    start = fit(*specs, *(wks(spec)[:, ::5] for spec in specs), k=KS[0]).C_yx
-    C_yx = zoomout(*specs, start, ks=KS, converter=nearest)
+    wks_x, wks_y = (wks(spec)[:, ::5] for spec in specs)
+    start = fit(specs[0], specs[1], wks_x, wks_y, k=KS[0]).C_yx
+    C_yx = zoomout(specs[0], specs[1], start, ks=KS, converter=nearest)
     emb_x, emb_y = embeddings(C_yx, *(spec.evecs for spec in specs), space="direct")
     return np.asarray(nearest(emb_x, emb_y).T_xy)
 

@@ -20,8 +20,10 @@ import numpy as np
 import results_file
 
 import jfsf
-from jfsf.mapfiles import read_match, write_match
-from jfsf.mesh import closest, face_areas, surface_area, surface_tree
+from jfsf.apps.mapfiles import read_match, write_match
+from jfsf.mesh import closest, surface_area
+from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._geometry import face_areas
 from jfsf.types import Mesh
 
 

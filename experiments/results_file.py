@@ -9,7 +9,7 @@ from pathlib import Path
 
 import jax
 
-from jfsf.storage import write_text
+from jfsf.storage._atomic import write_text
 
 PACKAGES = ("jax", "jaxlib", "jaxopt", "lineax", "optimistix", "numpy", "scipy")
 

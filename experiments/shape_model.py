@@ -21,8 +21,9 @@ import numpy as np
 import protocol
 import results_file
 
-from jfsf import data, model
-from jfsf.mesh import edges
+from jfsf import data
+from jfsf.apps import model
+from jfsf.mesh._geometry import edges
 
 FITS = {"positions": model.fit_model, "gradients": model.fit_gradient_model}
 COUNTS = (0, 1, 2, 3, 5, 8, 10)  # numbers of modes

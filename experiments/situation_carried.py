@@ -20,8 +20,9 @@ from situation_runs import (
 )
 from transfer import parts_of, true_map
 
-from jfsf.landmarks import read_landmarks
-from jfsf.mesh import check, closest, read, read_uv, surface_area, surface_tree
+from jfsf.apps.landmarks import read_landmarks
+from jfsf.mesh import check, closest, read, read_uv, surface_area
+from jfsf.mesh._closest import surface_tree
 
 
 def carried(folder: Path) -> list[Command]:

@@ -21,9 +21,9 @@ from situation_runs import (
 )
 from transfer import true_map
 
-from jfsf.mapfiles import read_match, write_map
+from jfsf.apps.mapfiles import read_match, write_map
+from jfsf.matching.parts import cut
 from jfsf.mesh import vertex_colours
-from jfsf.parts import cut
 from jfsf.types import Mesh
 
 # Without UTF-8: Python would take it in the locale C by itself.

@@ -2,7 +2,7 @@
 
 A maker writes the files of a situation into a folder and returns the commands that are
 run there. `READING` names the makers, with what jfsf says or does, and what to do then:
-rows of the table in `jfsf/guide/troubleshooting.md`.
+rows of the table in `jfsf/apps/guide/troubleshooting.md`.
 """
 
 from importlib.util import find_spec

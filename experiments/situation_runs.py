@@ -17,8 +17,8 @@ from situation_formats import write
 from transfer import true_map
 
 import jfsf
+from jfsf.apps.mapfiles import read_match, read_stored, write_map
 from jfsf.evaluate import geodesic_error
-from jfsf.mapfiles import read_match, read_stored, write_map
 
 POINTS, SEED = 250, 0  # of the ground truth
 PAIR, OTHER = ("man_walk", "man_up"), ("woman_walk", "woman_up")

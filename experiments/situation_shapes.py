@@ -14,7 +14,9 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree
 
 from jfsf import data
 from jfsf.geometry import geodesics
-from jfsf.mesh import boundary_edges, decimate, largest_component, rims, surface_area
+from jfsf.mesh import decimate, largest_component, surface_area
+from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh._holes import rims
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 

@@ -16,8 +16,8 @@ situation how many are. Rows of the file that are not run again stay.
 
     python experiments/situations.py --table
 
-prints the table of `jfsf/guide/troubleshooting.md`, and which of its rows are not as
-expected in the file of results.
+prints the table of `jfsf/apps/guide/troubleshooting.md`, and which of its rows are not
+as expected in the file of results.
 """
 
 import argparse
@@ -56,8 +56,8 @@ from situation_shapes import (
 
 import jfsf
 from jfsf import data
+from jfsf.apps.report._words import warnings_of
 from jfsf.evaluate import geodesic_error
-from jfsf.report import warnings_of
 from jfsf.testing import mirror
 
 DOUBTFUL = 0.7  # a map below this confidence is in doubt, as the words say

@@ -21,7 +21,7 @@ from jfsf.baselines import bcicp, deblur, pmf, rhm
 from jfsf.convert import nearest, sinkhorn
 from jfsf.initial import fit
 from jfsf.refine import icp, zoomout
-from jfsf.runtime import common_size, pad
+from jfsf.runtime._sizes import common_size, pad
 from jfsf.spectral import embeddings, functional_map, spectrum, truncate, uniform, wks
 from jfsf.types import Maps, Mesh, Spectrum
 
@@ -124,14 +124,14 @@ def start_of(args, names: tuple[str, str], pair: compare.Pair) -> Start:
 
 
 def _fitted(pair: compare.Pair) -> Maps:
-    desc = (wks(spec)[:, ::WKS_EVERY] for spec in pair[2:])
-    C_yx = fit(*pair[2:], *desc, k=FIT_K).C_yx
+    desc_x, desc_y = (wks(spec)[:, ::WKS_EVERY] for spec in pair[2:])
+    C_yx = fit(*pair[2:], desc_x, desc_y, k=FIT_K).C_yx
     return _nearest(pair, C_yx)
 
 
 def _reversed(pair: compare.Pair, T_xy: np.ndarray) -> Maps:
     specs = (truncate(spec, FIT_K) for spec in pair[2:])
-    back = _nearest(pair, functional_map(T_xy, *specs))
+    back = _nearest(pair, functional_map(jnp.asarray(T_xy), *specs))
     return Maps(jnp.asarray(T_xy), back.T_yx)
 
 

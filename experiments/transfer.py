@@ -7,8 +7,8 @@ distances.
 - labels: head, arms, legs and trunk of the base mesh, at Y's vertices; the share of the
   vertices of X, and of its area by faces, that get the right one
 - landmarks: 16 points of the base mesh, spread over it, at Y's vertices; the mean
-  distance on X from their true vertices. `along` is `jfsf.landmarks.carry_landmarks`,
-  which needs no registration
+  distance on X from their true vertices. `along` is
+  `jfsf.apps.landmarks.carry_landmarks`, which needs no registration
 - values: Y's coordinates; mean distance from the true partners of X's vertices.
   `snapped` is that of `y.vertices[T_xy]`
 - texture: Y has charts by the direction of its normals, and an image whose colours are
@@ -33,18 +33,15 @@ from scipy.ndimage import distance_transform_edt
 from scipy.spatial import KDTree
 
 import jfsf
-from jfsf import data, transfer
-from jfsf.landmarks import Landmarks, carry_landmarks
-from jfsf.mapfiles import read_match, write_match
-from jfsf.mesh import (
-    closest,
-    components,
-    face_areas,
-    face_normals,
-    surface_area,
-    surface_tree,
-    vertex_normals,
-)
+from jfsf import data
+from jfsf.apps import transfer
+from jfsf.apps.landmarks import Landmarks, carry_landmarks
+from jfsf.apps.mapfiles import read_match, write_match
+from jfsf.apps.transfer._laid import Laid
+from jfsf.apps.transfer._texture import look_up
+from jfsf.mesh import closest, face_normals, surface_area, vertex_normals
+from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._geometry import components, face_areas
 from jfsf.types import Mesh
 
 PARTS = "trunk", "head", "left arm", "right arm", "left leg", "right leg"
@@ -221,7 +218,7 @@ def landmark_points() -> np.ndarray:
     return np.array(chosen)
 
 
-def _smear(laid: transfer.Laid, T_xy) -> dict:
+def _smear(laid: Laid, T_xy) -> dict:
     """Shares of X's area, by the baked image and by one texture coordinate a vertex."""
     x, y = laid.mesh_x, laid.mesh_y
     low, high = y.vertices.min(0), y.vertices.max(0)
@@ -237,7 +234,7 @@ def _smear(laid: transfer.Laid, T_xy) -> dict:
     area = np.repeat(face_areas(*x), SAMPLES)
 
     def share(image, uv):
-        off = np.abs(transfer.look_up(image, flat(uv)) - true).max(1) > OFF
+        off = np.abs(look_up(image, flat(uv)) - true).max(1) > OFF
         return float(area @ off / area.sum())
 
     one = np.zeros((len(y.vertices), 2))
@@ -337,7 +334,7 @@ def draw(maps: Path | None, path: Path, name_x: str, name_y: str) -> None:
     of_x = tints[transfer.labels(laid, parts, to="faces")]
     of_y = tints[parts[y.mesh.faces]].mean(1)
     at = lambda image, uv: (
-        lambda f, w: transfer.look_up(image, np.einsum("qc,qcd->qd", w, uv[f]))
+        lambda f, w: look_up(image, np.einsum("qc,qcd->qd", w, uv[f]))
     )
     panels = [
         view(y.mesh, at(chart.image, chart.uv)),

@@ -1,9 +1,10 @@
-"""Fit the weights by which `jfsf.plot` finds up and front, and look at what it finds.
+"""Fit the weights by which `jfsf.apps.plot` finds up and front, and look at what it
+finds.
 
 Of each shape whose axes are known the right frame is to score above all others that
 the search tries: softmax regression, each --data counted as much as the others. --fit
-prints the weights for jfsf/plot/_upright.py. Without it the frames that the package
-finds are compared with the known axes. --sheet draws every shape in its frame.
+prints the weights for jfsf/apps/plot/_upright.py. Without it the frames that the
+package finds are compared with the known axes. --sheet draws every shape in its frame.
 
     python experiments/upright.py --embedded --data yz "people/*.off" \\
         --data z-y "animals/cat*.off" "animals/dog*.off"
@@ -20,10 +21,11 @@ import numpy as np
 from scipy.optimize import minimize
 
 import jfsf
+from jfsf.apps.plot import draw_shape
+from jfsf.apps.plot._cues import Cues, apart, cues, front_cues, up_cues
+from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._upright import FRONTS, TRIED, UP_WEIGHTS, circle, find_frame
 from jfsf.data import load, names
-from jfsf.plot import draw_shape, find_frame, picture_of
-from jfsf.plot._cues import Cues, apart, cues, front_cues, up_cues
-from jfsf.plot._upright import FRONTS, TRIED, UP_WEIGHTS, circle
 
 NEAR = 16.0, 32.0  # degrees: a frame this near in up and in front is right
 RIDGE = 0.01

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from jfsf import data
-from jfsf.storage import write_atomically
+from jfsf.storage._atomic import write_atomically
 from jfsf.types import Mesh
 
 

@@ -6,7 +6,7 @@ A column is one string of numbers: a number a line would make the files long.
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.evidence import VERTEX_EVIDENCE
+from jfsf.matching._vertices import VERTEX_EVIDENCE
 from jfsf.types import ArrayLike
 
 NUMBER = 30  # vertices a direction: those of one pair are not independent
@@ -28,7 +28,7 @@ def to_row(
     """The columns of one direction.
 
     Args:
-        evidence: of all vertices, by `jfsf.evidence.vertex_evidence`.
+        evidence: of all vertices, by `jfsf.matching.vertex_evidence`.
         vertices: those whose error is known.
         errors: theirs, geodesic, in sqrt(area) of the other shape.
         confidence: of all vertices, as `match` returned it.

@@ -18,8 +18,8 @@ import results_file
 
 import jfsf
 from jfsf.evaluate import evaluate
-from jfsf.evidence import MISSED
 from jfsf.geometry import GeodesicSolver
+from jfsf.matching._kept_landmarks import MISSED
 
 NUM = 5
 NAMES = ("none", "right", "wrong")

@@ -20,7 +20,7 @@ def main() -> None:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
     # numpy and jax, so only now.
-    from jfsf.cli import main
+    from jfsf.apps.cli import main
 
     main()
 

@@ -224,38 +224,39 @@ class Certificate(NamedTuple):
     log_stretch_std: standard deviation of the logarithm of its stretch: how unevenly it
         stretches (`jfsf.initial.log_stretch_std`); likewise.
     residual: distance left between shapes that were bent onto each other, in sqrt(area)
-        (`jfsf.evidence.bending`); nan if they were not. Likewise
+        (`jfsf.matching.bending`); nan if they were not. Likewise
     shear: how much triangles are sheared by it where they are sheared most,
     area_std: how unevenly they grow, and
     normal_gap: how far the normals of the bent shapes differ from those at the images.
     spectrum_gap: the largest difference between the logarithms of the first eigenvalues
-        of both shapes (`jfsf.evidence.spectrum_gap`), whatever the map; 0.1 for bodies
+        of both shapes (`jfsf.matching.spectrum_gap`), whatever the map; 0.1 for bodies
         in other poses, 1 for bodies with other limbs.
     region_cost: of parts, how badly one whole lies on the other where it was drawn onto
         it: what is left apart, how much it bends, how little of the part it covers
-        (`jfsf.parts.RegisterWeights`). Small is good; nan for shapes matched as wholes.
-    log_odds: of a map that is right, by its own evidence (`jfsf.evidence.log_odds`);
+        (`jfsf.matching.parts.RegisterWeights`). Small is good; nan for shapes matched
+        as wholes.
+    log_odds: of a map that is right, by its own evidence (`jfsf.matching.log_odds`);
         nan without a surface.
     share: of the odds of the map in those of all distinct maps that were compared with
-        it (`jfsf.evidence.share_among`): 0.5 if there is another one that fits as well.
+        it (`jfsf.matching.share_among`): 0.5 if there is another one that fits as well.
         nan if none were: the first map was likely enough, or only one was made.
     rivals: how many other maps, all different, are as likely and rank as high
-        (`jfsf.evidence.rivals_among`); of a shape with a symmetry they are as good as
+        (`jfsf.matching.rivals_among`); of a shape with a symmetry they are as good as
         this one. Those that were found: of a sphere there are more. nan if none were
         compared.
     mirrored: probability that the mirror image of the map is right, and one of the
-        shapes is mirrored (`jfsf.evidence.mirror_probability`). nan if the mirror image
+        shapes is mirrored (`jfsf.matching.mirror_probability`). nan if the mirror image
         is in doubt itself, or was not tried, as where `mirror_gap` does not ask for it.
     confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
-        from log_odds and share (`jfsf.evidence.confidence`). With n rivals it is
+        from log_odds and share (`jfsf.matching.confidence`). With n rivals it is
         1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
         far better, and for shapes of different kinds (`spectrum_gap`), which it was not
         fitted to; half where left and right cannot be told. nan for point clouds
         without a surface. Of parts it is that of the region that both share
-        (`jfsf.evidence.region_confidence`); nan if their units may differ.
+        (`jfsf.matching.region_confidence`); nan if their units may differ.
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
-        `jfsf.evidence.MISSED` the map misses it. Empty without landmarks.
+        `jfsf.matching.MISSED` the map misses it. Empty without landmarks.
     """
 
     marginal_error: Float[Array, ""]
@@ -345,7 +346,7 @@ class Match(NamedTuple):
         shapes were matched as wholes.
     confidence_x, confidence_y: for each vertex, the probability that its image is
         within 0.05 of its true partner, geodesically, in sqrt(area)
-        (`jfsf.evidence.vertex_confidence`); nan where the shapes were not bent onto
+        (`jfsf.matching.vertex_confidence`); nan where the shapes were not bent onto
         each other, 0 on padding. None for parts.
     membership_x, membership_y: of parts, how clearly each vertex is in the region that
         both share, in [0, 1]; matched_x and matched_y are where it is above one half.

@@ -17,8 +17,8 @@ import scipy.io
 import trimesh
 
 from jfsf import testing
-from jfsf.landmarks import Landmarks, write_landmarks
-from jfsf.mapfiles import write_match
+from jfsf.apps.landmarks import Landmarks, write_landmarks
+from jfsf.apps.mapfiles import write_match
 from jfsf.types import Certificate, Match
 
 

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
+from jfsf.apps.landmarks import read_landmarks, read_vertex_pairs
+from jfsf.apps.mapfiles import MapFileError, read_map, read_match, read_stored
 from jfsf.batch import read_pairs
-from jfsf.landmarks import read_landmarks, read_vertex_pairs
-from jfsf.mapfiles import MapFileError, read_map, read_match, read_stored
-from jfsf.mesh import SUFFIXES, MeshError, format_of, read_noted
+from jfsf.mesh import MeshError, read_noted
+from jfsf.mesh._read import SUFFIXES, format_of
 
 MEGABYTES = int(sys.argv[1])
 

@@ -3,7 +3,7 @@
 import jax.numpy as jnp
 import numpy as np
 
-from jfsf.convert import plan_entries
+from jfsf.convert._scaling import plan_entries
 
 N_X, N_Y, WIDTH = 23, 31, 3
 

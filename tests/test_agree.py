@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from jfsf.joint import Beside, Graph, Matched, Paths, agreed_map
+from jfsf.apps.collections import agreed_map
+from jfsf.apps.collections._agree import Beside
+from jfsf.apps.collections._grow import Graph, Matched
+from jfsf.apps.collections._paths import Paths
 from jfsf.types import Maps, Mesh
 
 WITHIN = 0.1

@@ -7,10 +7,10 @@ from shapes import small
 
 import jfsf
 from jfsf import Settings, testing
-from jfsf.arguments import MatchInputs
 from jfsf.matching import _match
-from jfsf.policy import Attempt, PairState
-from jfsf.runtime import padded_pair
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import Attempt, PairState
+from jfsf.runtime._sizes import padded_pair
 from jfsf.types import Certificate, Match
 
 MESH = testing.blob(0)

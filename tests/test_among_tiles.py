@@ -11,17 +11,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.convert import nearest, pull_back, quick_sinkhorn, scale_kernel, sinkhorn
+from jfsf.convert import nearest, pull_back, sinkhorn
+from jfsf.convert._scaling import scale_kernel
+from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.neighbours import (
     NeighbourSearch,
     NeighbourSettings,
     _among_tiles,
     mutual_neighbours,
-    neighbours_both_ways,
     spectral_tiles,
-    tiled_neighbours,
-    tiles,
 )
+from jfsf.neighbours._among_tiles import tiled_neighbours
+from jfsf.neighbours._both_ways import neighbours_both_ways
+from jfsf.neighbours._tiles import tiles
 from jfsf.refine import soft_sinkhorn, zoomout
 from jfsf.spectral import restrict, uniform
 

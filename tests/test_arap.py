@@ -12,9 +12,10 @@ from hypothesis import given
 
 from jfsf import testing
 from jfsf.convert import nearest, sinkhorn
-from jfsf.geometry import surface
-from jfsf.refine import ArapSettings, arap, deform, rotations
-from jfsf.runtime import pad
+from jfsf.geometry._surface import surface
+from jfsf.refine import ArapSettings, arap, deform
+from jfsf.refine._arap import rotations
+from jfsf.runtime._sizes import pad
 from jfsf.types import Bent, Maps
 
 N, K = 162, 4

@@ -11,10 +11,10 @@ from shapes import small
 
 import jfsf
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.convert import quick_sinkhorn
+from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.evaluate import geodesic_error
-from jfsf.runtime import padded_pair
-from jfsf.stages import deform_by_arap
+from jfsf.matching._stages import deform_by_arap
+from jfsf.runtime._sizes import padded_pair
 
 X, Y = small("man_walk", 620), small("man_up", 600)
 

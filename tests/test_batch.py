@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.attempt import match_spectra
 from jfsf.convert import nearest, sinkhorn
+from jfsf.matching import match_spectra
 from jfsf.refine import zoomout
-from jfsf.runtime import common_size, pad
+from jfsf.runtime._sizes import common_size, pad, padded_pair
 from jfsf.spectral import truncate_pair
 from jfsf.types import Maps, Spectrum
 
@@ -135,7 +135,7 @@ def test_spectra_of_mixed_sizes_take_few_compilations():
     xs, ys = ([some(n) for n in rng.integers(300, 901, 100)] for _ in range(2))
     counted = compilations()
     found = batch.map_pairs(
-        _mean, (batch.padded_pair(*pair) for pair in zip(xs, ys, strict=True))
+        _mean, (padded_pair(*pair) for pair in zip(xs, ys, strict=True))
     )
     assert 1 < len(counted) <= 6
     wanted = [x.evecs.sum() + y.evecs.sum() for x, y in zip(xs, ys, strict=True)]

@@ -7,11 +7,9 @@ import oracles_evidence as oracles
 import pytest
 
 from jfsf import testing
-from jfsf.evidence import Bending, bending
-from jfsf.evidence._bending import MOST_SHEARED
-from jfsf.geometry import log_stretches
-from jfsf.geometry._stretches import MOST_STRETCH
-from jfsf.runtime import pad
+from jfsf.geometry._stretches import MOST_STRETCH, log_stretches
+from jfsf.matching._bending import MOST_SHEARED, Bending, bending
+from jfsf.runtime._sizes import pad
 from jfsf.types import Maps
 
 SPEC, OTHER = testing.blob_spectrum(0, 12), testing.blob_spectrum(1, 12)

@@ -9,13 +9,14 @@ from shapes import small
 
 import jfsf
 from jfsf import Settings, testing
-from jfsf.arguments import MatchInputs
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import SearchSettings
-from jfsf.matching import attempted_pair
-from jfsf.policy import PairState, _bending, _pairs
-from jfsf.runtime import PaddedShape, spectrum_like
-from jfsf.stages import deform_by_arap
+from jfsf.matching import _bent_copies, _pairs, attempted_pair
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._coarse import coarse_copy
+from jfsf.matching._pairs import PairState
+from jfsf.matching._stages import deform_by_arap
+from jfsf.runtime._sizes import PaddedShape, spectrum_like
 
 NAMES = "man_walk", "man_up"
 SETTINGS = Settings(
@@ -81,7 +82,7 @@ def test_copies_are_made_once_for_all_attempts(monkeypatch):
 
     def counted(spec, *, settings):
         made.append(len(spec.mass))
-        return jfsf.coarse.coarse_copy(spec, settings=settings)
+        return coarse_copy(spec, settings=settings)
 
     monkeypatch.setattr(_pairs, "coarse_copy", counted)
     doubtful = replace(SETTINGS, retry_below=1.0, nonisometric_attempts=2)
@@ -91,7 +92,7 @@ def test_copies_are_made_once_for_all_attempts(monkeypatch):
 
 def like(n, settings):
     pair = (spectrum_like(PaddedShape(128, n, 2 * n)),) * 2
-    return _bending.bends_copies(PairState(pair, MatchInputs()), settings)
+    return _bent_copies.bends_copies(PairState(pair, MatchInputs()), settings)
 
 
 def test_which_shapes_have_copies():
@@ -112,7 +113,7 @@ def test_a_cloud_beside_a_mesh_has_no_copies(faces):
     # Faces of padding make no surface.
     cloud = mesh._replace(faces=np.zeros((faces, 3), np.int32))
     settings = replace(SETTINGS, copies_above=100)
-    asked = lambda *pair: _bending.bends_copies(
+    asked = lambda *pair: _bent_copies.bends_copies(
         PairState(pair, MatchInputs()), settings
     )
     assert asked(mesh, mesh)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jfsf.evidence import VERTEX_EVIDENCE
+from jfsf.matching._vertices import VERTEX_EVIDENCE
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 

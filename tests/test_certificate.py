@@ -8,8 +8,10 @@ import numpy as np
 
 from jfsf import testing
 from jfsf.convert import nearest, sinkhorn
-from jfsf.evidence import Bending, certify, confidence, log_odds
-from jfsf.runtime import pad
+from jfsf.matching import certify, confidence
+from jfsf.matching._bending import Bending
+from jfsf.matching._confidence import log_odds
+from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, functional_map, uniform
 from jfsf.types import Aligned, Maps
 

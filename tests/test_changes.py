@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.mesh import boundary_edges, surface_area
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import boundary_edges
 
 MESH = testing.blob(3, subdivisions=3)
 N = len(MESH.vertices)

@@ -23,16 +23,21 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from jfsf import __version__
-from jfsf.cli import app, certificate_table, warnings_of
-from jfsf.cli._stages import stage_bar
-from jfsf.cli._summary import doubtful_first
+from jfsf.apps.cli import app
+from jfsf.apps.cli._report import certificate_table
+from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._summary import doubtful_first
+from jfsf.apps.export import export_mesh
+from jfsf.apps.mapfiles import read_map, read_match, write_map
+from jfsf.apps.plot._colours import body_colours, frame
+from jfsf.apps.plot._pictures import texture_coordinates
+from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.report._words import warnings_of
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
-from jfsf.export import export_mesh
-from jfsf.mapfiles import read_map, read_match, write_map
 from jfsf.matching import match
-from jfsf.mesh import closest, read, surface_tree
-from jfsf.plot import body_colours, find_frame, frame, texture_coordinates
+from jfsf.mesh import closest, read
+from jfsf.mesh._closest import surface_tree
 from jfsf.testing import blob
 from jfsf.types import FIGURES, Certificate, Mesh
 
@@ -314,7 +319,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
 @pytest.fixture
 def no_search(monkeypatch):
     """Reports without candidates: their search is tested elsewhere."""
-    monkeypatch.setattr("jfsf.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
 
 
 def record_of(page):
@@ -368,9 +373,10 @@ def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
 
 
 def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
-    from jfsf.batch import Job, PairOptions
-    from jfsf.cli._batch_jobs import is_complete, is_matched, work
-    from jfsf.cli._pages import batch_index, pages_of
+    from jfsf.apps.cli._batch_jobs import is_complete, is_matched, work
+    from jfsf.apps.cli._pages import batch_index, pages_of
+    from jfsf.batch._jobs import Job
+    from jfsf.batch._pair_list import PairOptions
 
     found, calls = read_match(folder / "map.npz"), []
     monkeypatch.setattr(
@@ -584,7 +590,7 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)
-    monkeypatch.setattr("jfsf.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
     result = run("demo", "--out", folder / "demo", "--report")
     assert result.exit_code == 0, result.output
     assert record_of(folder / "demo" / "man_walk_man_up.html")["truth"]
@@ -638,12 +644,12 @@ when, *sys.argv[1:] = sys.argv[1:]
 interrupt = lambda *_: signal.raise_signal(signal.SIGINT)
 class Finder:
     def find_spec(self, name, *_):
-        if name == "jfsf.cli":
+        if name == "jfsf.apps.cli":
             print("ready", flush=True)
         if name == when:
             interrupt()
 def at_collection(*_):
-    if when == "collection" and "jfsf.attempt" in sys.modules:
+    if when == "collection" and "jfsf.matching" in sys.modules:
         interrupt()
 sys.meta_path.insert(0, Finder())
 gc.callbacks.append(at_collection)
@@ -674,7 +680,8 @@ def ended(process, tmp_path):
 
 @WITH_SIGNALS
 @pytest.mark.parametrize(
-    "when", ["jfsf.cli", "numpy._core.shape_base", "jax.lax", "jfsf.mesh", "collection"]
+    "when",
+    ["jfsf.apps.cli", "numpy._core.shape_base", "jax.lax", "jfsf.mesh", "collection"],
 )
 def test_an_interrupt_is_not_lost(tmp_path, x, y, when):
     ended(interrupted_match(tmp_path, x, y, when), tmp_path)
@@ -698,8 +705,8 @@ def test_an_interrupt_leaves_no_part_of_a_file(tmp_path):
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "end = lambda file: signal.raise_signal(signal.SIGINT)\n"
         "write = lambda: storage.write_atomically(sys.argv[1], end)\n"
-        "sys.modules['jfsf.cli'] = type(sys)('cli')\n"
-        "sys.modules['jfsf.cli'].main = write\n"
+        "sys.modules['jfsf.apps.cli'] = type(sys)('cli')\n"
+        "sys.modules['jfsf.apps.cli'].main = write\n"
         "__main__.main()\n"
     )
     command = [sys.executable, "-c", code, tmp_path / "a.txt"]
@@ -729,6 +736,6 @@ def test_cache_shows_what_is_kept_and_clears_it(tmp_path, monkeypatch):
 @WITH_SIGNALS
 def test_an_interrupt_that_is_ignored_stays_so():
     code = INTERRUPTED.replace("default_int_handler", "SIG_IGN")
-    command = [sys.executable, "-c", code, "jfsf.cli", "--version"]
+    command = [sys.executable, "-c", code, "jfsf.apps.cli", "--version"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0 and done.stdout == f"ready\njfsf {__version__}\n"

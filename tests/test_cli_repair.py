@@ -8,10 +8,10 @@ import pytest
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.cli import app
-from jfsf.cli._files import kept_match, matchable, write_found
-from jfsf.export import export_mesh
-from jfsf.mapfiles import read_match
+from jfsf.apps.cli import app
+from jfsf.apps.cli._files import kept_match, matchable, write_found
+from jfsf.apps.export import export_mesh
+from jfsf.apps.mapfiles import read_match
 from jfsf.mesh import read, repair
 from jfsf.types import Certificate, Match, Mesh
 

@@ -11,16 +11,23 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf import testing
-from jfsf.arguments import check_one_unit, doubtful_units
-from jfsf.batch import Job, PairOptions
-from jfsf.cli import app
-from jfsf.cli._batch_jobs import work
-from jfsf.cli._words import in_options, print_any_letter
+from jfsf.apps.cli import app
+from jfsf.apps.cli._batch_jobs import work
+from jfsf.apps.cli._words import in_options, print_any_letter
+from jfsf.apps.export import export_mesh
+from jfsf.apps.mapfiles import (
+    MapFileError,
+    read_match,
+    read_notes,
+    write_map,
+    write_match,
+)
+from jfsf.apps.report._words import attempts, readings
+from jfsf.batch._jobs import Job
+from jfsf.batch._pair_list import PairOptions
 from jfsf.evaluate import evaluate, geodesic_error
-from jfsf.export import export_mesh
-from jfsf.mapfiles import MapFileError, read_match, read_notes, write_map, write_match
 from jfsf.matching import _partial
-from jfsf.report import attempts, readings
+from jfsf.matching._arguments import check_one_unit, doubtful_units
 from jfsf.types import STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
 X = testing.blob(0)

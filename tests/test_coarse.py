@@ -10,12 +10,12 @@ from shapes import small
 
 import jfsf
 from jfsf import testing
-from jfsf.arguments import MatchInputs
-from jfsf.coarse import CoarseCopy, carried, coarse_copy, padded_copies
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import SearchSettings
-from jfsf.runtime import pad
-from jfsf.settings import Settings
+from jfsf.matching import Settings, carried
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._coarse import CoarseCopy, coarse_copy, padded_copies
+from jfsf.runtime._sizes import pad
 from jfsf.spectral import functional_map
 from jfsf.types import Mesh, Spectrum
 

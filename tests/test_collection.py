@@ -17,13 +17,13 @@ from shapes import small
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.batch import Job, is_done
-from jfsf.cli import app
-from jfsf.cli._collection import _meshes_in, _points, _with_template
-from jfsf.cli._collection_steps import _write_way
-from jfsf.mapfiles import read_match
+from jfsf.apps.cli import app
+from jfsf.apps.cli._collection import _meshes_in, _points, _with_template
+from jfsf.apps.cli._collection_steps import _write_way
+from jfsf.apps.mapfiles import read_match
+from jfsf.apps.model import read_model
+from jfsf.batch._jobs import Job, is_done
 from jfsf.mesh import mirror_image, read
-from jfsf.model import read_model
 from jfsf.types import Mesh
 
 pytest.importorskip("distributed")
@@ -116,7 +116,7 @@ def test_another_template_leaves_nothing_of_the_first(tmp_path):
 
 
 def test_nothing_stays_of_what_is_left_out(tmp_path):
-    from jfsf.cli._collection_steps import forget, known_before
+    from jfsf.apps.cli._collection_steps import forget, known_before
 
     kinds = (
         *("maps/{}.npz", "maps/report/{}.html", "placed/{}.npz"),
@@ -137,8 +137,8 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
 
 @pytest.mark.parametrize("end", [".mrk.json", ".fcsv", ".json"])
 def test_landmarks_keep_the_ending_of_their_file(tmp_path, end):
-    from jfsf.cli._collection_results import write_landmarks_of
-    from jfsf.landmarks import Landmarks, read_landmarks
+    from jfsf.apps.cli._collection_results import write_landmarks_of
+    from jfsf.apps.landmarks import Landmarks, read_landmarks
 
     mesh = small("man_t", 300)[0]
     moved = mesh.vertices + [1.0, 2.0, 3.0]

@@ -11,20 +11,18 @@ import trimesh
 from browser import needs_chromium, opened
 from typer.testing import CliRunner
 
-from jfsf import model
-from jfsf.cli import app
+from jfsf.apps import model
+from jfsf.apps.cli import app
+from jfsf.apps.collections._cycles import Triangle
+from jfsf.apps.collections._grow import Graph, Matched
+from jfsf.apps.collections._paths import Paths
+from jfsf.apps.plot._colours import frame
+from jfsf.apps.report import write_collection_page, write_model_page
+from jfsf.apps.report._collection import ShapeRow, shape_picture
+from jfsf.apps.report._graph import places
+from jfsf.apps.report._model import KNOTS, displacements
 from jfsf.data import load, names
-from jfsf.joint import Graph, Matched, Paths, Triangle
 from jfsf.mesh import read
-from jfsf.plot import frame
-from jfsf.report import (
-    ShapeRow,
-    shape_picture,
-    write_collection_page,
-    write_model_page,
-)
-from jfsf.report._graph import places
-from jfsf.report._model import KNOTS, displacements
 from jfsf.types import Maps, Mesh
 
 SHAPES = tuple("abcd")

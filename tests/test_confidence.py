@@ -16,24 +16,24 @@ from hypothesis import strategies as st
 from scipy.special import logit
 
 from jfsf import EvidenceSettings, testing
-from jfsf.evidence import (
+from jfsf.matching import confidence, region_confidence
+from jfsf.matching._certificate import spectrum_gap
+from jfsf.matching._confidence import (
+    _AS_IT_IS,
     COMPARED,
     FACTORS,
+    LEAST,
+    MOST_SHARE,
     RANK_FACTORS,
     column,
-    confidence,
     log_odds,
-    mirror_probability,
     of_certificate,
     rank,
-    region_confidence,
-    rivals_among,
-    share_among,
-    spectrum_gap,
 )
-from jfsf.evidence._confidence import _AS_IT_IS, LEAST, MOST_SHARE
-from jfsf.runtime import pad
-from jfsf.spectral import DISTANCE_PAIRS, biharmonic
+from jfsf.matching._mirror import mirror_probability
+from jfsf.matching._rivals import rivals_among, share_among
+from jfsf.runtime._sizes import pad
+from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Certificate, Match
 
 SPEC = testing.blob_spectrum(0, 30)
@@ -174,7 +174,7 @@ def certificate(z, share=np.nan, landmarks=(), region_cost=np.nan):
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
-    text = (files("jfsf.evidence") / "regions.json").read_text()
+    text = (files("jfsf.matching") / "regions.json").read_text()
     b = json.loads(text)["factors"]
     settings = EvidenceSettings(missed_weight=2)
 

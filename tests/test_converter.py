@@ -10,11 +10,8 @@ import pytest
 
 from jfsf import testing
 from jfsf.baselines import auction, cpd
-from jfsf.convert import (
-    maps_of,
-    nearest,
-    quick_sinkhorn,
-)
+from jfsf.convert import maps_of, nearest
+from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.neighbours import NeighbourSearch, NeighbourSettings, spectral_tiles
 from jfsf.refine import arap, icp, soft_map, zoomout
 from jfsf.spectral import embeddings, functional_map

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 
 from jfsf import testing
 from jfsf.geometry import normals
-from jfsf.runtime import pad
-from jfsf.spectral import CURVATURE_TIMES, curvature, spectrum
+from jfsf.runtime._sizes import pad
+from jfsf.spectral import curvature, spectrum
+from jfsf.spectral._descriptors import CURVATURE_TIMES
 from jfsf.types import Mesh
 
 K, N = 40, 162

@@ -7,8 +7,8 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf.data import load
+from jfsf.matching.parts import cut
 from jfsf.mesh import check, coarsen, decimate, surface_area
-from jfsf.parts import cut
 from jfsf.types import Mesh
 
 MESH = load("man_up").mesh

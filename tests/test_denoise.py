@@ -6,14 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
-from jfsf.mesh import (
-    denoised,
-    face_normals,
-    noise,
-    spikes,
-    surface_area,
-    without_spikes,
-)
+from jfsf.mesh import denoised, face_normals, surface_area
+from jfsf.mesh._denoise import noise, spikes, without_spikes
 from jfsf.types import Mesh
 
 MAN = data.load("man_walk").mesh

@@ -8,15 +8,9 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.runtime import pad
-from jfsf.spectral import (
-    FeatureSettings,
-    features,
-    hks,
-    spectrum,
-    standardise,
-    wks,
-)
+from jfsf.runtime._sizes import pad
+from jfsf.spectral import FeatureSettings, features, hks, spectrum, wks
+from jfsf.spectral._descriptors import standardise
 from jfsf.testing import cast
 from jfsf.types import Mesh
 

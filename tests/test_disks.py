@@ -6,9 +6,9 @@ import trimesh
 from scipy.spatial import Delaunay
 
 from jfsf import testing
+from jfsf.matching._disks import as_disk, is_disk, turned_maps
 from jfsf.mesh import surface_area, vertex_areas
-from jfsf.policy._disks import as_disk, is_disk, turned_maps
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.types import Mesh, Spectrum
 
 

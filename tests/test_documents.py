@@ -25,7 +25,7 @@ from documents import (
 )
 
 import jfsf
-from jfsf.cli import app
+from jfsf.apps.cli import app
 
 VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cache"
 COMMAND = re.compile(rf"jfsf (?:{VERBS})\b.*")
@@ -139,8 +139,10 @@ def test_links_lead_somewhere(page):
 
 
 def test_every_guide_is_linked_from_the_readme():
-    assert {f"jfsf/guide/{g.name}" for g in GUIDES} <= set(links(README.read_text()))
-    assert {guide.stem for guide in GUIDES} == set(jfsf.guide.__all__)
+    assert {f"jfsf/apps/guide/{g.name}" for g in GUIDES} <= set(
+        links(README.read_text())
+    )
+    assert {guide.stem for guide in GUIDES} == set(jfsf.apps.guide.__all__)
 
 
 def test_every_part_is_in_the_table_of_the_guide():

@@ -10,15 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.initial import (
-    SamplePair,
-    SearchSettings,
-    _proportions,
-    energies,
-    log_stretch_std,
-)
+from jfsf.initial import SearchSettings, _proportions
+from jfsf.initial._hypotheses import SamplePair, energies
+from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._search import with_orientation
-from jfsf.spectral import brackets, farthest_points, features, orientation_score
+from jfsf.spectral import farthest_points, features, orientation_score
+from jfsf.spectral._orientation import brackets
 
 K = 9
 SETTINGS = SearchSettings(compared=6, curvature_energy=0.3)

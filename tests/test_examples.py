@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from documents import PAGES, SOURCES, blocks, docstrings, name
 
+from jfsf.apps.mapfiles import write_map
 from jfsf.data import load
-from jfsf.mapfiles import write_map
 from jfsf.testing import blob_spectrum
 
 PAIR = "man_walk", "man_up"

@@ -8,11 +8,12 @@ import jax.numpy as jnp
 import pytest
 from jax import export
 
-from jfsf import Settings, match_spectra, policy
-from jfsf.arguments import MatchInputs
-from jfsf.initial import nonisometric_starts
-from jfsf.policy import PairState
-from jfsf.policy._stages import search_inputs
+from jfsf import Settings, match_spectra
+from jfsf.initial._start import nonisometric_starts
+from jfsf.matching import _policy
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import PairState
+from jfsf.matching._run_stages import search_inputs
 from jfsf.types import Spectrum
 
 PLATFORMS = ("cuda", "rocm", "tpu")
@@ -51,7 +52,7 @@ def exported_stages(spec, landmarks, settings):
     """Programs of a pair in doubt."""
     runner = Exporting()
     pair = PairState((spec, spec), MatchInputs(landmarks=landmarks))
-    policy.compile_first_attempt(pair, runner, settings=settings)
+    _policy.compile_first_attempt(pair, runner, settings=settings)
     stage = partial(nonisometric_starts, settings=settings.search)
     runner.one(stage, search_inputs([pair], [pair.samples])[0])
     return runner.programs

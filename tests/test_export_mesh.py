@@ -12,15 +12,13 @@ import pytest
 import trimesh
 from PIL import Image
 
+from jfsf.apps.export import export_map, export_mesh
+from jfsf.apps.plot import coordinate_colours
+from jfsf.apps.plot._colours import body_colours
+from jfsf.apps.plot._pictures import texture_coordinates
+from jfsf.apps.plot._upright import find_frame
 from jfsf.data import load
-from jfsf.export import export_map, export_mesh
 from jfsf.mesh import MeshError, face_normals, read
-from jfsf.plot import (
-    body_colours,
-    coordinate_colours,
-    find_frame,
-    texture_coordinates,
-)
 from jfsf.types import Mesh
 
 X, Y = load("man_walk").mesh, load("man_up").mesh

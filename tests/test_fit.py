@@ -14,14 +14,11 @@ from hypothesis import strategies as st
 
 import jfsf.data
 from jfsf import initial
-from jfsf.initial import Weights, combine, shape_terms, solve, terms
-from jfsf.spectral import (
-    brackets,
-    functional_map,
-    orientation_score,
-    spectrum,
-    wks,
-)
+from jfsf.initial import Weights
+from jfsf.initial._linear import solve
+from jfsf.initial._terms import combine, shape_terms, terms
+from jfsf.spectral import functional_map, orientation_score, spectrum, wks
+from jfsf.spectral._orientation import brackets
 from jfsf.testing import cast
 from jfsf.types import Mesh
 
@@ -368,7 +365,7 @@ def test_float32(solver):
 
 
 def test_a_sweep_of_python_floats_compiles_once():
-    compiled = initial.fit._cache_size  # type: ignore
+    compiled = initial.fit._jitted._cache_size
     initial.fit(X, Y, DESC_X, DESC_Y, Weights(), k=K)
     before = compiled()
     for weight in (0.5, 0.25, -2.0):

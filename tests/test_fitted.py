@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jfsf.joint import CollectionSettings
-from jfsf.joint._agree import WITHIN
-from jfsf.joint._cycles import AGREE
-from jfsf.parts import PartSettings, RegisterWeights
+from jfsf.apps.collections import CollectionSettings
+from jfsf.apps.collections._agree import WITHIN
+from jfsf.apps.collections._cycles import AGREE
+from jfsf.matching.parts import PartSettings, RegisterWeights
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 

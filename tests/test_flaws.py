@@ -12,26 +12,24 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf import testing
-from jfsf.batch import Job
-from jfsf.cli import app
-from jfsf.cli._collection import _meshes_in
-from jfsf.cli._collection_jobs import keep, kept
-from jfsf.cli._files import matchable
-from jfsf.joint import Sketch
+from jfsf.apps.cli import app
+from jfsf.apps.cli._collection import _meshes_in
+from jfsf.apps.cli._collection_jobs import keep, kept
+from jfsf.apps.cli._files import matchable
+from jfsf.apps.collections._sketch import Sketch
+from jfsf.batch._jobs import Job
 from jfsf.mesh import (
     MeshError,
     check,
     floor_points,
-    map_of_originals,
-    nearest_kept,
     outliers,
     read,
     repair,
     rounding,
     validate,
     without_holes,
-    without_nonfinite,
 )
+from jfsf.mesh._partners import map_of_originals, nearest_kept, without_nonfinite
 from jfsf.types import Match, Mesh
 
 BLOB = testing.blob(0)
@@ -377,8 +375,8 @@ def test_a_collection_remembers_what_was_said(tmp_path, monkeypatch):
     path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
     numbers = Sketch(*[np.zeros(2)] * len(Sketch._fields))
     monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: mesh)
-    monkeypatch.setattr("jfsf.joint.sketch", lambda spectrum: numbers)
-    monkeypatch.setattr("jfsf.joint.check_surface", lambda mesh, name: None)
+    monkeypatch.setattr("jfsf.apps.collections.sketch", lambda spectrum: numbers)
+    monkeypatch.setattr("jfsf.apps.collections.check_surface", lambda mesh, name: None)
     for largest, mend in ((True, False), (False, True)):
         keep(Job((path,), tmp_path / "a.npz"), largest, mend)
         own = kept(tmp_path / "a.npz")

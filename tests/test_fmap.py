@@ -9,7 +9,7 @@ from hypothesis import given
 
 from jfsf import testing
 from jfsf.convert import nearest
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.spectral import (
     embeddings,
     farthest_points,

@@ -9,7 +9,8 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.geometry import GeodesicSolver, geodesics, pair_distances, vertex_indices
+from jfsf.geometry import GeodesicSolver, geodesics, pair_distances
+from jfsf.geometry._geodesics import vertex_indices
 from jfsf.types import Mesh
 
 NO_FACES = np.zeros((0, 3), np.int32)

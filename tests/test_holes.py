@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
 
 from jfsf import data, testing
-from jfsf.mesh import check, edges, largest_component, surface_area, without_holes
+from jfsf.mesh import check, largest_component, surface_area, without_holes
+from jfsf.mesh._geometry import edges
 from jfsf.spectral import spectrum
 from jfsf.types import Mesh
 

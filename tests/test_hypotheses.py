@@ -6,7 +6,8 @@ import pytest
 from scipy.spatial import KDTree
 
 from jfsf import data
-from jfsf.initial import SamplePair, SearchSettings, refine_hypotheses
+from jfsf.initial import SearchSettings
+from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
 from jfsf.matching import basis
 from jfsf.spectral import (
     embeddings,

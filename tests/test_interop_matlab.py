@@ -7,8 +7,8 @@ import scipy.io
 import scipy.sparse as sp
 
 from jfsf import testing
-from jfsf.interop import from_matlab, read_matlab, to_matlab, write_matlab
-from jfsf.mapfiles import MapFileError, read_map
+from jfsf.apps.interop import from_matlab, read_matlab, to_matlab, write_matlab
+from jfsf.apps.mapfiles import MapFileError, read_map
 from jfsf.mesh import surface_area
 from jfsf.spectral import functional_map, spectrum
 from jfsf.types import Mesh

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from jfsf import testing
-from jfsf.interop import from_meshio, from_trimesh, to_meshio, to_trimesh
+from jfsf.apps.interop import from_meshio, from_trimesh, to_meshio, to_trimesh
 from jfsf.mesh import MeshError
 from jfsf.types import Mesh
 
@@ -112,7 +112,7 @@ def test_missing_meshio_says_how_to_install(monkeypatch):
 
 def test_the_partners_are_not_imported_before_they_are_needed():
     code = (
-        "import sys, jfsf.interop, jfsf.export\n"
+        "import sys, jfsf.apps.interop, jfsf.apps.export\n"
         "partners = {'torch', 'meshio', 'trimesh', 'pyFM', 'ott', 'matplotlib'}\n"
         "assert not partners & set(sys.modules), partners & set(sys.modules)"
     )

@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf.convert import plan_entries, scale_kernel, sinkhorn
-from jfsf.interop import from_ott, potentials_to_ott, to_ott
+from jfsf.apps.interop import from_ott, potentials_to_ott, to_ott
+from jfsf.convert import sinkhorn
+from jfsf.convert._scaling import plan_entries, scale_kernel
 from jfsf.types import Kernel
 
 # Slow, as Sinkhorn has a dense oracle of its own among the others.

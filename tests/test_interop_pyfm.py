@@ -11,8 +11,7 @@ from pyFM.mesh import TriMesh
 from pyFM.spectral import mesh_p2p_to_FM
 
 from jfsf import testing
-from jfsf.convert import nearest
-from jfsf.interop import (
+from jfsf.apps.interop import (
     from_pyfm,
     mesh_from_pyfm,
     mesh_to_pyfm,
@@ -20,6 +19,7 @@ from jfsf.interop import (
     spectrum_to_pyfm,
     to_pyfm,
 )
+from jfsf.convert import nearest
 from jfsf.spectral import embeddings, functional_map, spectrum
 from jfsf.types import Mesh
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.interop import to_jax, to_numpy, to_torch
+from jfsf.apps.interop import to_jax, to_numpy, to_torch
 from jfsf.spectral import spectrum
 from jfsf.types import Certificate, Maps, Match, Mesh
 

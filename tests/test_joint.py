@@ -10,35 +10,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.joint import (
+from jfsf.apps.collections import (
     Collection,
-    Graph,
-    Matched,
     Member,
-    MirrorTest,
     PairSettings,
-    Sketch,
-    Triangle,
-    best_paths,
     collection,
-    first_pairs,
     grow,
-    grow_with_mirrors,
-    map_along,
-    mirror_images,
     mirrored,
-    more_pairs,
     reason,
-    sketch,
-    suspects,
     synchronise,
-    triangles,
     trust,
     unlikeness,
 )
-from jfsf.joint._cycles import AGREE, distance
+from jfsf.apps.collections._cycles import AGREE, Triangle, distance, triangles
+from jfsf.apps.collections._grow import Graph, Matched, MirrorTest
+from jfsf.apps.collections._mirror import grow_with_mirrors, mirror_images, suspects
+from jfsf.apps.collections._pairs import first_pairs, more_pairs
+from jfsf.apps.collections._paths import best_paths, map_along
+from jfsf.apps.collections._sketch import Sketch, sketch
+from jfsf.apps.registration import Registration
 from jfsf.mesh import MeshError
-from jfsf.registration import Registration
 from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh
 

@@ -13,20 +13,21 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.cli import app, warnings_of
-from jfsf.cli._files import kept_match, matchable
-from jfsf.export import export_mesh
-from jfsf.landmarks import (
+from jfsf.apps.cli import app
+from jfsf.apps.cli._files import kept_match, matchable
+from jfsf.apps.export import export_mesh
+from jfsf.apps.landmarks import (
     Landmarks,
     carry_landmarks,
-    on_surface,
     pair_landmarks,
     read_landmarks,
     read_vertex_pairs,
     to_vertices,
     write_landmarks,
 )
-from jfsf.mapfiles import read_match
+from jfsf.apps.landmarks._place import on_surface
+from jfsf.apps.mapfiles import read_match
+from jfsf.apps.report._words import warnings_of
 from jfsf.mesh import without_strays
 from jfsf.types import Certificate, Match, Mesh
 

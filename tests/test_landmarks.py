@@ -4,10 +4,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
-from jfsf.evidence import kept_landmarks, landmark_distances
 from jfsf.initial import Start
-from jfsf.settings import Settings
-from jfsf.spectral import biharmonic, features
+from jfsf.matching import Settings
+from jfsf.matching._kept_landmarks import kept_landmarks, landmark_distances
+from jfsf.spectral import features
+from jfsf.spectral._sampling import biharmonic
 
 SETTINGS = Settings()
 SPEC = testing.blob_spectrum(0, SETTINGS.search.eigenpairs)

@@ -13,7 +13,7 @@ from jfsf.convert import sinkhorn
 from jfsf.mesh import largest_component
 from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import zoomout
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, functional_map, spectrum, uniform
 from jfsf.types import Maps, Mesh
 

@@ -32,7 +32,7 @@ class Page(HTMLParser):
 @pytest.fixture(scope="module")
 def manual(tmp_path_factory):
     folder = tmp_path_factory.mktemp("manual")
-    command = [sys.executable, *WARNINGS, "-m", "jfsf.guide", folder]
+    command = [sys.executable, *WARNINGS, "-m", "jfsf.apps.guide", folder]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert done.stderr == ""
@@ -41,7 +41,7 @@ def manual(tmp_path_factory):
 
 def test_every_part_and_guide_has_a_page(manual):
     names = {path.with_suffix("").as_posix() for path in manual}
-    assert {f"jfsf/guide/{guide.stem}" for guide in GUIDES} <= names
+    assert {f"jfsf/apps/guide/{guide.stem}" for guide in GUIDES} <= names
     assert {f"jfsf/{part}" for part in jfsf._ROOMS} <= names
 
 

@@ -13,7 +13,7 @@ from clock import clocks
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.mapfiles import (
+from jfsf.apps.mapfiles import (
     MapFileError,
     read_ground_truth,
     read_map,
@@ -23,7 +23,7 @@ from jfsf.mapfiles import (
     write_mat,
     write_match,
 )
-from jfsf.mapfiles._formats import CERTIFICATE_KEYS, LATER_KEYS
+from jfsf.apps.mapfiles._formats import CERTIFICATE_KEYS, LATER_KEYS
 from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
 SUFFIXES = [".vts", ".map", ".mat", ".npz"]
@@ -403,7 +403,7 @@ def test_a_damaged_npz_says_nothing_but_its_error(tmp_path):
 def test_arrays_that_expand_to_more_than_memory_are_refused(
     tmp_path, monkeypatch, suffix
 ):
-    monkeypatch.setattr("jfsf.mapfiles._arrays.MOST_BYTES", 4000)
+    monkeypatch.setattr("jfsf.apps.mapfiles._arrays.MOST_BYTES", 4000)
     path = tmp_path / f"a{suffix}"
     for n, is_read in ((900, True), (1100, False)):
         values = np.ones(n, np.int32)

@@ -13,27 +13,29 @@ from scipy.spatial import KDTree
 from shapes import small
 
 import jfsf
-from jfsf import policy, stages, testing
-from jfsf.arguments import MatchInputs, checked_initial
-from jfsf.attempt import attempt, given_start, refine_start, shape_samples
+from jfsf import testing
+from jfsf.apps.report._words import warnings_of
 from jfsf.convert import sinkhorn
 from jfsf.evaluate import geodesic_error
-from jfsf.evidence import MISSED
-from jfsf.initial import SearchSettings, best_start, nonisometric_starts
-from jfsf.matching import _shapes
-from jfsf.policy import PairState, _bending, _stages
-from jfsf.report import warnings_of
-from jfsf.runtime import (
-    OneByOne,
-    PaddedShape,
-    Runner,
-    _programs,
-    _runners,
-    padded_pair,
-    padded_shapes,
-    spectrum_like,
+from jfsf.initial import SearchSettings, best_start
+from jfsf.initial._start import nonisometric_starts
+from jfsf.matching import (
+    Settings,
+    _bent_copies,
+    _policy,
+    _run_stages,
+    _shapes,
+    _stages,
+    attempt,
+    shape_samples,
 )
-from jfsf.settings import Settings
+from jfsf.matching._arguments import MatchInputs, checked_initial
+from jfsf.matching._attempt import given_start, refine_start
+from jfsf.matching._kept_landmarks import MISSED
+from jfsf.matching._pairs import PairState
+from jfsf.runtime import _programs, _runners
+from jfsf.runtime._runners import OneByOne, Runner
+from jfsf.runtime._sizes import PaddedShape, padded_pair, padded_shapes, spectrum_like
 from jfsf.spectral import features, functional_map, truncate, truncate_pair, wks
 from jfsf.types import Maps, Mesh
 
@@ -159,7 +161,7 @@ def test_units_motion_and_winding_change_nothing():
 def as_match_does(*specs):
     """Padded as `match` pads: the same programs."""
     pair = PairState(padded_pair(*specs), MatchInputs())
-    return policy.match_pairs([pair], OneByOne(keep=False), settings=SURE)[0]
+    return _policy.match_pairs([pair], OneByOne(keep=False), settings=SURE)[0]
 
 
 class Noting(OneByOne):
@@ -205,11 +207,11 @@ def test_the_programs_are_compiled_for_what_they_get():
     k = len(specs()[0].evals)
     like_x, like_y = map(spectrum_like, padded_shapes(k, sizes))
     ahead, runner = Abstract(), noting()
-    policy.compile_first_attempt(
+    _policy.compile_first_attempt(
         PairState((like_x, like_y), MatchInputs()), ahead, settings=SURE
     )
     padded = jax.tree.map(jnp.asarray, padded_pair(*specs()))
-    policy.match_pairs([PairState(padded, MatchInputs())], runner, settings=SURE)
+    _policy.match_pairs([PairState(padded, MatchInputs())], runner, settings=SURE)
     assert runner.given == ahead.given
 
 
@@ -364,19 +366,19 @@ class Counted:
 
 def all_stages(pair, runner, settings):
     """Those of a pair in doubt, too, on shapes in place of arrays."""
-    policy.compile_first_attempt(pair, runner, settings=settings)
+    _policy.compile_first_attempt(pair, runner, settings=settings)
     k = settings.k
     copies = padded_shapes(k, [(settings.coarse_vertices, 2396)] * 2)
     copy = PairState(tuple(map(spectrum_like, copies)), MatchInputs())
-    policy.compile_first_attempt(copy, runner, settings=settings)
+    _policy.compile_first_attempt(copy, runner, settings=settings)
     stage = partial(nonisometric_starts, settings=settings.search)
-    stacked = runner.one(stage, _stages.search_inputs([copy], [copy.samples])[0])
+    stacked = runner.one(stage, _run_stages.search_inputs([copy], [copy.samples])[0])
     start = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), stacked)
-    _stages.match_starts([(copy, start)], runner, settings)
+    _run_stages.match_starts([(copy, start)], runner, settings)
     # The map of the copies is bent on the whole shapes.
     C_yx = jax.ShapeDtypeStruct((k, k), start.C_yx.dtype)
-    bent = _bending.bent_like(pair, C_yx, start, runner, settings)
-    _stages.finish_each([(pair, start)], [bent], runner, settings)
+    bent = _bent_copies.bent_like(pair, C_yx, start, runner, settings)
+    _run_stages.finish_each([(pair, start)], [bent], runner, settings)
 
 
 @pytest.mark.slow
@@ -627,7 +629,7 @@ def test_the_searchs_own_map_as_initial_gives_the_default():
     (mesh_x, _), (mesh_y, _) = shapes()
     runner = noting()
     pair = PairState(padded_pair(*specs()), MatchInputs())
-    policy.match_pairs([pair], runner, settings=SURE)
+    _policy.match_pairs([pair], runner, settings=SURE)
     ((start, _),) = runner.results["search"]
     initial = np.asarray(start.C_yx)
     stages = []
@@ -663,7 +665,7 @@ def test_a_small_initial_map_grows():
     T_xy = jnp.asarray(plain().T_xy)
     small = functional_map(T_xy, truncate(x.spec, 12), truncate(y.spec, 12))
     settings = Settings(ks=(30, 40))
-    C_yx = stages.refine_by_zoomout(x, y, small, settings=settings)
+    C_yx = _stages.refine_by_zoomout(x, y, small, settings=settings)
     assert C_yx.shape == (40, 40)
     truth = functional_map(T_xy, truncate(x.spec, 40), truncate(y.spec, 40))
     gap = jnp.linalg.norm(C_yx - truth) / jnp.linalg.norm(truth)
@@ -688,7 +690,7 @@ def test_an_attempt_is_match():
 
 def test_rows_of_zeros_are_left_out_of_a_map():
     C_yx = jnp.asarray(np.random.default_rng(0).normal(size=(20, 20)))
-    embed = partial(stages.deform_by_arap, *specs(), settings=Settings(bend_rounds=0))
+    embed = partial(_stages.deform_by_arap, *specs(), settings=Settings(bend_rounds=0))
     padded = jnp.pad(C_yx, (0, 10))
     for ours, truth in zip(embed(padded)[:2], embed(C_yx)[:2], strict=True):
         np.testing.assert_allclose(ours[:, :20], truth)

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 
 from jfsf import data
-from jfsf.cli import _memory
-from jfsf.export import export_mesh
+from jfsf.apps.cli import _memory
+from jfsf.apps.export import export_mesh
 from jfsf.types import Mesh
 
 

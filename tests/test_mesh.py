@@ -17,25 +17,27 @@ from scipy.sparse.csgraph import shortest_path
 
 from jfsf.mesh import (
     MeshError,
-    boundary_edges,
     check,
-    components,
-    edge_graph,
-    edges,
-    face_areas,
     face_normals,
     farthest_vertices,
     largest_component,
     orient,
     read,
     surface_area,
-    triangulate,
     validate,
     vertex_areas,
-    vertex_components,
     vertex_normals,
     weld,
 )
+from jfsf.mesh._geometry import (
+    boundary_edges,
+    components,
+    edges,
+    face_areas,
+    vertex_components,
+)
+from jfsf.mesh._paths import edge_graph
+from jfsf.mesh._polygons import triangulate
 from jfsf.types import Mesh
 
 DATA = Path(os.environ.get("JFSF_DATA", "data"))

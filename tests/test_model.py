@@ -10,11 +10,12 @@ import pytest
 import scipy.spatial
 from scipy.spatial.transform import Rotation
 
-from jfsf import model as room
 from jfsf import testing
-from jfsf.mesh import MeshError, edges, read, surface_area, vertex_areas
-from jfsf.model import _quality as quality
-from jfsf.model import _rotations as rotations
+from jfsf.apps import model as room
+from jfsf.apps.model import _quality as quality
+from jfsf.apps.model import _rotations as rotations
+from jfsf.mesh import MeshError, read, surface_area, vertex_areas
+from jfsf.mesh._geometry import edges
 from jfsf.types import Mesh
 
 RNG = np.random.default_rng(0)

@@ -9,7 +9,8 @@ import pytest
 
 from jfsf import testing
 from jfsf.convert import nearest
-from jfsf.neighbours import NeighbourSearch, NeighbourSettings, tiles
+from jfsf.neighbours import NeighbourSearch, NeighbourSettings
+from jfsf.neighbours._tiles import tiles
 
 N, M = 60, 50
 

@@ -11,16 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jfsf.data
-from jfsf.spectral import (
+from jfsf.spectral import functional_map, orientation_score, spectrum
+from jfsf.spectral._orientation import (
     COLUMN_WEIGHT,
     FUNCTIONS,
     PULLED_BACK,
     bracket_fields,
     brackets,
     carried_fields,
-    functional_map,
-    orientation_score,
-    spectrum,
 )
 from jfsf.testing import cast
 from jfsf.types import Mesh

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.runtime import (
+from jfsf.runtime._sizes import (
     PaddedShape,
     common_size,
     pad,

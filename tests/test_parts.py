@@ -10,39 +10,24 @@ from scipy.spatial import KDTree
 
 import jfsf
 from jfsf import data, testing
-from jfsf.cli import _app
-from jfsf.evidence import MISSED, region_confidence
+from jfsf.apps.cli import _app
+from jfsf.apps.mapfiles import MapFileError, read_match, write_match
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
-from jfsf.mapfiles import MapFileError, read_match, write_match
-from jfsf.matching import _match, _partial
-from jfsf.mesh import (
-    MeshError,
-    boundary_edges,
-    decimate,
-    surface_area,
-    vertex_areas,
-    vertex_normals,
-)
-from jfsf.parts import (
-    Parts,
-    PartSettings,
-    RegisterWeights,
-    _starts,
-    cut,
-    likely_part,
-    longest_loop,
-    match_parts,
-)
-from jfsf.parts import _match as parts_match
-from jfsf.parts._ball_descriptors import (
+from jfsf.matching import EvidenceSettings, _match, _partial, region_confidence
+from jfsf.matching._kept_landmarks import MISSED
+from jfsf.matching.parts import PartSettings, RegisterWeights, _starts, cut, likely_part
+from jfsf.matching.parts import _match as parts_match
+from jfsf.matching.parts._ball_descriptors import (
     ball_descriptors,
     descriptor_unlikeness,
     unlikeness,
 )
-from jfsf.parts._beam import Assigned, anchors_of, assign
-from jfsf.parts._membership import from_rim, membership
-from jfsf.parts._region import (
+from jfsf.matching.parts._beam import Assigned, anchors_of, assign
+from jfsf.matching.parts._hint import longest_loop
+from jfsf.matching.parts._match import Parts, match_parts
+from jfsf.matching.parts._membership import from_rim, membership
+from jfsf.matching.parts._region import (
     covered_by,
     draw_onto,
     nearest,
@@ -51,10 +36,10 @@ from jfsf.parts._region import (
     target,
     turned_round,
 )
-from jfsf.parts._register import register, whole_at_rest
-from jfsf.parts._shape import part_samples
-from jfsf.parts._sides import both_sides
-from jfsf.parts._starts import (
+from jfsf.matching.parts._register import register, whole_at_rest
+from jfsf.matching.parts._shape import part_samples
+from jfsf.matching.parts._sides import both_sides
+from jfsf.matching.parts._starts import (
     _cost,
     first_starts,
     scale_of,
@@ -62,8 +47,9 @@ from jfsf.parts._starts import (
     start_of,
     starts,
 )
+from jfsf.mesh import MeshError, decimate, surface_area, vertex_areas, vertex_normals
+from jfsf.mesh._geometry import boundary_edges
 from jfsf.refine import ArapSettings
-from jfsf.settings import EvidenceSettings
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.

@@ -7,10 +7,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jfsf import data
+from jfsf.matching.parts import PartSettings, cut
+from jfsf.matching.parts._alignments import _rotations, aligned, alignments, correlation
+from jfsf.matching.parts._register import whole_at_rest
 from jfsf.mesh import decimate, surface_area, vertex_normals
-from jfsf.parts import PartSettings, cut
-from jfsf.parts._alignments import _rotations, aligned, alignments, correlation
-from jfsf.parts._register import whole_at_rest
 from jfsf.types import Mesh
 
 SETTINGS = PartSettings()

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jfsf import testing
+from jfsf.matching.parts import PartSettings, cut
+from jfsf.matching.parts import _beam as beam
+from jfsf.matching.parts._shape import along_cut, part_samples
 from jfsf.mesh import surface_area
-from jfsf.parts import PartSettings, cut
-from jfsf.parts import _beam as beam
-from jfsf.parts._shape import along_cut, part_samples
 from jfsf.types import Mesh
 
 WHOLE = testing.blob(3, subdivisions=3)

@@ -6,16 +6,16 @@ import trimesh
 from scipy.spatial import KDTree
 
 from jfsf import testing
-from jfsf.mesh import vertex_normals
-from jfsf.parts import PartSettings
-from jfsf.parts._curvature import (
+from jfsf.matching.parts import PartSettings
+from jfsf.matching.parts._curvature import (
     curvature,
     curvatures,
     standard_curvature,
     usual_curvature,
 )
-from jfsf.parts._region import alike, outward, target
-from jfsf.parts._register import register, whole_at_rest
+from jfsf.matching.parts._region import alike, outward, target
+from jfsf.matching.parts._register import register, whole_at_rest
+from jfsf.mesh import vertex_normals
 from jfsf.types import Mesh
 
 TIMES = 0.003, 0.01, 0.03

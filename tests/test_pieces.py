@@ -10,27 +10,15 @@ from shapes import small
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.cli import app
+from jfsf.apps.cli import app
+from jfsf.apps.export import export_mesh
+from jfsf.apps.mapfiles import MapFileError, read_notes, read_stored
+from jfsf.apps.pieces import candidates, cost, match_components, write_components
+from jfsf.apps.pieces._assign import TIE, assign, places_apart
+from jfsf.apps.pieces._split import pieces_of
 from jfsf.evaluate import geodesic_error
-from jfsf.export import export_mesh
-from jfsf.mapfiles import MapFileError, read_notes, read_stored
-from jfsf.mesh import (
-    MeshError,
-    check,
-    largest_component,
-    split_components,
-    vertex_colours,
-)
-from jfsf.pieces import (
-    TIE,
-    assign,
-    candidates,
-    cost,
-    match_components,
-    pieces_of,
-    places_apart,
-    write_components,
-)
+from jfsf.mesh import MeshError, check, largest_component, vertex_colours
+from jfsf.mesh._edit import split_components
 from jfsf.types import Certificate, Match, Mesh
 
 BLOBS = [testing.blob(seed) for seed in range(4)]
@@ -72,7 +60,7 @@ def matched(monkeypatch):
         likely = (np.full(len(mesh.vertices), 0.75) for mesh in (x, y))
         return Match(back, other, np.eye(3), certificate, None, None, *likely)
 
-    monkeypatch.setattr("jfsf.pieces._match.match", match)
+    monkeypatch.setattr("jfsf.apps.pieces._match.match", match)
     return pairs
 
 
@@ -377,7 +365,7 @@ def test_bodies_go_to_their_own_kind(tmp_path, run_once, monkeypatch):
         results.append(match_components(*meshes, **options))
         return results[-1]
 
-    monkeypatch.setattr("jfsf.pieces.match_components", kept)
+    monkeypatch.setattr("jfsf.apps.pieces.match_components", kept)
     paths = tmp_path / "x.ply", tmp_path / "y.ply"
     done = run("match", *paths, "--out", tmp_path / "map.npz", "--components")
     assert done.exit_code == 0, done.output

@@ -11,12 +11,15 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from jfsf import EvidenceSettings, Settings, policy
-from jfsf.arguments import MatchInputs
-from jfsf.evidence import Standing, confidence, mirror_probability, of_certificate
+from jfsf import EvidenceSettings, Settings
 from jfsf.initial import Start
-from jfsf.policy import PairState, _bending, _others, _pairs, _sources
-from jfsf.policy._rigid import Moved
+from jfsf.matching import _bending, _others, _pairs, _policy, _sources, confidence
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._confidence import of_certificate
+from jfsf.matching._mirror import mirror_probability
+from jfsf.matching._pairs import PairState
+from jfsf.matching._rigid import Moved
+from jfsf.matching._rivals import Standing
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
@@ -169,7 +172,7 @@ def alike(monkeypatch):
 def run(runner, pairs=1, *, settings=HALF, **inputs):
     own = MatchInputs(**inputs)
     some = [PairState((i, i), own) for i in range(pairs)]  # type: ignore[arg-type]
-    return policy.match_pairs(some, runner, settings=settings)
+    return _policy.match_pairs(some, runner, settings=settings)
 
 
 def likely(match):
@@ -217,7 +220,7 @@ def test_the_maps_that_rank_highest_on_the_copies_are_attempted(on_copies, order
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.01], [[0.1, 0.2, 0.3]], [on_copies])
     settings = Settings(retry_below=0.5, nonisometric_attempts=2)
-    (match,) = policy.match_pairs([pair], runner, settings=settings)
+    (match,) = _policy.match_pairs([pair], runner, settings=settings)
     np.testing.assert_allclose(
         list(map(likely, pair.results(settings))), [0.01, *order]
     )
@@ -247,7 +250,7 @@ def test_the_match_of_each_attempt_is_kept():
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.2], [[0.1, 0.4]])
     settings = Settings(retry_below=0.5, nonisometric_attempts=2)
-    (best,) = policy.match_pairs([pair], runner, settings=settings)
+    (best,) = _policy.match_pairs([pair], runner, settings=settings)
     tried = pair.results(settings)
     np.testing.assert_allclose(list(map(likely, tried)), [0.2, 0.4, 0.1])
     assert [int(match.info.won) for match in tried] == [0, 1, 2]
@@ -261,7 +264,7 @@ def test_the_match_of_each_attempt_is_kept():
 def test_the_rivals_of_a_map_count():
     pair = PairState((0, 0), MatchInputs())  # type: ignore[arg-type]
     runner = Scripted([0.2], [[0.1, 0.4]], [[0.3, 0.5]])
-    policy.match_pairs([pair], runner, settings=ONE)
+    _policy.match_pairs([pair], runner, settings=ONE)
     tried = pair.results(ONE)
     # In the order of the attempts: first, then the likeliest of the copies.
     shares = shares_of([0.2, 0.3, 0.5])[[0, 2]]

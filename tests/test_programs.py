@@ -17,9 +17,14 @@ import numpy as np
 import platformdirs
 import pytest
 
-from jfsf import runtime, storage
-from jfsf.runtime import _compiler, _program_files, _programs, shared_context
-from jfsf.settings import Settings
+from jfsf import storage
+from jfsf.matching import Settings
+from jfsf.runtime import _compiler, _program_files, _programs
+from jfsf.runtime._compiler import large_jit
+from jfsf.runtime._programs import compile_ahead
+from jfsf.runtime._shared import shared_context
+from jfsf.storage._folder import stored_files
+from jfsf.storage._private import read_private, write_private
 
 
 def centred(x, *, axis):
@@ -28,12 +33,12 @@ def centred(x, *, axis):
 
 def test_the_result_is_that_of_jit():
     x = jnp.arange(12.0).reshape(3, 4)
-    moved = runtime.large_jit(centred, "cpu", static_argnames="axis")
+    moved = large_jit(centred, "cpu", static_argnames="axis")
     np.testing.assert_allclose(moved(x, axis=1), centred(x, axis=1))
 
 
 def test_it_compiles_once():
-    runs = [runtime.large_jit(centred, "cpu", static_argnames="axis") for _ in range(2)]
+    runs = [large_jit(centred, "cpu", static_argnames="axis") for _ in range(2)]
     assert runs[0] is runs[1]
 
 
@@ -57,7 +62,7 @@ def split(halves, scale, *, at):
 
 
 def run(function, *args, **options):
-    return runtime.compile_ahead(function, *args, **options)(*args)
+    return compile_ahead(function, *args, **options)(*args)
 
 
 def ask(scale=4.0, at=2):
@@ -124,7 +129,7 @@ def test_settings_are_part_of_the_name(kept):
     x = jnp.ones(2)
     for _ in range(2):
         for settings in (Settings(), Settings(bend_rounds=3)):
-            runtime.compile_ahead(described, x, settings=settings)
+            compile_ahead(described, x, settings=settings)
         another_process()
     assert len(list(kept.iterdir())) == 2
 
@@ -167,7 +172,7 @@ def test_two_processes_compile_a_program_once(kept, monkeypatch, ends_well):
             found.result(timeout=0.5)
         assert not traced
         if ends_well:
-            storage.write_private(path, whole)
+            write_private(path, whole)
             lock.close()
         np.testing.assert_allclose(found.result().low, [0, 2])
     assert traced == ([] if ends_well else [2])
@@ -337,7 +342,7 @@ def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
         return opened
 
     monkeypatch.setattr(storage._private, "_open_folder", swapped)
-    assert storage.read_private(path) == private
+    assert read_private(path) == private
     assert not marker.exists()
 
 
@@ -376,7 +381,7 @@ def test_without_owners_only_the_platforms_folder_is_trusted(
     ask()
     assert not traced and not kept.exists()
     assert len(list((own / "jfsf" / "programs").iterdir())) == 1
-    assert len(storage.stored_files()) == 1
+    assert len(stored_files()) == 1
 
 
 def test_the_least_recently_used_program_is_dropped(kept, monkeypatch):

@@ -10,8 +10,8 @@ import pytest
 from documents import README, ROOT
 
 from jfsf import data, testing
-from jfsf.arguments import MatchInputs
-from jfsf.policy import Attempt, PairState
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import Attempt, PairState
 from jfsf.types import SOURCES, Certificate, Match
 
 FOLDER = ROOT / "experiments"

@@ -12,16 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.mesh import (
-    MeshError,
-    face_areas,
-    face_normals,
-    format_of,
-    read,
-    read_noted,
-    stem_of,
-    triangulate,
-)
+from jfsf.mesh import MeshError, face_normals, read, read_noted
+from jfsf.mesh._geometry import face_areas
+from jfsf.mesh._polygons import triangulate
+from jfsf.mesh._read import format_of, stem_of
 
 BLOB = testing.blob(0, subdivisions=1)
 N, M = len(BLOB.vertices), len(BLOB.faces)

@@ -12,17 +12,17 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import jfsf
-from jfsf.cli import app
-from jfsf.export import export_mesh
-from jfsf.mapfiles import write_map
-from jfsf.mesh import MeshError, closest, on_rim, read, surface_area, surface_tree
-from jfsf.mesh._closest import nearest_of
-from jfsf.refine import at_rest
-from jfsf.registration import Registration, RegistrationSettings, register
-from jfsf.registration._flaws import flaws_of
-from jfsf.registration._scan import scan_of
-from jfsf.registration._start import start_of
-from jfsf.registration._unfold import unfold
+from jfsf.apps.cli import app
+from jfsf.apps.export import export_mesh
+from jfsf.apps.mapfiles import write_map
+from jfsf.apps.registration import Registration, RegistrationSettings, register
+from jfsf.apps.registration._flaws import flaws_of
+from jfsf.apps.registration._scan import scan_of
+from jfsf.apps.registration._start import start_of
+from jfsf.apps.registration._unfold import unfold
+from jfsf.mesh import MeshError, closest, read, surface_area
+from jfsf.mesh._closest import nearest_of, on_rim, surface_tree
+from jfsf.refine._rest import at_rest
 from jfsf.testing import blob, mirror
 from jfsf.types import Certificate, Mesh
 

@@ -6,16 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.mesh import (
-    MeshError,
-    check,
-    map_of_originals,
-    orient,
-    repair,
-    spikes,
-    surface_area,
-    validate,
-)
+from jfsf.mesh import MeshError, check, orient, repair, surface_area, validate
+from jfsf.mesh._denoise import spikes
+from jfsf.mesh._partners import map_of_originals
 from jfsf.types import Mesh
 
 BLOB = testing.blob(3)

@@ -12,26 +12,16 @@ import pytest
 from scipy.spatial import KDTree
 from shapes import small
 
+from jfsf.apps.plot._colours import body_colours, frame, matched_colours
+from jfsf.apps.report import Side, findings, reasons, write_index, write_report
+from jfsf.apps.report._candidates import Considered, considered, with_maps
+from jfsf.apps.report._html import thumbnail
+from jfsf.apps.report._index import Row
+from jfsf.apps.report._measured import measure
+from jfsf.apps.report._scene import scene, shown, shown_maps
+from jfsf.apps.report._words import readings, verdict, warnings_of
 from jfsf.data import Sample, load
 from jfsf.initial import Candidates
-from jfsf.plot import body_colours, frame, matched_colours
-from jfsf.report import (
-    Considered,
-    Row,
-    Side,
-    considered,
-    findings,
-    measure,
-    readings,
-    reasons,
-    thumbnail,
-    verdict,
-    warnings_of,
-    write_index,
-    write_report,
-)
-from jfsf.report._candidates import with_maps
-from jfsf.report._scene import scene, shown, shown_maps
 from jfsf.types import FIGURES, STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
 PAIR = ("man_walk", "man_up")
@@ -95,7 +85,7 @@ def write(path, **options):
     truth = x.template_to_vertex, y.template_to_vertex
     sides = Side(x.mesh, PAIR[0]), Side(y.mesh, PAIR[1])
     options = {"truth": truth, "cache": False} | options
-    with mock.patch("jfsf.report._page.considered", two):
+    with mock.patch("jfsf.apps.report._page.considered", two):
         return write_report(path, *sides, found, **options)
 
 
@@ -191,7 +181,7 @@ def test_page_without_ground_truth_or_known_figures(tmp_path):
         orientation=jnp.asarray(np.nan),
     )
     x, y, found = pair()
-    with mock.patch("jfsf.report._page.considered", lambda *_, **__: []):
+    with mock.patch("jfsf.apps.report._page.considered", lambda *_, **__: []):
         write_report(
             tmp_path / "a.html",
             Side(x.mesh, "X", np.arange(len(x.mesh.vertices)) + 3),
@@ -341,7 +331,7 @@ def test_old_pages_stay_when_the_disk_is_full(tmp_path, monkeypatch):
         raise OSError("disk full")
 
     (tmp_path / "a.html").write_text("old")
-    monkeypatch.setattr("jfsf.report._page.write_text", fail)
+    monkeypatch.setattr("jfsf.apps.report._page.write_text", fail)
     with pytest.raises(OSError, match="disk full"):
         write(tmp_path / "a.html")
     assert [p.read_text() for p in tmp_path.iterdir()] == ["old"]

@@ -7,7 +7,8 @@ import pytest
 from browser import needs_chromium, opened
 from test_report import PAIR, record_of, write
 
-from jfsf.report import Row, write_index
+from jfsf.apps.report import write_index
+from jfsf.apps.report._index import Row
 
 pytestmark = needs_chromium
 

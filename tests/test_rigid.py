@@ -5,10 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from jfsf import testing
+from jfsf.matching._rigid import motion, moved_by_map
 from jfsf.mesh import surface_area, vertex_areas
-from jfsf.policy import moved_by_map
-from jfsf.policy._rigid import motion
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.types import Mesh, Spectrum
 
 ROUND = testing.blob(0, subdivisions=3)

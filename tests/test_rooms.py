@@ -110,8 +110,8 @@ def test_all_public_names_resolve_without_further_imports():
         "import jfsf\n"
         f"for room in {ORDER}: getattr(jfsf, room)\n"
         "jfsf.data.load, jfsf.batch.match_spectra, jfsf.convert.sinkhorn\n"
-        "jfsf.basis, jfsf.mapfiles.read_map, jfsf.evaluate.evaluate\n"
-        "jfsf.plot.draw_pair"
+        "jfsf.basis, jfsf.apps.mapfiles.read_map, jfsf.evaluate.evaluate\n"
+        "jfsf.apps.plot.draw_pair"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
 

@@ -18,11 +18,13 @@ import pytest
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.batch import Job, PairOptions, connect, read_pairs, run_jobs
-from jfsf.cli import _batch_jobs, app
-from jfsf.cli._pages import pages_of
-from jfsf.cli._runs import DRAWING, _interrupt, note_drawing, raising_interrupts
-from jfsf.mapfiles import read_match, read_notes
+from jfsf.apps.cli import _batch_jobs, app
+from jfsf.apps.cli._pages import pages_of
+from jfsf.apps.cli._runs import DRAWING, _interrupt, note_drawing, raising_interrupts
+from jfsf.apps.mapfiles import read_match, read_notes
+from jfsf.batch import connect, read_pairs
+from jfsf.batch._jobs import Job, run_jobs
+from jfsf.batch._pair_list import PairOptions
 from jfsf.types import STAGES, Certificate, Match, MatchInfo, Mesh
 
 dask = pytest.importorskip("dask")

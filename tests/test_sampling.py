@@ -8,14 +8,9 @@ import pytest
 from hypothesis import given, settings
 
 from jfsf import testing
-from jfsf.runtime import pad
-from jfsf.spectral import (
-    biharmonic,
-    even_points,
-    farthest_points,
-    restrict,
-    tile_points,
-)
+from jfsf.runtime._sizes import pad
+from jfsf.spectral import farthest_points, restrict, tile_points
+from jfsf.spectral._sampling import biharmonic, even_points
 
 N, K, NUM = 162, 20, 25
 spectra = testing.spectra(K)

@@ -10,12 +10,12 @@ from jfsf import testing
 from jfsf.initial import (
     Candidates,
     SearchSettings,
-    best_different,
     candidates,
     orientation_sign,
     search,
-    search_samples,
 )
+from jfsf.initial._hypotheses import best_different
+from jfsf.initial._samples import search_samples
 from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.spectral import features, wks
 

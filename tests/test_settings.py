@@ -8,9 +8,9 @@ import pytest
 
 import jfsf
 from jfsf import ArapSettings, FeatureSettings, NeighbourSettings, SearchSettings
-from jfsf.array import static_key, static_text
+from jfsf.array._static import static_key, static_text
 from jfsf.convert import authors_sinkhorn, sinkhorn
-from jfsf.settings import Settings
+from jfsf.matching import Settings
 
 
 def test_equal_content_is_one_key():
@@ -51,8 +51,8 @@ def test_repr_is_what_one_would_write():
     assert "0x" not in text  # no address: the same text in every process
     names = {"partial": partial, **vars(jfsf.convert)}
     names |= {"Weights": jfsf.initial.Weights, "features": jfsf.spectral.features}
-    names |= {"RegisterWeights": jfsf.parts.RegisterWeights}
-    names |= vars(jfsf.stages)
+    names |= {"RegisterWeights": jfsf.matching.parts.RegisterWeights}
+    names |= vars(jfsf.matching)
     names |= {name: getattr(jfsf, name) for name in jfsf.__all__}
     assert eval(text, names) == mine
 
@@ -87,7 +87,7 @@ def test_every_number_is_explained():
         ({"samples": 0}, "samples 0"),
         ({"samples": 4000}, "samples is 4000; give a power of two"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),
-        ({"refine": "zoomout"}, "refine is 'zoomout'; give .* jfsf.stages"),
+        ({"refine": "zoomout"}, "refine is 'zoomout'; give .* jfsf.matching"),
     ],
 )
 def test_bad_values_are_errors(wrong, message):

@@ -15,17 +15,9 @@ from precisions import FLOATS
 from problems import N_X, N_Y, WIDTH, dense, draw, weights
 
 from jfsf import testing
-from jfsf.convert import (
-    authors_sinkhorn,
-    nearest,
-    plan,
-    plan_entries,
-    pull_back,
-    quick_sinkhorn,
-    scale_kernel,
-    sinkhorn,
-)
-from jfsf.convert._sinkhorn import length
+from jfsf.convert import authors_sinkhorn, nearest, plan, pull_back, sinkhorn
+from jfsf.convert._scaling import plan_entries, scale_kernel
+from jfsf.convert._sinkhorn import length, quick_sinkhorn
 from jfsf.mesh import read
 from jfsf.refine import zoomout
 from jfsf.spectral import (

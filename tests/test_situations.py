@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import typer
 
-from jfsf.cli import app
-from jfsf.landmarks import read_landmarks, read_vertex_pairs
-from jfsf.mesh import MeshError, check, format_of, read, read_noted, rounding
+from jfsf.apps.cli import app
+from jfsf.apps.landmarks import read_landmarks, read_vertex_pairs
+from jfsf.mesh import MeshError, check, read, read_noted, rounding
+from jfsf.mesh._read import format_of
 
 ROOT = Path(__file__).parents[1]
 LIBRARIES = ".vtk", ".vtp", ".gii"  # which may not be installed

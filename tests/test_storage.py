@@ -11,13 +11,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jfsf import storage
-from jfsf.storage import (
+from jfsf.storage._atomic import (
     check_writable,
     remove_left_over,
     remove_unfinished,
     write_atomically,
     write_text,
 )
+from jfsf.storage._cache import fetch
+from jfsf.storage._folder import limit_bytes, make_room, stored_files
 
 
 class Pair(NamedTuple):
@@ -52,21 +54,21 @@ def test_the_folder_follows_the_environment(place, monkeypatch):
 
 
 def test_a_record_is_computed_once(place):
-    assert same(storage.fetch("key", Pair, lambda: VALUE))
-    assert same(storage.fetch("key", Pair, never))
+    assert same(fetch("key", Pair, lambda: VALUE))
+    assert same(fetch("key", Pair, never))
     assert [file.name for file in place.iterdir()] == ["key.npz"]
 
 
 def test_a_record_does_not_carry_the_clock(place, monkeypatch):
     for year in clocks(monkeypatch):
-        storage.fetch(f"{year}", Pair, lambda: VALUE)
+        fetch(f"{year}", Pair, lambda: VALUE)
     one, two = place.iterdir()
     assert one.read_bytes() == two.read_bytes()
 
 
 def test_what_compute_raises_passes_through(place):
     with pytest.raises(ZeroDivisionError):
-        storage.fetch("key", Pair, lambda: 1 / 0)
+        fetch("key", Pair, lambda: 1 / 0)
     assert not place.exists()
 
 
@@ -76,7 +78,7 @@ def test_damage_is_repaired(tmp_path_factory, data):
     path = folder / "key.npz"
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("JFSF_CACHE", str(folder))
-        storage.fetch("key", Pair, lambda: VALUE)
+        fetch("key", Pair, lambda: VALUE)
         good = path.read_bytes()
         at = data.draw(st.integers(0, len(good) - 1))
         kind = data.draw(st.sampled_from(["cut", "flip", "noise"]))
@@ -88,17 +90,17 @@ def test_damage_is_repaired(tmp_path_factory, data):
         else:
             bad = data.draw(st.binary(max_size=50))
         path.write_bytes(bad)
-        assert same(storage.fetch("key", Pair, lambda: VALUE))
-        assert same(storage.fetch("key", Pair, lambda: VALUE))
+        assert same(fetch("key", Pair, lambda: VALUE))
+        assert same(fetch("key", Pair, lambda: VALUE))
 
 
 def test_a_damaged_shape_does_not_cut_a_record(place):
     # So long that numpy does not meet the checksum before its end.
     long = Pair(np.arange(9000.0).reshape(3000, 3), np.zeros(1))
-    storage.fetch("key", Pair, lambda: long)
+    fetch("key", Pair, lambda: long)
     path = place / "key.npz"
     path.write_bytes(path.read_bytes().replace(b"(3000, 3)", b"(1000, 3)"))
-    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert same(fetch("key", Pair, lambda: VALUE))
 
 
 @pytest.mark.parametrize("content", ["npy", "other fields", "pickle"])
@@ -112,13 +114,13 @@ def test_a_foreign_file_is_replaced(place, content):
             np.savez(file, a=np.array([{}], object), b=np.zeros(1))
         else:
             np.savez(file, a=np.zeros(3))
-    assert same(storage.fetch("key", Pair, lambda: VALUE))
-    assert same(storage.fetch("key", Pair, never))
+    assert same(fetch("key", Pair, lambda: VALUE))
+    assert same(fetch("key", Pair, never))
 
 
 def test_a_folder_that_cannot_be_made_is_done_without(place):
     place.write_text("a file stands here")
-    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert same(fetch("key", Pair, lambda: VALUE))
     assert place.read_text() == "a file stands here"
 
 
@@ -128,7 +130,7 @@ def test_a_record_that_cannot_be_stored_is_returned(place, monkeypatch, broken):
         raise PermissionError("read-only")
 
     monkeypatch.setattr({"replace": os, "savez": np}[broken], broken, fail)
-    assert same(storage.fetch("key", Pair, lambda: VALUE))
+    assert same(fetch("key", Pair, lambda: VALUE))
     assert list(place.iterdir()) == []
 
 
@@ -316,25 +318,25 @@ def test_the_least_recently_used_files_go_first(place, monkeypatch):
     spectrum = stored(place, NAMES[0], 100, used=3)
     program = stored(place / "programs", NAMES[1], 100, 2, ".program")
     oldest = stored(place, NAMES[2], 100, used=1)
-    storage.make_room()
+    make_room()
     assert spectrum.exists() and program.exists() and not oldest.exists()
     limit(monkeypatch, 150)
-    storage.make_room()
+    make_room()
     assert spectrum.exists() and not program.exists()
 
 
 def test_what_is_read_is_used(place):
-    storage.fetch(NAMES[0], Pair, lambda: VALUE)
+    fetch(NAMES[0], Pair, lambda: VALUE)
     path = place / f"{NAMES[0]}.npz"
     os.utime(path, (1, 1))
-    storage.fetch(NAMES[0], Pair, never)
+    fetch(NAMES[0], Pair, never)
     assert path.stat().st_mtime > 1e9
 
 
 def test_storing_makes_room(place, monkeypatch):
     old = stored(place, NAMES[0], 10_000, used=1)
     limit(monkeypatch, 9_000)
-    storage.fetch(NAMES[1], Pair, lambda: VALUE)
+    fetch(NAMES[1], Pair, lambda: VALUE)
     assert not old.exists() and (place / f"{NAMES[1]}.npz").exists()
 
 
@@ -352,7 +354,7 @@ def test_only_files_of_the_cache_are_removed(place, monkeypatch):
     (place / f"{NAMES[2]}.npz").symlink_to(strange[0])
     (place / "programs").symlink_to(place.parent / "elsewhere")
     own = stored(place, NAMES[3], 100, used=1)
-    storage.make_room()
+    make_room()
     assert not own.exists() and all(path.exists() for path in strange)
     assert (place / f"{NAMES[1]}.npz").is_dir()
     assert (place / f"{NAMES[2]}.npz").is_symlink()
@@ -360,12 +362,12 @@ def test_only_files_of_the_cache_are_removed(place, monkeypatch):
 
 def test_files_that_vanish_meanwhile_are_no_error(place, monkeypatch):
     paths = [stored(place, name, 100, used=n) for n, name in enumerate(NAMES)]
-    files = storage.stored_files()
+    files = stored_files()
     assert [file.path for file in files] == paths
     paths[0].unlink()
     limit(monkeypatch, 250)
     monkeypatch.setattr(storage._folder, "stored_files", lambda: files)
-    storage.make_room()
+    make_room()
     # The first counts as removed.
     assert [path.exists() for path in paths] == [False, False, True, True]
 
@@ -381,7 +383,7 @@ def test_a_file_that_cannot_be_removed_stays(place, monkeypatch):
         real(path, missing_ok)
 
     monkeypatch.setattr(type(first), "unlink", unlink)
-    storage.make_room()
+    make_room()
     assert first.exists() and not second.exists()
 
 
@@ -389,10 +391,10 @@ def test_a_file_that_cannot_be_removed_stays(place, monkeypatch):
 def test_a_wrong_limit_is_an_error_before_the_work(place, monkeypatch, text):
     monkeypatch.setenv("JFSF_CACHE_LIMIT", text)
     with pytest.raises(ValueError, match=f"JFSF_CACHE_LIMIT is '{text}'; give gigab"):
-        storage.fetch("key", Pair, never)
+        fetch("key", Pair, never)
 
 
 def test_the_limit_follows_the_environment(monkeypatch):
     for text, expected in (("", 10e9), ("2.5", 2.5e9), ("inf", np.inf)):
         monkeypatch.setenv("JFSF_CACHE_LIMIT", text)
-        assert storage.limit_bytes() == expected
+        assert limit_bytes() == expected

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from jfsf.mapfiles import MapFileError, read_map, read_mat, write_mat
+from jfsf.apps.mapfiles import MapFileError, read_map, read_mat, write_mat
 
 RNG = np.random.default_rng(0)
 LEAVES = [

@@ -7,16 +7,17 @@ import pytest
 from hypothesis import given
 
 from jfsf import testing
-from jfsf.geometry import (
+from jfsf.geometry import normals
+from jfsf.geometry._surface import (
     STIFFNESS_RANGE,
     corner_sides,
     divergence,
-    normals,
     opposite_edges,
     sum_at_vertices,
     surface,
 )
-from jfsf.mesh import MeshError, closest, surface_tree, vertex_normals
+from jfsf.mesh import MeshError, closest, vertex_normals
+from jfsf.mesh._closest import surface_tree
 from jfsf.spectral import operators
 from jfsf.types import Mesh
 

@@ -8,8 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.neighbours import NeighbourSettings, spectral_tiles, tiles, tiles_of_pair
-from jfsf.runtime import pad
+from jfsf.neighbours import NeighbourSettings, spectral_tiles
+from jfsf.neighbours._tiles import tiles, tiles_of_pair
+from jfsf.runtime._sizes import pad
 
 N = 203
 

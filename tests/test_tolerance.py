@@ -14,7 +14,8 @@ from problems import dense
 from scipy.optimize import linprog
 
 from jfsf import testing
-from jfsf.convert import plan_entries, pull_back, scale_kernel, sinkhorn
+from jfsf.convert import pull_back, sinkhorn
+from jfsf.convert._scaling import plan_entries, scale_kernel
 from jfsf.types import Kernel
 
 N_X, N_Y, WIDTH = 17, 23, 3

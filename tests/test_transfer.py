@@ -13,12 +13,18 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 import jfsf
-from jfsf import transfer
-from jfsf.cli import app
-from jfsf.cli._collection_carried import carried_of, write_carried
-from jfsf.export import export_textured
-from jfsf.landmarks import Landmarks, read_landmarks, write_landmarks
-from jfsf.mapfiles import write_map, write_match
+from jfsf.apps import transfer
+from jfsf.apps.cli import app
+from jfsf.apps.cli._collection_carried import carried_of, write_carried
+from jfsf.apps.export import export_textured
+from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
+from jfsf.apps.mapfiles import write_map, write_match
+from jfsf.apps.transfer._atlas import MARGIN
+from jfsf.apps.transfer._files import Column, write_column
+from jfsf.apps.transfer._image import png_of, read_image
+from jfsf.apps.transfer._laid import Laid, extended, lay_template
+from jfsf.apps.transfer._points import in_faces, nearest, place, sides, target
+from jfsf.apps.transfer._texture import look_up
 from jfsf.mesh import (
     MeshError,
     closest,
@@ -27,11 +33,9 @@ from jfsf.mesh import (
     read,
     read_uv,
     surface_area,
-    surface_tree,
 )
+from jfsf.mesh._closest import surface_tree
 from jfsf.testing import blob, mirror
-from jfsf.transfer._atlas import MARGIN
-from jfsf.transfer._points import in_faces, nearest, place, sides, target
 from jfsf.types import Certificate, Mesh
 
 Y = blob(0, subdivisions=3)
@@ -64,7 +68,7 @@ def laid():
 def exact():
     """X where it lies on Y, without a registration."""
     known = np.ones(N_X, bool)
-    return transfer.Laid(X, Y, COARSE.vertices, Y.vertices, known, 1)
+    return Laid(X, Y, COARSE.vertices, Y.vertices, known, 1)
 
 
 def at_faces(mesh):
@@ -102,7 +106,7 @@ def test_values_keep_their_shape_and_their_unknowns():
 
 
 def test_a_mesh_on_itself_has_its_own_values():
-    same = transfer.Laid(Y, Y, Y.vertices, Y.vertices, np.ones(N_Y, bool), 1)
+    same = Laid(Y, Y, Y.vertices, Y.vertices, np.ones(N_Y, bool), 1)
     values = RNG.normal(size=N_Y)
     assert np.allclose(transfer.values(same, values), values)
     names = np.array([f"n{i}" for i in range(N_Y)])
@@ -128,7 +132,7 @@ def test_a_face_takes_the_label_of_most_of_its_area():
     # Y is the same triangle, cut at x = 0.4: a ninth of that, and the rest.
     points = np.array([[0, 0, 0], [0.4, 0, 0], [0.4, 0.4, 0], [1, 0, 0], [1, 1, 0.0]])
     y = Mesh(points, np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2]]))
-    laid = transfer.Laid(x, y, x.vertices, y.vertices, np.ones(3, bool), 0)
+    laid = Laid(x, y, x.vertices, y.vertices, np.ones(3, bool), 0)
     labels = np.array(["left", "right", "right"])
     assert transfer.labels(laid, labels, of="faces").tolist() == ["right"]
     to = transfer.labels(laid, labels, of="faces", to="vertices")
@@ -172,7 +176,7 @@ def test_the_other_side_of_a_thin_part_is_not_taken():
     y = Mesh(np.asarray(plate.vertices), np.asarray(plate.faces, np.int32))
     # The upper side of X is nearer to the lower one of Y.
     x = Mesh(y.vertices * [0.99, 0.99, 1] - [0, 0, 0.015], y.faces)
-    laid = transfer.Laid(x, y, x.vertices, y.vertices, np.ones(len(x[0]), bool), 1)
+    laid = Laid(x, y, x.vertices, y.vertices, np.ones(len(x[0]), bool), 1)
     side_x, side_y = sides(laid)
     points = in_faces(side_x, np.full((1, 3), 1 / 3))
     at, normals = place(side_x, points)
@@ -211,17 +215,17 @@ def registered():
 
 
 def test_a_template_that_was_registered(registered):
-    found = transfer.lay_template(X, Y, registered)
+    found = lay_template(X, Y, registered)
     carried = transfer.values(found, X.vertices)  # from X, the template, to Y
     assert np.linalg.norm(carried - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
     with pytest.raises(ValueError, match="registration has"):
-        transfer.lay_template(Y, X, registered)
+        lay_template(Y, X, registered)
 
 
 def test_whole_files_in_place_of_what_was_kept(laid):
     stray = Mesh(np.vstack([X.vertices[:1], [[9, 9, 9]], X.vertices]), X.faces + 2)
     whole_y = Mesh(np.vstack([Y.vertices, Y.vertices[:1] + 9]), Y.faces)
-    found = transfer.extended(laid, stray, whole_y)
+    found = extended(laid, stray, whole_y)
     carried = transfer.values(found, np.append(Y.vertices[:, 0], 0))
     expected = transfer.values(laid, Y.vertices[:, 0])
     assert np.isnan(carried[1]) and np.allclose(carried[0], expected[0])
@@ -235,19 +239,19 @@ def test_vertices_that_are_not_finite_get_nothing_and_give_nothing(laid):
     nowhere = [[np.nan, 0, 0]]
     whole_x = Mesh(np.vstack([X.vertices, nowhere]), [*X.faces, [0, 1, N_X]])
     whole_y = Mesh(np.vstack([Y.vertices, nowhere]), [*Y.faces, [0, 1, N_Y]])
-    found = transfer.extended(laid, whole_x, whole_y)
+    found = extended(laid, whole_x, whole_y)
     assert not np.isfinite(found.at_x[-1]).any() and not found.known_x[-1]
     carried = transfer.values(found, np.append(Y.vertices[:, 0], 0))
     assert np.isnan(carried[-1])
     assert np.allclose(carried[:-1], transfer.values(laid, Y.vertices[:, 0]))
     with pytest.raises(MeshError, match="a face names vertex 900000"):
-        transfer.extended(laid, X, Mesh(Y.vertices, Y.faces + 900000))
+        extended(laid, X, Mesh(Y.vertices, Y.faces + 900000))
 
 
 def test_landmarks_on_pieces_without_a_place_are_an_error(registered):
     piece = np.array([[8.0, 0, 0], [9, 0, 0], [8, 1, 0]])
     whole = Mesh(np.vstack([X.vertices, piece]), [*X.faces, N_X + np.arange(3)])
-    found = transfer.extended(transfer.lay_template(X, Y, registered), Y, whole)
+    found = extended(lay_template(X, Y, registered), Y, whole)
     on_it = Landmarks(("tip", "crumb"), np.stack([X.vertices[0], piece.mean(0)]))
     with pytest.raises(ValueError, match=r"\['crumb'\] lie on pieces of Y"):
         transfer.landmarks(found, on_it)
@@ -300,7 +304,7 @@ def test_a_texture_has_no_smear_at_seams():
     assert baked.image.shape == (512, 512, 3) and baked.image.dtype == np.uint8
     weights = RNG.dirichlet([1, 1, 1], 20)
     at = np.einsum("wc,fcd->fwd", weights, baked.uv).reshape(-1, 2)
-    seen = transfer.look_up(baked.image, at)
+    seen = look_up(baked.image, at)
     points = np.einsum("wc,fcd->fwd", weights, COARSE.vertices[X.faces]).reshape(-1, 3)
     on_y = closest(surface_tree(Y), points).position
     wrong = np.abs(seen - colour(on_y)).max(1) > 8
@@ -309,9 +313,7 @@ def test_a_texture_has_no_smear_at_seams():
     per_vertex = np.zeros((N_Y, 2))
     per_vertex[Y.faces] = uv
     one = transfer.values(laid, per_vertex)[X.faces]
-    smeared = transfer.look_up(
-        image, np.einsum("wc,fcd->fwd", weights, one).reshape(-1, 2)
-    )
+    smeared = look_up(image, np.einsum("wc,fcd->fwd", weights, one).reshape(-1, 2))
     assert (np.abs(smeared - colour(on_y)).max(1) > 8).mean() > 0.05
 
 
@@ -344,7 +346,7 @@ def test_what_has_no_texture_is_grey():
     uv[at_faces(Y)[:, 2] < -1] = np.nan
     white = np.full((8, 8, 3), 255, np.uint8)
     baked = transfer.texture(exact()._replace(known_x=known), uv, white, size=256)
-    middle = transfer.look_up(baked.image, baked.uv.mean(1))
+    middle = look_up(baked.image, baked.uv.mean(1))
     grey = (middle == 128).all(1)
     assert grey[~known[X.faces].all(1)].all()
     height = at_faces(COARSE)[:, 2]
@@ -354,11 +356,11 @@ def test_what_has_no_texture_is_grey():
 
 def test_colours_between_texels():
     image = np.arange(12, dtype=np.uint8).reshape(2, 2, 3) * 10
-    at = lambda u, v: transfer.look_up(image, np.array([[u, v]]))[0].tolist()
+    at = lambda u, v: look_up(image, np.array([[u, v]]))[0].tolist()
     assert at(0.25, 0.75) == [0, 10, 20] and at(0.75, 0.25) == [90, 100, 110]
     assert at(0.5, 0.75) == [15, 25, 35] and at(1.25, -0.25) == [0, 10, 20]
     assert at(np.nan, 0) == [128, 128, 128]
-    clear = transfer.look_up(np.zeros((2, 2, 4), np.uint8), np.full((1, 2), np.nan))
+    clear = look_up(np.zeros((2, 2, 4), np.uint8), np.full((1, 2), np.nan))
     assert clear[0].tolist() == [128, 128, 128, 255]
 
 
@@ -369,7 +371,7 @@ def test_texture_coordinates_of_a_file(tmp_path):
     uv = charts(Y)
     for suffix in (".obj", ".glb"):
         path = tmp_path / f"y{suffix}"
-        export_textured(path, Y, uv, transfer.png_of(np.zeros((4, 4, 3), np.uint8)))
+        export_textured(path, Y, uv, png_of(np.zeros((4, 4, 3), np.uint8)))
         mesh = read(path)
         assert np.allclose(read_uv(path, mesh), uv, atol=1e-6)
         assert np.allclose(mesh.vertices[mesh.faces], Y.vertices[Y.faces], atol=1e-6)
@@ -422,9 +424,9 @@ def test_round_trips_of_columns(tmp_path, suffix):
     path = tmp_path / f"column{suffix}"
     rows = RNG.normal(size=(5, 2))
     rows[2, 1] = np.nan
-    transfer.write_column(path, transfer.Column(rows))
+    write_column(path, Column(rows))
     assert np.allclose(transfer.read_values(path, 5).rows, rows, equal_nan=True)
-    transfer.write_column(path, transfer.Column(rows[:, 0]))
+    write_column(path, Column(rows[:, 0]))
     assert np.allclose(transfer.read_values(path, 5).rows, rows[:, 0])
     for labels in (
         np.array([3, -1, 2]),
@@ -432,7 +434,7 @@ def test_round_trips_of_columns(tmp_path, suffix):
         np.array(["arm, left", "", ""]),
         np.array(['a "b"', "1_0", "2"]),
     ):
-        transfer.write_column(path, transfer.Column(labels))
+        write_column(path, Column(labels))
         found = transfer.read_labels(path, 9, 3).rows
         assert found.tolist() == labels.tolist()
 
@@ -442,7 +444,7 @@ def test_titles_are_kept(tmp_path):
     path.write_text("thick; bent\n1;2\n3;\n")
     found = transfer.read_values(path, 2)
     assert found.titles == ("thick", "bent") and np.isnan(found.rows[1, 1])
-    transfer.write_column(path, found)
+    write_column(path, found)
     assert path.read_text() == "thick,bent\n1,2\n3,nan\n"
     path.write_text("part\r\n1\r\n2\r\n")
     found = transfer.read_labels(path, 2, 7)
@@ -592,8 +594,8 @@ def test_the_command_carries_a_texture_and_landmarks(folder):
     found = run(*pair, *args)
     assert found.exit_code == 0, found.output
     assert np.allclose(read(out).vertices, X.vertices, atol=1e-6)
-    image = transfer.read_image(folder / "x_new.png")
-    middle = transfer.look_up(image, read_uv(out, read(out)).mean(1))
+    image = read_image(folder / "x_new.png")
+    middle = look_up(image, read_uv(out, read(out)).mean(1))
     assert (middle == [200, 10, 10]).all()
     at = Y.vertices[[Y.vertices[:, 2].argmax()]]
     write_landmarks(folder / "tip.fcsv", Landmarks(("tip",), at))
@@ -666,7 +668,7 @@ def test_images_of_more_than_eight_bits_are_an_error(tmp_path):
     deep = np.full((2, 2), 30000, np.uint16)
     Image.fromarray(deep).save(tmp_path / "deep.png")
     with pytest.raises(ValueError, match="more than 8 bits a channel"):
-        transfer.read_image(tmp_path / "deep.png")
+        read_image(tmp_path / "deep.png")
 
 
 def test_the_command_refuses_before_it_works(folder):

@@ -9,8 +9,8 @@ import pytest
 
 import jfsf
 from jfsf import data
+from jfsf.apps.report._words import warnings_of
 from jfsf.evaluate import geodesic_error
-from jfsf.report import warnings_of
 
 PAIRS = (("man_walk", "woman_up"), ("child_t", "heavy_walk"))
 KINDS = ("turned", "twisted", "exchanged")

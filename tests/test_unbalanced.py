@@ -15,14 +15,8 @@ from scipy.spatial.distance import cdist
 from scipy.special import rel_entr
 
 from jfsf import testing
-from jfsf.convert import (
-    maps_of,
-    plan_entries,
-    pull_back,
-    sinkhorn,
-    unbalanced_sinkhorn,
-)
-from jfsf.convert._scaling import scale
+from jfsf.convert import maps_of, pull_back, sinkhorn, unbalanced_sinkhorn
+from jfsf.convert._scaling import plan_entries, scale
 from jfsf.refine import icp
 from jfsf.spectral import functional_map
 from jfsf.types import Kernel

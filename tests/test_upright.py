@@ -5,9 +5,10 @@ import pytest
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from jfsf.apps.plot._colours import frame
+from jfsf.apps.plot._upright import find_frame, find_frames
 from jfsf.data import load, names
 from jfsf.mesh import coarsen, face_normals, largest_component
-from jfsf.plot import find_frame, find_frames, frame
 from jfsf.types import Mesh
 
 # From y up and front z, as the shapes are.
@@ -73,7 +74,8 @@ def test_a_part_stands_as_the_whole_does(swapped):
 
 
 def test_the_surer_shape_decides(monkeypatch):
-    from jfsf.plot import Frame, _upright
+    from jfsf.apps.plot import _upright
+    from jfsf.apps.plot._upright import Frame
 
     mesh = load("man_up").mesh
     turn = Rotation.from_euler("y", 90, degrees=True)
@@ -90,7 +92,8 @@ def test_the_surer_shape_decides(monkeypatch):
 
 
 def test_two_sure_shapes_keep_their_frames(monkeypatch):
-    from jfsf.plot import Frame, _upright
+    from jfsf.apps.plot import _upright
+    from jfsf.apps.plot._upright import Frame
 
     mesh = load("man_up").mesh
     monkeypatch.setattr(_upright, "find_frame", lambda mesh: Frame(PLAIN, 2.0))

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from jfsf import data, testing
-from jfsf.mesh import check, face_areas, read
+from jfsf.mesh import check, read
+from jfsf.mesh._geometry import face_areas
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 

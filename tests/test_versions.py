@@ -31,7 +31,7 @@ def test_reductions_of_batched_products_are_right(rows, dtype):
 
 def test_importing_jfsf_configures_nothing():
     code = (
-        "import jax; before = dict(jax.config.values); import jfsf, jfsf.cli; "
+        "import jax; before = dict(jax.config.values); import jfsf, jfsf.apps.cli; "
         "after = dict(jax.config.values); "
         "print([k for k in after if after[k] != before.get(k, after[k])])"
     )

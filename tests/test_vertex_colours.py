@@ -9,8 +9,8 @@ import trimesh
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.cli import app
-from jfsf.export import export_map, export_mesh
+from jfsf.apps.cli import app
+from jfsf.apps.export import export_map, export_mesh
 from jfsf.mesh import read
 from jfsf.mesh import vertex_colours as found_colours
 from jfsf.types import Certificate, Match, Mesh

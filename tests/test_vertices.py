@@ -6,21 +6,19 @@ import numpy as np
 import pytest
 
 from jfsf import testing
-from jfsf.evidence import (
-    VERTEX_EVIDENCE,
-    vertex_confidence,
-    vertex_evidence,
-    with_likely,
-)
-from jfsf.evidence._vertices import (
+from jfsf.geometry._stretches import MOST_STRETCH
+from jfsf.matching import vertex_confidence
+from jfsf.matching._vertices import (
     APART,
     EIGENPAIRS,
     FACTORS,
     LEAST,
     TIME,
+    VERTEX_EVIDENCE,
+    vertex_evidence,
+    with_likely,
 )
-from jfsf.geometry._stretches import MOST_STRETCH
-from jfsf.runtime import pad
+from jfsf.runtime._sizes import pad
 from jfsf.types import Aligned, Maps
 
 K = 40

@@ -8,26 +8,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jfsf.data import load
-from jfsf.evaluate import reliability
-from jfsf.plot import (
-    Panel,
+from jfsf.apps.plot import (
     coordinate_colours,
     draw_convergence,
-    draw_curves,
     draw_error_curves,
     draw_errors,
     draw_functional_map,
-    draw_maps,
     draw_pair,
-    draw_reliability,
     draw_shape,
     draw_texture,
-    matched_colours,
-    picture_of,
     pull_back,
-    texture_coordinates,
 )
+from jfsf.apps.plot._charts import Panel, draw_curves, draw_reliability
+from jfsf.apps.plot._colours import matched_colours
+from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._pictures import draw_maps, texture_coordinates
+from jfsf.data import load
+from jfsf.evaluate import reliability
 from jfsf.types import Mesh
 
 TETRA = Mesh(
@@ -209,7 +206,7 @@ def faces_of(fig, i):
 @pytest.fixture
 def unlit(monkeypatch):
     """Colours as they are, without light."""
-    monkeypatch.setattr("jfsf.plot._layout.lit", lambda colours, *_: colours)
+    monkeypatch.setattr("jfsf.apps.plot._layout.lit", lambda colours, *_: colours)
 
 
 @pytest.mark.slow

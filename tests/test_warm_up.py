@@ -8,10 +8,12 @@ from shapes import small
 from typer.testing import CliRunner
 
 import jfsf
-from jfsf import matching, storage
-from jfsf.cli import app
+from jfsf import matching
+from jfsf.apps.cli import app
 from jfsf.matching import _warm_up
-from jfsf.runtime import _programs, common_size
+from jfsf.runtime import _programs
+from jfsf.runtime._sizes import common_size
+from jfsf.storage._folder import PROGRAM, stored_files
 
 
 @pytest.mark.slow  # all programs of a match
@@ -20,9 +22,7 @@ def test_a_pair_in_doubt_compiles_nothing_more(tmp_path, monkeypatch):
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path))
     monkeypatch.setattr(_programs, "known", {})
     number = matching.warm_up([576])
-    programs = lambda: {
-        f.path for f in storage.stored_files() if f.path.suffix == storage.PROGRAM
-    }
+    programs = lambda: {f.path for f in stored_files() if f.path.suffix == PROGRAM}
     before = programs()
     assert len(before) == number
     (body, _), ring = small("man_walk", 1200), trimesh.creation.torus(1, 0.3, 24, 24)

@@ -11,16 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 
 from jfsf import data, testing
-from jfsf.mesh import (
-    MAX_UNCLEAR,
-    check,
-    face_areas,
-    orient,
-    read,
-    repair,
-    surface_area,
-    unclear_winding,
-)
+from jfsf.mesh import check, orient, read, repair, surface_area, unclear_winding
+from jfsf.mesh._geometry import face_areas
+from jfsf.mesh._winding import MAX_UNCLEAR
 from jfsf.types import Mesh
 
 EXTERNAL = Path(os.environ.get("JFSF_DATA", "data")) / "external"

@@ -13,14 +13,9 @@ from jfsf import testing
 from jfsf.convert import nearest, sinkhorn
 from jfsf.refine import ZoomOutSettings, zoomout
 from jfsf.refine._zoomout import MIN_SCAN_STEPS, _scans
-from jfsf.runtime import pad
-from jfsf.spectral import (
-    bracket_fields,
-    embeddings,
-    farthest_points,
-    functional_map,
-    restrict,
-)
+from jfsf.runtime._sizes import pad
+from jfsf.spectral import embeddings, farthest_points, functional_map, restrict
+from jfsf.spectral._orientation import bracket_fields
 
 N, K = 162, 40
 KS = (6, 10, 10, 20, 36, 40)  # a size twice
@@ -183,7 +178,7 @@ def test_vmap_equals_the_loop():
 
 def test_pairs_of_equal_size_compile_once():
     run(*pair(0), start(*pair(0)))
-    before = zoomout._cache_size()  # type: ignore
+    before = zoomout._jitted._cache_size()
     for seed in (1, 2, 3):
         run(*pair(seed), start(*pair(seed)))
     assert zoomout._cache_size() == before  # type: ignore

@@ -2,6 +2,7 @@
 
 Read in this order:
 
+- `_jit`: functions that are compiled, with their types
 - `_precision`: products in full float32 precision, and division that leaves out 0
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once
@@ -9,23 +10,8 @@ Read in this order:
 - `_static`: static arguments by their content, as keys and as text
 """
 
-from jfsf.array._precision import HIGHEST, einsum, matmul, safe_divide
-from jfsf.array._sequential_vmap import sequential_vmap
-from jfsf.array._sides import map_sides
-from jfsf.array._static import static_key, static_text
-from jfsf.array._top_k import TOP_K_LIMIT, argmax, max_with_index, top_k
+from jfsf.array._jit import jit
+from jfsf.array._precision import einsum, matmul
+from jfsf.array._top_k import argmax, top_k
 
-__all__ = [
-    "HIGHEST",
-    "TOP_K_LIMIT",
-    "argmax",
-    "einsum",
-    "map_sides",
-    "matmul",
-    "max_with_index",
-    "safe_divide",
-    "sequential_vmap",
-    "static_key",
-    "static_text",
-    "top_k",
-]
+__all__ = ["argmax", "einsum", "jit", "matmul", "top_k"]

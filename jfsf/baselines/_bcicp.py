@@ -45,7 +45,8 @@ from scipy.spatial import KDTree
 
 from jfsf.array import matmul
 from jfsf.convert import nearest
-from jfsf.mesh import components, edges, surface_area
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import components, edges
 from jfsf.spectral import embeddings, functional_map, polar, truncate
 from jfsf.types import ArrayLike, Maps, Mesh, Spectrum
 

@@ -35,6 +35,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours import NeighbourSearch
 from jfsf.types import Maps
 
@@ -59,7 +60,7 @@ class Drift(NamedTuple):
     energy: Float[Array, " num_iters"]
 
 
-@partial(jax.jit, static_argnames=("num_iters", "rank"))
+@jit(static_argnames=("num_iters", "rank"))
 def cpd(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -109,7 +110,7 @@ def cpd(
     )
 
 
-@partial(jax.jit, static_argnames=("num_iters", "rank"))
+@jit(static_argnames=("num_iters", "rank"))
 def drift(
     centroids: Float[Array, "m k"],
     samples: Float[Array, "n k"],

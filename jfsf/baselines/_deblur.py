@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf.convert import functional_map_precise, nearest, precise, to_vertex
-from jfsf.geometry import vertex_indices
+from jfsf.geometry._geodesics import vertex_indices
 from jfsf.spectral import Space, embeddings, functional_map, truncate
 from jfsf.types import ArrayLike, Maps, PreciseMap, Spectrum
 

@@ -38,10 +38,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.convert import precise, to_vertex
-from jfsf.geometry import geodesics, vertex_indices
-from jfsf.mesh import farthest_vertices, vertex_components
-from jfsf.runtime import one_blas_thread
-from jfsf.spectral import definite_solver, operators
+from jfsf.geometry import geodesics
+from jfsf.geometry._geodesics import vertex_indices
+from jfsf.mesh import farthest_vertices
+from jfsf.mesh._geometry import vertex_components
+from jfsf.runtime._shared import one_blas_thread
+from jfsf.spectral import operators
+from jfsf.spectral._definite import definite_solver
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
 SAMPLES = 500  # points of the multidimensional scaling

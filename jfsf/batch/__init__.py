@@ -16,26 +16,21 @@ Read in this order:
 
 from jfsf.batch._cluster import connect
 from jfsf.batch._hosts import join, local_shard
-from jfsf.batch._jobs import Job, Outcome, is_done, run_jobs
-from jfsf.batch._pair_list import Pair, PairOptions, read_pairs
+from jfsf.batch._jobs import Outcome
+from jfsf.batch._pair_list import Pair, read_pairs
 from jfsf.batch._pairs import convert, match_spectra, refine, search
-from jfsf.runtime import map_pairs, padded_pair
+from jfsf.runtime import map_pairs
 
 __all__ = [
-    "Job",
     "Outcome",
     "Pair",
-    "PairOptions",
     "connect",
     "convert",
-    "is_done",
     "join",
     "local_shard",
     "map_pairs",
     "match_spectra",
-    "padded_pair",
     "read_pairs",
     "refine",
-    "run_jobs",
     "search",
 ]

@@ -13,23 +13,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jfsf.arguments import MatchInputs
 from jfsf.convert import Converter, maps_of, sinkhorn
 from jfsf.initial import Candidates, Orientation, orientation_sign
 from jfsf.initial import search as search_one
-from jfsf.policy import PairState, match_pairs
+from jfsf.matching import Settings
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import PairState
+from jfsf.matching._policy import match_pairs
 from jfsf.refine import zoomout
-from jfsf.runtime import (
-    PAIRS,
-    OneByOne,
-    Vmapped,
-    check_batch,
-    common_size,
-    map_pairs,
-    padded_pair,
-    with_rows,
-)
-from jfsf.settings import Settings
+from jfsf.runtime import map_pairs
+from jfsf.runtime._map_pairs import PAIRS, check_batch
+from jfsf.runtime._runners import OneByOne, Vmapped
+from jfsf.runtime._sizes import common_size, padded_pair, with_rows
 from jfsf.types import Maps, Match, Spectrum
 
 

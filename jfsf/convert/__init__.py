@@ -21,8 +21,8 @@ from jfsf.convert._precise import (
     pull_back_precise,
     to_vertex,
 )
-from jfsf.convert._scaling import plan, plan_entries, pull_back, scale_kernel
-from jfsf.convert._sinkhorn import authors_sinkhorn, quick_sinkhorn, sinkhorn
+from jfsf.convert._scaling import plan, pull_back
+from jfsf.convert._sinkhorn import authors_sinkhorn, sinkhorn
 from jfsf.convert._unbalanced import Unbalanced, unbalanced_sinkhorn
 
 __all__ = [
@@ -34,12 +34,9 @@ __all__ = [
     "maps_of",
     "nearest",
     "plan",
-    "plan_entries",
     "precise",
     "pull_back",
     "pull_back_precise",
-    "quick_sinkhorn",
-    "scale_kernel",
     "sinkhorn",
     "to_vertex",
     "unbalanced_sinkhorn",

@@ -1,19 +1,15 @@
 """Nearest neighbour: aligned embeddings -> maps both ways (eqs. 5, 6 of Pai et al.)."""
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.neighbours import (
-    NeighbourSearch,
-    neighbours,
-    tiled_neighbours,
-    tiled_one_way,
-)
+from jfsf.array._jit import jit
+from jfsf.neighbours import NeighbourSearch, neighbours
+from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way
 from jfsf.types import Maps
 
 
-@jax.jit
+@jit
 def nearest(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -43,14 +39,16 @@ def nearest(
         near_xy = neighbours(emb_x, emb_y, valid_y, **options)
         near_yx = neighbours(emb_y, emb_x, valid_x, **options)
     else:
-        there = emb_x, emb_y, *search.tiles, valid_x, valid_y
-        back = emb_y, emb_x, *search.tiles[::-1], valid_y, valid_x
+        tiles_x, tiles_y = search.tiles
+        there = emb_x, emb_y, tiles_x, tiles_y, valid_x, valid_y
+        back = emb_y, emb_x, tiles_y, tiles_x, valid_y, valid_x
         if search.min_recall == 0:
             near = tiled_neighbours(*there, min_recall=0.0, **options)
             near_xy, near_yx = near.near_xy, near.near_yx
         else:
             options["min_recall"] = search.min_recall
             # Two searches, so that XLA leaves out the direction that is not used.
-            near_xy, near_yx = (tiled_one_way(*a, **options)[0] for a in (there, back))
+            near_xy = tiled_one_way(*there, **options)[0]
+            near_yx = tiled_one_way(*back, **options)[0]
     T_xy, T_yx = near_xy.idx[:, 0], near_yx.idx[:, 0]
     return Maps(T_xy.astype(jnp.int32), T_yx.astype(jnp.int32))

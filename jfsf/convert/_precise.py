@@ -15,7 +15,6 @@ cancel, and the distance may come out larger than the least by some 1e-4 of itse
 the least bounds are found as exactly as `jfsf.neighbours` tells points apart.
 """
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -23,8 +22,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours import neighbours
-from jfsf.spectral import coefficients
+from jfsf.spectral._functional_maps import coefficients
 from jfsf.types import PreciseMap, Spectrum
 
 ROWS = 128  # rows of queries at a time: their scores stay in the cache
@@ -42,7 +42,7 @@ class _Surface(NamedTuple):
     g22: Float[Array, " m"]
 
 
-@partial(jax.jit, static_argnames=("k0", "degree"))
+@jit(static_argnames=("k0", "degree"))
 def precise(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -112,7 +112,7 @@ def precise(
     return PreciseMap(faces_y[face].astype(jnp.int32), bary)
 
 
-@jax.jit
+@jit
 def pull_back_precise(
     pmap: PreciseMap, values_y: Float[Array, "n_y c"]
 ) -> Float[Array, "n_x c"]:
@@ -128,14 +128,14 @@ def pull_back_precise(
     return jnp.sum(pmap.bary[:, :, None] * values_y[pmap.corners], 1)
 
 
-@jax.jit
+@jit
 def to_vertex(pmap: PreciseMap) -> Int[Array, " n_x"]:
     """T_xy: the corner with the largest weight; ties to the first."""
     at = jnp.argmax(pmap.bary, 1, keepdims=True)
     return jnp.take_along_axis(pmap.corners, at, 1)[:, 0]
 
 
-@jax.jit
+@jit
 def functional_map_precise(
     pmap: PreciseMap, spec_x: Spectrum, spec_y: Spectrum
 ) -> Float[Array, "k_x k_y"]:

@@ -4,13 +4,13 @@ Updates are over-relaxed (Thibault et al., 2017; Lehmann et al., 2021): 24 of th
 what a hundred plain ones reach.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import map_sides, safe_divide
+from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
+from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._updates import (
     ABSORB_EVERY,
@@ -25,7 +25,7 @@ from jfsf.convert._updates import (
 from jfsf.types import Filtered, Kernel, Plan
 
 
-@partial(jax.jit, static_argnames=("num_iters", "max_iters"))
+@jit(static_argnames=("num_iters", "max_iters"))
 def scale_kernel(
     kernel: Kernel,
     marginal_x: Float[Array, " n_x"],
@@ -136,7 +136,7 @@ def _fixed_number(
     return jnp.asarray(jnp.where(jnp.abs(f - exact) > 0.1, exact, f)), g
 
 
-@jax.jit
+@jit
 def pull_back(
     filtered: Filtered, values_y: Float[Array, "n_y c"]
 ) -> Float[Array, "n_x c"]:
@@ -146,13 +146,13 @@ def pull_back(
     return safe_divide(kernels.matvec(plan, values_y), rows[:, None])
 
 
-@jax.jit
+@jit
 def plan(filtered: Filtered) -> Plan:
     """The transport plan that the maps of `filtered` are the argmax of."""
     return kernels.scaled(filtered.kernel, filtered.f, filtered.g)
 
 
-@jax.jit
+@jit
 def plan_entries(filtered: Filtered):
     """The plan as (rows, columns, values), each (n_x k0 + n_y k0,); 0 where absent."""
     plan = kernels.scaled(filtered.kernel, filtered.f, filtered.g)

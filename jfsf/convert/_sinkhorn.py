@@ -12,17 +12,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import map_sides
+from jfsf.array._jit import jit
+from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._scaling import scale_kernel
-from jfsf.neighbours import NeighbourSearch, neighbours_both_ways
+from jfsf.neighbours import NeighbourSearch
+from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.types import Filtered, Kernel, Neighbours
 
 Scale = Literal["nearest", "max"]
 
 
-@partial(
-    jax.jit,
+@jit(
     static_argnames=(
         "k0",
         "num_iters",

@@ -5,14 +5,13 @@ eq. 12 of Pai et al. (CVPR 2021): the plan's sums are drawn to the marginals, an
 not meet them.
 """
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import safe_divide
+from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
 from jfsf.convert._scaling import scale as scale_to_targets
 from jfsf.convert._sinkhorn import Scale, check, kernel_between
 from jfsf.convert._updates import sums
@@ -49,8 +48,7 @@ class Unbalanced(NamedTuple):
         return self.filtered.T_yx
 
 
-@partial(
-    jax.jit,
+@jit(
     static_argnames=(
         "k0",
         "num_iters",

@@ -17,7 +17,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import map_sides, safe_divide
+from jfsf.array._precision import safe_divide
+from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.types import Kernel
 

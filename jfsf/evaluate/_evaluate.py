@@ -13,7 +13,7 @@ from jfsf.evaluate._map_metrics import (
     geodesic_error,
     smoothness,
 )
-from jfsf.geometry import Progress
+from jfsf.geometry._geodesics import Progress
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh
 
@@ -154,9 +154,9 @@ def evaluate(
             found["coverage_yx"] = coverage(T_yx, mass_x)
         if "smoothness" in wanted:
             found["smoothness"] = smoothness(T_xy, mesh_y.vertices, stiffness_x)
-    if "orthogonality" in wanted:
+    if C_yx is not None and "orthogonality" in wanted:
         found["orthogonality"] = orthogonality(C_yx)
-    if "zoomout_energy" in wanted:
+    if C_yx is not None and "zoomout_energy" in wanted:
         found["zoomout_energy"] = zoomout_energy(C_yx)
     error = found.pop("error", np.zeros(0))
     return Figures(error, **{name: float(value) for name, value in found.items()})

@@ -5,7 +5,6 @@ spectra in mesh units, and ours have area 1. Dividing the lengths of a shape by
 sqrt(area) multiplies its eigenvalues by area and its eigenfunctions by sqrt(area).
 """
 
-from functools import partial
 from typing import Literal
 
 import jax
@@ -13,10 +12,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours import neighbours
 
 
-@jax.jit
+@jit
 def orthogonality(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     """|C^T C - I|_2, the spectral norm: 0 for an area-preserving map.
 
@@ -36,7 +36,7 @@ def orthogonality(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     ).max()
 
 
-@partial(jax.jit, static_argnames="ord")
+@jit(static_argnames="ord")
 def laplacian_commutativity(
     C_yx: Float[Array, "k_x k_y"],
     evals_x: Float[Array, " k_x"],
@@ -68,7 +68,7 @@ def laplacian_commutativity(
     return jnp.linalg.norm(gap, ord) / jnp.linalg.norm(C_yx, ord)
 
 
-@jax.jit
+@jit
 def zoomout_energy(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     """sum over k of |C_k^T C_k - I|_F / k, C_k the leading k by k block.
 
@@ -95,7 +95,7 @@ def zoomout_energy(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
     return jax.lax.scan(step, jnp.zeros_like(eye), jnp.arange(k))[1].sum()
 
 
-@jax.jit
+@jit
 def spectral_chamfer(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],

@@ -13,7 +13,9 @@ import robust_laplacian
 import scipy.sparse as sp
 from jaxtyping import Array, Float
 
-from jfsf.geometry import Progress, pair_distances, vertex_indices
+from jfsf.array._jit import jit
+from jfsf.geometry import pair_distances
+from jfsf.geometry._geodesics import Progress, vertex_indices
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
 
@@ -126,7 +128,7 @@ def coverage(
     return _coverage(jnp.asarray(T_xy), jnp.asarray(mass_y), mass_x)
 
 
-@jax.jit
+@jit
 def _coverage(T_xy: Array, mass_y: Array, mass_x: Array | None):
     valid = True if mass_x is None else mass_x > 0
     # A negative index would count from the end.

@@ -15,7 +15,7 @@ import numpy as np
 import potpourri3d as pp3d
 from scipy.spatial import KDTree
 
-from jfsf.mesh import components, edges, vertex_components
+from jfsf.mesh._geometry import components, edges, vertex_components
 from jfsf.types import ArrayLike, Mesh
 
 Progress = Callable[[int, int], object]  # sources done, sources in all

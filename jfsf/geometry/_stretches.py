@@ -5,7 +5,7 @@ import math
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import safe_divide
+from jfsf.array._precision import safe_divide
 
 MOST_STRETCH = 2.0  # of the logarithm; a face that collapses has an infinite one
 

@@ -4,12 +4,12 @@ The edge of a corner is the one opposite to it: that of corner i runs from corne
 to corner i + 2. Values at corners are arrays (m, 3, ...).
 """
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
+
+from jfsf.array._jit import jit
 
 # Least and greatest cotangent. That of an obtuse corner is negative, that of a
 # degenerate triangle infinite.
@@ -30,7 +30,7 @@ class Surface(NamedTuple):
     stiff: Float[Array, "m 3 1"]
 
 
-@partial(jax.jit, static_argnames="stiffness_range")
+@jit(static_argnames="stiffness_range")
 def surface(
     vertices: Float[Array, "n 3"],
     faces: Int[Array, "m 3"],

@@ -20,17 +20,8 @@ Read in this order:
 """
 
 from jfsf.initial._fit import fit
-from jfsf.initial._given import given_arrays
-from jfsf.initial._hypotheses import (
-    SamplePair,
-    best_different,
-    energies,
-    refine_hypotheses,
-)
-from jfsf.initial._linear import Fit, solve
-from jfsf.initial._nonlinear import solve_nonlinear
-from jfsf.initial._proportions import log_stretch_std, nonisometric_candidates
-from jfsf.initial._samples import SearchSamples, search_samples
+from jfsf.initial._linear import Fit
+from jfsf.initial._proportions import nonisometric_candidates
 from jfsf.initial._search import (
     Candidates,
     Orientation,
@@ -39,42 +30,21 @@ from jfsf.initial._search import (
     search,
 )
 from jfsf.initial._settings import SearchSettings
-from jfsf.initial._start import (
-    Start,
-    best_start,
-    nonisometric_starts,
-    search_starts,
-)
-from jfsf.initial._terms import ShapeTerms, Terms, Weights, combine, shape_terms, terms
+from jfsf.initial._start import Start, best_start
+from jfsf.initial._terms import Terms, Weights
 
 __all__ = [
     "Candidates",
     "Fit",
     "Orientation",
-    "SamplePair",
-    "SearchSamples",
     "SearchSettings",
-    "ShapeTerms",
     "Start",
     "Terms",
     "Weights",
-    "best_different",
     "best_start",
-    "given_arrays",
     "candidates",
-    "combine",
-    "energies",
-    "nonisometric_candidates",
-    "nonisometric_starts",
     "fit",
+    "nonisometric_candidates",
     "orientation_sign",
-    "refine_hypotheses",
     "search",
-    "search_samples",
-    "search_starts",
-    "shape_terms",
-    "solve",
-    "solve_nonlinear",
-    "terms",
-    "log_stretch_std",
 ]

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
-from jfsf.geometry import corner_sides, divergence, sum_at_vertices, surface
+from jfsf.array._jit import jit
+from jfsf.geometry._surface import corner_sides, divergence, sum_at_vertices, surface
 from jfsf.types import Spectrum
 
 # An end reaches from the tip to this share of the way to the middle of the shape.
@@ -22,7 +23,7 @@ SHARPNESS = 8.0
 LEAST_AREA = 1e-3
 
 
-@jax.jit
+@jit
 def total_curvatures(
     spec: Spectrum, samples: Int[Array, " s"], cells: Int[Array, "n 2"]
 ) -> Float[Array, "s 2"]:

@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import map_sides, matmul
+from jfsf.array import matmul
+from jfsf.array._sides import map_sides
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._settings import SearchSettings

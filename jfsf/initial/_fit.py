@@ -1,17 +1,15 @@
 """Descriptors -> functional map C_yx: the linear fit, or a robust or orthogonal one."""
 
-from functools import partial
-
-import jax
 from jaxtyping import Array, Float
 
+from jfsf.array._jit import jit
 from jfsf.initial._linear import Fit, Solver, solve
 from jfsf.initial._nonlinear import SCALE, Loss, solve_nonlinear
 from jfsf.initial._terms import DEFAULT, GAMMA, Weights, terms
 from jfsf.types import Spectrum
 
 
-@partial(jax.jit, static_argnames=("k", "solver", "gamma", "loss"))
+@jit(static_argnames=("k", "solver", "gamma", "loss"))
 def fit(
     spec_x: Spectrum,
     spec_y: Spectrum,

@@ -3,19 +3,18 @@
 Floyd and Warshall find all of them, one matrix operation a sample.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours import neighbours
-from jfsf.spectral import DISTANCE_PAIRS, biharmonic
+from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Spectrum
 
 
-@partial(jax.jit, static_argnames="distance_pairs")
+@jit(static_argnames="distance_pairs")
 def sample_cells(
     spec: Spectrum, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
 ) -> Int[Array, "n 2"]:
@@ -28,7 +27,7 @@ def sample_cells(
     return neighbours(points, points[samples], k0=2).idx
 
 
-@jax.jit
+@jit
 def sample_geodesics(
     spec: Spectrum, samples: Int[Array, " s"], cells: Int[Array, "n 2"]
 ) -> Float[Array, "s s"]:

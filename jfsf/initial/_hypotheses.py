@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import argmax, map_sides, matmul
+from jfsf.array import argmax, matmul
+from jfsf.array._sides import map_sides
 from jfsf.initial._settings import SearchSettings
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings

@@ -6,7 +6,6 @@ the same function.
 """
 
 import warnings
-from functools import partial
 from typing import Literal, NamedTuple
 
 import jax
@@ -14,6 +13,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import einsum
+from jfsf.array._jit import jit
 from jfsf.initial._terms import Terms, inverse
 
 Solver = Literal["jaxopt", "lineax"]
@@ -58,7 +58,7 @@ def free_entries(problem: Terms) -> Entries:
     return Entries(constant, scale)
 
 
-@partial(jax.jit, static_argnames="solver")
+@jit(static_argnames="solver")
 def solve(problem: Terms, *, solver: Solver = "jaxopt") -> Fit:
     """Minimise the energy of `problem`; the first column of C is fixed to (1, 0, ...).
 

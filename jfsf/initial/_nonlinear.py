@@ -14,6 +14,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import einsum, matmul
+from jfsf.array._jit import jit
 from jfsf.initial._linear import Entries, Fit, Solver, free_entries, solve
 from jfsf.initial._terms import Terms, inverse
 
@@ -21,7 +22,7 @@ Loss = Literal["square", "huber", "geman-mcclure"]
 SCALE = 0.3
 
 
-@partial(jax.jit, static_argnames=("loss", "max_steps", "solver"))
+@jit(static_argnames=("loss", "max_steps", "solver"))
 def solve_nonlinear(
     problem: Terms,
     orthogonality: Float[Array, ""] | float = 0.0,

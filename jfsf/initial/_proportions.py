@@ -13,7 +13,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import map_sides, matmul
+from jfsf.array import matmul
+from jfsf.array._jit import jit
+from jfsf.array._sides import map_sides
 from jfsf.initial._extremities import Assignments, best_assignments
 from jfsf.initial._hypotheses import (
     CACHED_ENTRIES,
@@ -62,7 +64,7 @@ def nonisometric_candidates(
     return _nonisometric_candidates(x, y, sign, self_map, settings=settings)
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def _nonisometric_candidates(
     x, y, sign, self_map, *, settings: SearchSettings
 ) -> Candidates:

@@ -1,11 +1,10 @@
 """Features -> SearchSamples: a shape at samples, all that the search reads of it."""
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 from jaxtyping import Array, Float, Int
 
+from jfsf.array._jit import jit
 from jfsf.initial._ends import total_curvatures
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._settings import SearchSettings
@@ -32,7 +31,7 @@ class SearchSamples(NamedTuple):
     total_curvatures: Float[Array, "s 2"]
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def search_samples(
     features: Features,
     among: Int[Array, " p"] | None = None,

@@ -21,7 +21,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import map_sides
+from jfsf.array._jit import jit
+from jfsf.array._sides import map_sides
 from jfsf.initial._hypotheses import (
     SamplePair,
     best_different,
@@ -93,7 +94,7 @@ def search(
     )
 
 
-@partial(jax.jit, static_argnames=("num", "settings", "feature_settings"))
+@jit(static_argnames=("num", "settings", "feature_settings"))
 def _search(
     spec_x, spec_y, desc_x, desc_y, sign, self_map, *, num, settings, feature_settings
 ):
@@ -164,7 +165,7 @@ def candidates(
     return _candidates(x, y, sign, self_map, num=num, settings=settings)
 
 
-@partial(jax.jit, static_argnames=("num", "settings"))
+@jit(static_argnames=("num", "settings"))
 def _candidates(
     x: SearchSamples,
     y: SearchSamples,

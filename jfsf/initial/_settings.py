@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from jfsf.initial._terms import Weights
 from jfsf.refine import ZoomOutSettings
-from jfsf.spectral import DISTANCE_PAIRS
+from jfsf.spectral._sampling import DISTANCE_PAIRS
 
 
 @dataclass(frozen=True)

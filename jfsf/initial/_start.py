@@ -1,12 +1,11 @@
 """Candidates -> the starts of attempts: of the search, or for other proportions."""
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf.array._jit import jit
 from jfsf.initial._proportions import nonisometric_candidates
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._search import candidates
@@ -35,7 +34,7 @@ class Start(NamedTuple):
         return jnp.sign(jnp.nan_to_num(self.orientation))
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def best_start(
     x: SearchSamples,
     y: SearchSamples,
@@ -55,7 +54,7 @@ def best_start(
     return search_starts(x, y, sign, self_map, settings=settings)[0]
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def search_starts(
     x: SearchSamples,
     y: SearchSamples,
@@ -89,7 +88,7 @@ def search_starts(
     return first, others
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def nonisometric_starts(
     x: SearchSamples,
     y: SearchSamples,

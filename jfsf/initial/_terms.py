@@ -12,8 +12,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array import einsum, map_sides, matmul, safe_divide
-from jfsf.spectral import brackets
+from jfsf.array import einsum, matmul
+from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
+from jfsf.array._sides import map_sides
+from jfsf.spectral._orientation import brackets
 from jfsf.types import Spectrum
 
 GAMMA = 0.5  # exponent of the resolvent mask, as in Ren et al. (SGP 2019)
@@ -75,7 +78,7 @@ class Terms(NamedTuple):
     weight_e: Float[Array, " e"]
 
 
-@partial(jax.jit, static_argnames=("k", "gamma"))
+@jit(static_argnames=("k", "gamma"))
 def terms(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -107,7 +110,7 @@ def terms(
     return combine(*sides, weights, column_weights, gamma=gamma)
 
 
-@partial(jax.jit, static_argnames="k")
+@jit(static_argnames="k")
 def shape_terms(
     spec: Spectrum, descriptors: Float[Array, "n d"], *, k: int
 ) -> ShapeTerms:
@@ -126,7 +129,7 @@ def shape_terms(
     return ShapeTerms(spec.evals[:k], mean, variance, coef, times, brackets(spec, k=k))
 
 
-@partial(jax.jit, static_argnames="gamma")
+@jit(static_argnames="gamma")
 def combine(
     x: ShapeTerms,
     y: ShapeTerms,

@@ -1,6 +1,62 @@
-"""Two meshes to their maps, on the host.
+"""Two meshes to their maps: starts, attempts, evidence, and which attempt is kept.
 
-Read in this order:
+An attempt makes a match of a start, and says how likely it is right. Sources of starts
+are asked in turn, for all pairs that are still in doubt: below `Settings.retry_below`,
+or after a first map that misses a landmark. So the first attempts of all pairs are made
+together, then the doubtful pairs are gathered, and pairs without doubt cost nothing
+more. The more confident match is kept.
+
+The last source, of starts for other proportions, tries all of them on coarse copies
+(`_coarse`), which takes little time, together with the map so far. Only if another map
+ranks above this one it goes on to the whole shapes. Maps that differ and rank nearly as
+high are rivals: a map that cannot be told from another one is not certain.
+
+Shapes of many vertices are bent as such copies, too (`_bent_copies`), and follow them.
+
+Where a similarity lays the shapes nearly on each other (`_rigid`), nearest points are
+the start of a last map, which is the map so far but slides less, and is kept.
+
+Some pairs without doubt are compared so, too (`_others`): where the search found other
+candidates that are about as good, as of a shape with a symmetry; where it says that the
+mirror image fits better; and two disks, since the search does not see where a rim
+begins.
+
+Read in this order. Settings and the pure attempt:
+
+- `parts`: the region that two shapes share, where one is a part of the other
+- `_stages`: the stages of an attempt that can be replaced, and their defaults
+- `_settings`: the tuned numbers of all stages, and those that can be replaced
+
+How likely a map is right, from evidence that needs no ground truth:
+
+- `_bending`: how well shapes bent onto each other coincide, and at what cost
+- `_kept_landmarks`: whether a map agrees with landmarks, and features without those it
+  misses
+- `_confidence`: the probability that a map is right
+- `_mirror`: how likely its mirror image is right
+- `_rivals`: how a map stands among others that fit nearly as well
+- `_regions`: the probability that the region of two parts is right
+- `_vertices`: the probability that a vertex is mapped right
+- `_certificate`: all the evidence that `match` returns
+
+Two shapes and a start to a match:
+
+- `_attempt`: pure: `match_spectra`
+- `_arguments`: what `match` is given, checked and padded
+- `_coarse`: a pair at few vertices, for further starts and for bending large shapes
+
+Which starts are attempted, and when it ends: for one pair or many, on the host:
+
+- `_pairs`: a pair on the way, its attempts, and the best of them
+- `_bent_copies`: large shapes are bent as coarse copies first
+- `_run_stages`: the stages of an attempt, run for many pairs
+- `_rigid`: shapes that nearly coincide after a similarity
+- `_disks`: maps between two disks that turn the rim
+- `_others`: maps that may fit as well as one that is not in doubt
+- `_sources`: where starts come from: the search, landmarks, coarse copies
+- `_policy`: the sources in turn, for the pairs in doubt
+
+Two meshes:
 
 - `_shapes`: what can be matched, and its spectrum: `check_matchable`, `basis`
 - `_attempted`: spectra and programs at the same time, then the policy
@@ -9,21 +65,35 @@ Read in this order:
 - `_warm_up`: the programs of `match`, compiled before there are shapes
 """
 
-from jfsf.matching._match import (
-    alternatives,
-    attempted_pair,
-    match,
-    symmetry,
-)
+from jfsf.matching._attempt import attempt, match_spectra, shape_samples
+from jfsf.matching._certificate import certify
+from jfsf.matching._coarse import carried
+from jfsf.matching._confidence import confidence
+from jfsf.matching._match import alternatives, attempted_pair, match, symmetry
+from jfsf.matching._regions import region_confidence
+from jfsf.matching._rivals import map_distances
+from jfsf.matching._settings import EvidenceSettings, Settings
 from jfsf.matching._shapes import basis, check_matchable
+from jfsf.matching._vertices import vertex_confidence
 from jfsf.matching._warm_up import warm_up
 
 __all__ = [
+    "EvidenceSettings",
+    "Settings",
     "alternatives",
+    "attempt",
     "attempted_pair",
     "basis",
+    "carried",
+    "certify",
     "check_matchable",
+    "confidence",
+    "map_distances",
     "match",
+    "match_spectra",
+    "region_confidence",
+    "shape_samples",
     "symmetry",
+    "vertex_confidence",
     "warm_up",
 ]

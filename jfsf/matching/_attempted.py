@@ -8,18 +8,14 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jfsf.arguments import MatchInputs, padded_inputs
+from jfsf.matching._arguments import MatchInputs, padded_inputs
+from jfsf.matching._pairs import PairState
+from jfsf.matching._policy import attempt_pairs, compile_first_attempt
+from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
-from jfsf.policy import PairState, attempt_pairs, compile_first_attempt
-from jfsf.runtime import (
-    CompileOnly,
-    OneByOne,
-    one_blas_thread,
-    padded,
-    padded_shapes,
-    spectrum_like,
-)
-from jfsf.settings import Settings
+from jfsf.runtime._runners import CompileOnly, OneByOne
+from jfsf.runtime._shared import one_blas_thread
+from jfsf.runtime._sizes import padded, padded_shapes, spectrum_like
 from jfsf.types import Match, Mesh
 
 

@@ -5,17 +5,19 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.arguments import (
+from jfsf.convert import HasMaps
+from jfsf.initial import Orientation, orientation_sign
+from jfsf.matching._arguments import (
     MatchInputs,
     checked_descriptors,
     checked_initial,
     checked_landmarks,
 )
-from jfsf.convert import HasMaps
-from jfsf.evidence import map_distances
-from jfsf.initial import Orientation, orientation_sign
 from jfsf.matching._attempted import Host, attempted, match_shapes, without_padding
+from jfsf.matching._pairs import PairState
 from jfsf.matching._partial import match_partial
+from jfsf.matching._rivals import map_distances
+from jfsf.matching._settings import EvidenceSettings, Settings
 from jfsf.matching._shapes import (
     MatchedShape,
     check_matchable,
@@ -24,8 +26,6 @@ from jfsf.matching._shapes import (
     tells_left_from_right,
 )
 from jfsf.mesh import MeshError
-from jfsf.policy import PairState
-from jfsf.settings import EvidenceSettings, Settings
 from jfsf.types import ArrayLike, Match, Mesh
 
 
@@ -134,7 +134,7 @@ def alternatives(
         mesh_x, mesh_y, orientation, landmarks, descriptors, settings, cache, progress:
             as `match`.
         min_distance: a map is left out if its images lie nearer than this to those of
-            a more confident one (`jfsf.evidence.map_distances`). 0 keeps the maps of
+            a more confident one (`jfsf.matching.map_distances`). 0 keeps the maps of
             all attempts.
 
     Returns:

@@ -9,19 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from jfsf.arguments import (
+from jfsf.convert import nearest
+from jfsf.matching._arguments import (
     MatchInputs,
     check_one_unit,
     checked_initial,
     checked_landmarks,
 )
-from jfsf.convert import nearest
-from jfsf.evidence import landmark_distances, region_confidence
 from jfsf.matching._attempted import Host, match_shapes
+from jfsf.matching._kept_landmarks import landmark_distances
+from jfsf.matching._regions import region_confidence
+from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
-from jfsf.mesh import MeshError, boundary_edges, vertex_areas
-from jfsf.parts import match_parts
-from jfsf.settings import Settings
+from jfsf.matching.parts._match import match_parts
+from jfsf.mesh import MeshError, vertex_areas
+from jfsf.mesh._geometry import boundary_edges
 from jfsf.spectral import embeddings, functional_map, truncate
 from jfsf.types import Match, Mesh
 

@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
+from jfsf.matching._settings import Settings
 from jfsf.mesh import (
-    MAX_UNCLEAR,
     MeshError,
     denoised,
     orient,
@@ -12,8 +12,9 @@ from jfsf.mesh import (
     validate,
     without_holes,
 )
-from jfsf.settings import Settings
-from jfsf.spectral import plain_arrays, spectrum_of_valid
+from jfsf.mesh._winding import MAX_UNCLEAR
+from jfsf.spectral._eigenpairs import spectrum_of_valid
+from jfsf.spectral._laplacian import plain_arrays
 from jfsf.types import Mesh, Spectrum
 
 

@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterable
 
 import jax
 
-from jfsf.arguments import MatchInputs
 from jfsf.initial import orientation_sign
-from jfsf.policy import PairState, compile_copies, compile_first_attempt
-from jfsf.runtime import CompileOnly, common_size, padded_shapes, spectrum_like
-from jfsf.settings import Settings
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._pairs import PairState
+from jfsf.matching._policy import compile_copies, compile_first_attempt
+from jfsf.matching._settings import Settings
+from jfsf.runtime._runners import CompileOnly
+from jfsf.runtime._sizes import common_size, padded_shapes, spectrum_like
 
 
 def warm_up(

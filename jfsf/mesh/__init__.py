@@ -33,103 +33,42 @@ Read in this order:
 """
 
 from jfsf.mesh._check import Report, check, validate
-from jfsf.mesh._closest import (
-    OnSurface,
-    SurfaceTree,
-    closest,
-    nearest_of,
-    on_rim,
-    surface_tree,
-)
+from jfsf.mesh._closest import OnSurface, closest
 from jfsf.mesh._clouds import floor_points, outliers
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
-from jfsf.mesh._denoise import denoised, noise, spikes, without_spikes
-from jfsf.mesh._edit import (
-    Submesh,
-    largest_component,
-    mirror_image,
-    split_components,
-    weld,
-)
-from jfsf.mesh._geometry import (
-    Edges,
-    boundary_edges,
-    components,
-    edges,
-    face_areas,
-    face_normals,
-    in_unit_box,
-    surface_area,
-    vertex_areas,
-    vertex_components,
-    vertex_normals,
-)
-from jfsf.mesh._holes import rims, without_holes
-from jfsf.mesh._partners import (
-    Repaired,
-    map_of_originals,
-    nearest_kept,
-    without_nonfinite,
-    without_strays,
-)
-from jfsf.mesh._paths import edge_graph, farthest_vertices
-from jfsf.mesh._polygons import triangulate
-from jfsf.mesh._read import (
-    CLOUDS,
-    SUFFIXES,
-    Reading,
-    format_of,
-    read,
-    read_noted,
-    stem_of,
-)
+from jfsf.mesh._denoise import denoised
+from jfsf.mesh._edit import largest_component, mirror_image, weld
+from jfsf.mesh._geometry import face_normals, surface_area, vertex_areas, vertex_normals
+from jfsf.mesh._holes import without_holes
+from jfsf.mesh._partners import Repaired, without_strays
+from jfsf.mesh._paths import farthest_vertices
+from jfsf.mesh._read import Reading, read, read_noted
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import repair
-from jfsf.mesh._rounding import Rounding, rounding
+from jfsf.mesh._rounding import rounding
 from jfsf.mesh._uv import read_uv
-from jfsf.mesh._values import MeshError, check_values, checked_mesh
-from jfsf.mesh._winding import MAX_UNCLEAR, orient, unclear_winding
+from jfsf.mesh._values import MeshError
+from jfsf.mesh._winding import orient, unclear_winding
 
 __all__ = [
-    "CLOUDS",
-    "MAX_UNCLEAR",
-    "SUFFIXES",
-    "Edges",
     "MeshError",
     "OnSurface",
     "Reading",
     "Reconstruction",
     "Repaired",
     "Report",
-    "Rounding",
-    "Submesh",
-    "SurfaceTree",
-    "boundary_edges",
     "check",
-    "check_values",
-    "checked_mesh",
     "closest",
     "coarsen",
-    "components",
     "decimate",
     "denoised",
-    "edge_graph",
-    "edges",
-    "face_areas",
     "face_normals",
     "farthest_vertices",
     "floor_points",
-    "format_of",
-    "in_unit_box",
     "largest_component",
-    "map_of_originals",
     "mirror_image",
-    "nearest_kept",
-    "nearest_of",
-    "noise",
-    "on_rim",
     "orient",
     "outliers",
     "read",
@@ -137,23 +76,14 @@ __all__ = [
     "read_uv",
     "reconstruct",
     "repair",
-    "rims",
     "rounding",
-    "spikes",
-    "split_components",
-    "stem_of",
     "surface_area",
-    "surface_tree",
-    "triangulate",
     "unclear_winding",
     "validate",
     "vertex_areas",
     "vertex_colours",
-    "vertex_components",
     "vertex_normals",
     "weld",
     "without_holes",
-    "without_nonfinite",
-    "without_spikes",
     "without_strays",
 ]

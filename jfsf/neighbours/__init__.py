@@ -10,28 +10,21 @@ Read in this order:
 - `_among_tiles`: candidates from nearby tiles, at a cost that grows like n
 - `_both_ways`: among tiles when they are given, exhaustively otherwise
 
-In `match`, `jfsf.stages.pair_search` decides whether there are tiles. Where their
+In `match`, `jfsf.matching.pair_search` decides whether there are tiles. Where their
 recall is below `NeighbourSearch.min_recall`, `tiled_one_way` compares all points. That
 is 0 in rounds of a refinement, which therefore never do.
 """
 
-from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way
-from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.neighbours._exhaustive import neighbours
 from jfsf.neighbours._mutual import mutual_neighbours
 from jfsf.neighbours._search import NeighbourSearch
 from jfsf.neighbours._settings import NeighbourSettings
-from jfsf.neighbours._tiles import spectral_tiles, tiles, tiles_of_pair
+from jfsf.neighbours._tiles import spectral_tiles
 
 __all__ = [
     "NeighbourSearch",
     "NeighbourSettings",
     "mutual_neighbours",
     "neighbours",
-    "neighbours_both_ways",
     "spectral_tiles",
-    "tiled_neighbours",
-    "tiled_one_way",
-    "tiles",
-    "tiles_of_pair",
 ]

@@ -20,7 +20,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import argmax, map_sides, sequential_vmap, top_k
+from jfsf.array import argmax, top_k
+from jfsf.array._jit import jit
+from jfsf.array._sequential_vmap import sequential_vmap
+from jfsf.array._sides import map_sides
 from jfsf.neighbours._exhaustive import (
     check_point_sets,
     float32_frame,
@@ -37,7 +40,7 @@ BLOCKS = 32  # blocks of queries at a time; this does not change results
 UNREACHABLE = 1e30  # a squared distance above all others, and finite
 
 
-@partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
+@jit(static_argnames=("k0", "min_recall", "settings"))
 def tiled_neighbours(
     x: Float[Array, "n d"],
     y: Float[Array, "m d"],
@@ -82,7 +85,7 @@ def tiled_neighbours(
     return NeighboursBothWays(near_xy, near_yx, recall, all_xy | all_yx)
 
 
-@partial(jax.jit, static_argnames=("k0", "min_recall", "settings"))
+@jit(static_argnames=("k0", "min_recall", "settings"))
 def tiled_one_way(
     queries: Float[Array, "n d"],
     points: Float[Array, "m d"],

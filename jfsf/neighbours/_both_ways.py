@@ -1,18 +1,16 @@
 """Neighbours in both directions: among tiles when they are given, else exhaustively."""
 
-from functools import partial
-
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jfsf.array._jit import jit
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._mutual import mutual_neighbours
 from jfsf.neighbours._search import NeighbourSearch
 from jfsf.types import NeighboursBothWays
 
 
-@partial(jax.jit, static_argnames="k0")
+@jit(static_argnames="k0")
 def neighbours_both_ways(
     x: Float[Array, "n d"],
     y: Float[Array, "m d"],

@@ -7,13 +7,12 @@ lie nearer to each other than some 5e-4 of their distance from the common centre
 told apart so: in a cluster that small another of its points may be found.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Neighbours
 
@@ -23,7 +22,7 @@ GROUP = 16  # points of a group, see `_select`
 FARTHEST = 40  # log2 of the distance of a query from points that nearly coincide
 
 
-@partial(jax.jit, static_argnames=("k0", "settings"))
+@jit(static_argnames=("k0", "settings"))
 def neighbours(
     queries: Float[Array, "n k"],
     points: Float[Array, "m k"],

@@ -10,7 +10,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import TOP_K_LIMIT, map_sides, max_with_index, sequential_vmap, top_k
+from jfsf.array import top_k
+from jfsf.array._jit import jit
+from jfsf.array._sequential_vmap import sequential_vmap
+from jfsf.array._sides import map_sides
+from jfsf.array._top_k import TOP_K_LIMIT, max_with_index
 from jfsf.neighbours._exhaustive import (
     check_point_sets,
     float32_frame,
@@ -28,7 +32,7 @@ UNREACHABLE = (
 )
 
 
-@partial(jax.jit, static_argnames=("k0", "settings"))
+@jit(static_argnames=("k0", "settings"))
 def mutual_neighbours(
     x: Float[Array, "n k"],
     y: Float[Array, "m k"],

@@ -12,12 +12,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from jfsf.array import einsum, map_sides
+from jfsf.array import einsum
+from jfsf.array._jit import jit
+from jfsf.array._sides import map_sides
 from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Spectrum, Tiles
 
 
-@partial(jax.jit, static_argnames=("size", "settings"))
+@jit(static_argnames=("size", "settings"))
 def tiles(
     points: Float[Array, "n d"],
     valid: Bool[Array, " n"] | None = None,
@@ -70,7 +72,7 @@ def tiles(
     return Tiles(member[order].astype(jnp.int32), own[order])
 
 
-@partial(jax.jit, static_argnames=("size", "settings"))
+@jit(static_argnames=("size", "settings"))
 def spectral_tiles(
     spec: Spectrum,
     *,

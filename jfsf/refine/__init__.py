@@ -11,16 +11,8 @@ Read in this order:
 - `_follow`: points that follow the deformation of a coarse shape
 """
 
-from jfsf.refine._arap import ArapSettings, arap, deform, rotations
-from jfsf.refine._follow import follow
+from jfsf.refine._arap import ArapSettings, arap, deform
 from jfsf.refine._icp import icp
-from jfsf.refine._rest import (
-    Rest,
-    at_rest,
-    edges_of,
-    rotations_of,
-    turned,
-)
 from jfsf.refine._rotations import closest_rotations
 from jfsf.refine._soft import (
     soft_functional_map,
@@ -33,22 +25,15 @@ from jfsf.refine._zoomout import ZoomOutSettings, zoomout
 
 __all__ = [
     "ArapSettings",
-    "Rest",
     "ZoomOutSettings",
     "arap",
-    "at_rest",
     "closest_rotations",
     "deform",
-    "edges_of",
-    "follow",
     "icp",
-    "rotations",
-    "rotations_of",
     "soft_functional_map",
     "soft_icp_step",
     "soft_map",
     "soft_sinkhorn",
     "soft_zoomout_step",
-    "turned",
     "zoomout",
 ]

@@ -8,21 +8,22 @@ directions count alike.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import jax
 import jax.numpy as jnp
 from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Float
 
-from jfsf.array import map_sides, matmul
+from jfsf.array import matmul
+from jfsf.array._jit import jit
+from jfsf.array._sides import map_sides
 from jfsf.convert import Converter, maps_of
-from jfsf.geometry import (
+from jfsf.geometry import normals
+from jfsf.geometry._surface import (
     STIFFNESS_RANGE,
     Surface,
     divergence,
     next_corners,
-    normals,
     opposite_edges,
     sum_at_vertices,
     surface,
@@ -55,8 +56,7 @@ class ArapSettings:
     stiffness_range: tuple[float, float] = STIFFNESS_RANGE
 
 
-@partial(
-    jax.jit,
+@jit(
     static_argnames=("rounds", "converter", "settings"),
 )
 def arap(
@@ -159,7 +159,7 @@ def arap(
     return jax.lax.fori_loop(0, rounds, deform_both, embs)
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def deform(
     surface: Surface,
     target: Float[Array, "n 3"],

@@ -4,18 +4,17 @@ Ovsjanikov et al. (SIGGRAPH 2012), as an instance of algorithm 1 of Pai et al. (
 2021), with any converter.
 """
 
-from functools import partial
-
 import jax
 from jaxtyping import Array, Float
 
+from jfsf.array._jit import jit
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import Space, embeddings, functional_map, polar, truncate, uniform
 from jfsf.types import Spectrum
 
 
-@partial(jax.jit, static_argnames=("num_iters", "converter", "space"))
+@jit(static_argnames=("num_iters", "converter", "space"))
 def icp(
     spec_x: Spectrum,
     spec_y: Spectrum,

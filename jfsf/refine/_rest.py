@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from jfsf.geometry import STIFFNESS_RANGE
+from jfsf.geometry._surface import STIFFNESS_RANGE
 from jfsf.refine._rotations import closest_rotations
 from jfsf.spectral import operators
 from jfsf.types import Mesh

@@ -13,12 +13,13 @@ al. (CVPR 2021) in place of a softmax.
 from collections.abc import Callable
 from functools import partial
 
-import jax
 from jaxtyping import Array, Float
 
+from jfsf.array._jit import jit
 from jfsf.convert import pull_back, sinkhorn
 from jfsf.neighbours import NeighbourSearch
-from jfsf.spectral import Space, coefficients, embeddings, polar, truncate, uniform
+from jfsf.spectral import Space, embeddings, polar, truncate, uniform
+from jfsf.spectral._functional_maps import coefficients
 from jfsf.types import Filtered, Spectrum
 
 # Ten neighbours, and so soft that a row of the plan has a slope.
@@ -27,7 +28,7 @@ soft_sinkhorn: partial[Filtered] = partial(
 )
 
 
-@partial(jax.jit, static_argnames=("space", "converter"))
+@jit(static_argnames=("space", "converter"))
 def soft_map(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -56,7 +57,7 @@ def soft_map(
     return converter(emb_x, emb_y, *marginals, search)
 
 
-@jax.jit
+@jit
 def soft_functional_map(
     filtered: Filtered, spec_x: Spectrum, spec_y: Spectrum
 ) -> Float[Array, "k_x k_y"]:
@@ -64,7 +65,7 @@ def soft_functional_map(
     return coefficients(pull_back(filtered, spec_y.evecs), spec_x)
 
 
-@partial(jax.jit, static_argnames=("k", "space", "converter"))
+@jit(static_argnames=("k", "space", "converter"))
 def soft_zoomout_step(
     spec_x: Spectrum,
     spec_y: Spectrum,
@@ -85,7 +86,7 @@ def soft_zoomout_step(
     return soft_functional_map(found, truncate(spec_x, k), truncate(spec_y, k))
 
 
-@partial(jax.jit, static_argnames=("space", "converter"))
+@jit(static_argnames=("space", "converter"))
 def soft_icp_step(
     spec_x: Spectrum,
     spec_y: Spectrum,

@@ -8,7 +8,6 @@ under the map so far.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from typing import NamedTuple
 
@@ -17,16 +16,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import matmul
+from jfsf.array._jit import jit
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
-from jfsf.spectral import (
-    COLUMN_WEIGHT,
-    PULLED_BACK,
-    Space,
-    carried_fields,
-    embeddings,
-    uniform,
-)
+from jfsf.spectral import Space, embeddings, uniform
+from jfsf.spectral._orientation import COLUMN_WEIGHT, PULLED_BACK, carried_fields
 from jfsf.types import Spectrum
 
 # Steps that are worth a scan of their own: with fewer, the narrower products do not
@@ -59,8 +53,7 @@ class _Columns(NamedTuple):
     extra_weight: Float[Array, ""] | float
 
 
-@partial(
-    jax.jit,
+@jit(
     static_argnames=(
         "ks",
         "converter",

@@ -11,41 +11,6 @@ Read in this order:
 - `_runners`: how the stages of a match are run: pair by pair, vmapped, only compiled
 """
 
-from jfsf.runtime._compiler import large_jit
-from jfsf.runtime._map_pairs import PAIRS, check_batch, map_pairs
-from jfsf.runtime._programs import Program, compile_ahead
-from jfsf.runtime._runners import CompileOnly, OneByOne, Runner, Vmapped
-from jfsf.runtime._shared import one_blas_thread, shared_context
-from jfsf.runtime._sizes import (
-    PaddedShape,
-    common_size,
-    pad,
-    padded,
-    padded_pair,
-    padded_shapes,
-    spectrum_like,
-    with_rows,
-)
+from jfsf.runtime._map_pairs import map_pairs
 
-__all__ = [
-    "PAIRS",
-    "CompileOnly",
-    "OneByOne",
-    "PaddedShape",
-    "Program",
-    "Runner",
-    "Vmapped",
-    "check_batch",
-    "common_size",
-    "compile_ahead",
-    "large_jit",
-    "map_pairs",
-    "one_blas_thread",
-    "pad",
-    "padded",
-    "padded_pair",
-    "padded_shapes",
-    "shared_context",
-    "spectrum_like",
-    "with_rows",
-]
+__all__ = ["map_pairs"]

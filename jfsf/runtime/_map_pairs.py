@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from jfsf.array._jit import jit
 from jfsf.runtime._compiler import large_jit
 
 PAIRS = 32  # inputs a call, by default
@@ -149,7 +150,7 @@ def _call(call, mesh, form, size, inputs):
     return [jax.tree.map(lambda x, row=row: x[row], found) for row in rows]
 
 
-@partial(jax.jit, static_argnums=STATIC)
+@jit(static_argnums=STATIC)
 def _sharded(function, options, mesh, batch_size, form, numbers, counts, batch):
     tree, array = form
     vectorise = _vmap_of_one if batch_size == 1 else jax.vmap

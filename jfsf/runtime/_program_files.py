@@ -16,17 +16,19 @@ import jax
 import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-from jfsf.array import static_text
+from jfsf.array._static import static_text
 from jfsf.runtime._shared import shared_context
-from jfsf.storage import (
+from jfsf.storage import key
+from jfsf.storage._folder import (
     PROGRAM,
-    NotPrivateError,
-    key,
     limit_bytes,
-    make_private,
     make_room,
     mark_used,
     programs_folder,
+)
+from jfsf.storage._private import (
+    NotPrivateError,
+    make_private,
     read_private,
     write_private,
 )
@@ -40,6 +42,7 @@ CODE = key(
         file.read_bytes()
         for kind in ("*.py", "*.json")
         for file in sorted(PACKAGE.rglob(kind))
+        if "apps" not in file.relative_to(PACKAGE).parts
     ),
 )
 # Seconds to wait for another process that compiles the same program.

@@ -27,7 +27,7 @@ from jfsf.runtime._program_files import (
     program_path,
     save_program,
 )
-from jfsf.storage import NotPrivateError
+from jfsf.storage._private import NotPrivateError
 
 # A program of `match` takes 330 to 640 memory maps, 430 on average, and Linux ends a
 # process that has 65 530. This many take a third of these, and half at most; pairs of

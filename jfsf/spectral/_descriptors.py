@@ -6,13 +6,13 @@ area, so none of this changes with the size of the mesh; eigenvectors enter in p
 none of it changes with their signs.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import HIGHEST, matmul
+from jfsf.array import matmul
+from jfsf.array._jit import jit
+from jfsf.array._precision import HIGHEST
 from jfsf.geometry import normals
 from jfsf.types import Spectrum
 
@@ -23,7 +23,7 @@ CURVATURE_TIMES = (1 / 8000, 1 / 4000, 1 / 2000, 1 / 1000, 1 / 500, 1 / 250, 1 /
 CONSTANT = 100  # roundings of its values by which a constant column may vary
 
 
-@partial(jax.jit, static_argnames="num")
+@jit(static_argnames="num")
 def wks(
     spec: Spectrum, landmarks: Int[Array, " l"] | None = None, *, num: int = 100
 ) -> Float[Array, "n d"]:
@@ -56,7 +56,7 @@ def wks(
     return _signature(spec, log_weight, landmarks)
 
 
-@partial(jax.jit, static_argnames="num")
+@jit(static_argnames="num")
 def hks(
     spec: Spectrum, landmarks: Int[Array, " l"] | None = None, *, num: int = 100
 ) -> Float[Array, "n d"]:
@@ -73,7 +73,7 @@ def hks(
     return _signature(spec, log_weight, landmarks)
 
 
-@partial(jax.jit, static_argnames="times")
+@jit(static_argnames="times")
 def curvature(
     spec: Spectrum, *, times: tuple[float, ...] = CURVATURE_TIMES
 ) -> Float[Array, "n d"]:
@@ -108,7 +108,7 @@ def curvature(
     return jnp.concatenate([signed, size]).T
 
 
-@jax.jit
+@jit
 def standardise(
     desc: Float[Array, "n d"], mass: Float[Array, " n"]
 ) -> Float[Array, "n d"]:

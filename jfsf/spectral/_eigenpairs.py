@@ -8,8 +8,9 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
-from jfsf.mesh import MeshError, in_unit_box, validate
-from jfsf.runtime import one_blas_thread
+from jfsf.mesh import MeshError, validate
+from jfsf.mesh._geometry import in_unit_box
+from jfsf.runtime._shared import one_blas_thread
 from jfsf.spectral._definite import definite_solver
 from jfsf.spectral._lanczos import largest_eigenpairs
 from jfsf.spectral._laplacian import (
@@ -19,7 +20,8 @@ from jfsf.spectral._laplacian import (
     operators,
     plain_arrays,
 )
-from jfsf.storage import fetch, key
+from jfsf.storage import key
+from jfsf.storage._cache import fetch
 from jfsf.types import Mesh, Spectrum
 
 # Of the unit-area Laplacian, whose first nonzero eigenvalue is of order 10. Nearer to

@@ -1,13 +1,12 @@
 """Spectrum -> Features: all that the search and the refinement read of one shape."""
 
 from dataclasses import dataclass
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf.array._jit import jit
 from jfsf.spectral._descriptors import (
     CURVATURE_TIMES,
     curvature,
@@ -84,7 +83,7 @@ class Features(NamedTuple):
         )
 
 
-@partial(jax.jit, static_argnames="settings")
+@jit(static_argnames="settings")
 def features(
     spec: Spectrum,
     descriptors: Float[Array, "n d"] | None = None,

@@ -4,20 +4,21 @@ C_YX = Phi_X^+ Phi_Y[T_XY] (eq. 4 of Pai et al., CVPR 2021) pulls functions on Y
 X; its transpose D_XY maps delta functions of X to delta functions of Y.
 """
 
-from functools import partial
 from typing import Literal
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array import matmul, safe_divide
+from jfsf.array import matmul
+from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
 from jfsf.types import Spectrum
 
 Space = Literal["adjoint", "direct"]
 
 
-@jax.jit
+@jit
 def functional_map(
     T_xy: Int[Array, " n_x"], spec_x: Spectrum, spec_y: Spectrum
 ) -> Float[Array, "k_x k_y"]:
@@ -41,7 +42,7 @@ def functional_map(
     return coefficients(spec_y.evecs[T_xy], spec_x)
 
 
-@jax.jit
+@jit
 def coefficients(values: Float[Array, "n c"], spec: Spectrum) -> Float[Array, "k c"]:
     """Phi^+ values: functions in an eigenbasis, by weighted least squares.
 
@@ -59,7 +60,7 @@ def coefficients(values: Float[Array, "n c"], spec: Spectrum) -> Float[Array, "k
     return jax.scipy.linalg.solve(matmul(weighted.T, spec.evecs), right, assume_a="pos")
 
 
-@partial(jax.jit, static_argnames="space")
+@jit(static_argnames="space")
 def embeddings(
     C_yx: Float[Array, "k_x k_y"],
     evecs_x: Float[Array, "n_x k"],
@@ -91,7 +92,7 @@ def embeddings(
     raise ValueError(f"embeddings: space is 'adjoint' or 'direct', not {space!r}")
 
 
-@jax.jit
+@jit
 def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
     """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD.
 

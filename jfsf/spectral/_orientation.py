@@ -6,13 +6,12 @@ df ^ dg over twice the area, so its integral needs the winding of the faces only
 normals, no lengths.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array import einsum, matmul
+from jfsf.array._jit import jit
 from jfsf.types import Spectrum
 
 FUNCTIONS = 20  # eigenfunctions in which brackets are expressed
@@ -22,7 +21,7 @@ COLUMN_WEIGHT = 0.3
 BLOCK = 512  # faces at a time, so that their products stay in the cache
 
 
-@partial(jax.jit, static_argnames="k")
+@jit(static_argnames="k")
 def brackets(spec: Spectrum, *, k: int) -> Float[Array, "k k k"]:
     """B[c, a, b] = integral of phi_c {phi_a, phi_b}, of the first k eigenfunctions.
 
@@ -57,7 +56,7 @@ def brackets(spec: Spectrum, *, k: int) -> Float[Array, "k k k"]:
     return half - half.transpose(0, 2, 1)
 
 
-@partial(jax.jit, static_argnames="pulled_back")
+@jit(static_argnames="pulled_back")
 def orientation_score(
     C_yx: Float[Array, "k_x k_y"],
     brackets_x: Float[Array, "s_x s_x s_x"],
@@ -96,7 +95,7 @@ def orientation_score(
     return jnp.where(norm > 0, jnp.sum(on_x * on_y) / norm, jnp.nan)
 
 
-@partial(jax.jit, static_argnames="k")
+@jit(static_argnames="k")
 def bracket_fields(spec: Spectrum, *, k: int = FUNCTIONS) -> Float[Array, "n s s"]:
     """{phi_a, phi_b} at each vertex, of the first k eigenfunctions, smoothed.
 

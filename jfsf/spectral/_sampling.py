@@ -4,13 +4,12 @@ Sampled refinement is the "fast" ZoomOut of Melzi et al. (SIGGRAPH Asia 2019), w
 sampling done in the spectral embedding, so that it does not depend on the pose.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import argmax, einsum, matmul
+from jfsf.array._jit import jit
 from jfsf.neighbours import neighbours, spectral_tiles
 from jfsf.types import Spectrum
 
@@ -19,7 +18,7 @@ from jfsf.types import Spectrum
 DISTANCE_PAIRS = 30
 
 
-@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+@jit(static_argnames=("num", "distance_pairs"))
 def farthest_points(
     spec: Spectrum,
     among: Int[Array, " p"] | None = None,
@@ -70,7 +69,7 @@ def farthest_points(
     return chosen.astype(jnp.int32)
 
 
-@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+@jit(static_argnames=("num", "distance_pairs"))
 def tile_points(
     spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
 ) -> Int[Array, " s"]:
@@ -98,7 +97,7 @@ def tile_points(
     return jnp.take_along_axis(held.member, at[:, None], 1)[:, 0]
 
 
-@partial(jax.jit, static_argnames=("num", "distance_pairs"))
+@jit(static_argnames=("num", "distance_pairs"))
 def even_points(
     spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
 ) -> Int[Array, " s"]:
@@ -115,7 +114,7 @@ def even_points(
     return jnp.asarray(jnp.where(real.sum() <= num, every, chosen))
 
 
-@partial(jax.jit, static_argnames="distance_pairs")
+@jit(static_argnames="distance_pairs")
 def restrict(
     spec: Spectrum, at: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
 ) -> Spectrum:

@@ -1,0 +1,277 @@
+"""jfsf collection: a folder of meshes to one topology and a shape model.
+
+This file is long because it declares the options, and the steps share what is kept.
+"""
+
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from jfsf.apps.cli._collection_carried import carried_of, write_carried
+from jfsf.apps.cli._collection_jobs import has_page, is_put, keep, put_template
+from jfsf.apps.cli._collection_pages import write_index_page
+from jfsf.apps.cli._collection_results import (
+    rows_of,
+    table,
+    write_landmarks_of,
+    write_model_of,
+    write_summary,
+)
+from jfsf.apps.cli._collection_steps import (
+    PARTS,
+    agree,
+    forget,
+    grown,
+    kept_shapes,
+    known_before,
+    mirror_back,
+    number_of,
+    outcomes,
+    put,
+)
+from jfsf.apps.cli._files import (
+    Orientation,
+    OrientationOption,
+    can_write_in,
+    need_matplotlib,
+)
+from jfsf.apps.cli._runs import (
+    SchedulerOption,
+    WorkersOption,
+    bars,
+    begin,
+    raising_interrupts,
+)
+from jfsf.mesh._read import CLOUDS, format_of, stem_of
+
+
+class Mirrored(StrEnum):
+    """`jfsf.collection`'s mirror, as choices of an option."""
+
+    named = "name"
+    auto = "auto"
+
+
+def collection(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Meshes: two files or more.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The mesh whose topology all get; the most central one if absent.",
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of --template, to be carried to all: .mrk.json, .fcsv, "
+            ".pp, .csv or .txt.",
+        ),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Labels of --template, one a vertex or one a face, to be carried to "
+            "all: .npy, .csv or .txt.",
+        ),
+    ] = None,
+    values: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Numbers of the vertices of --template, likewise: .npy, .csv or .txt.",
+        ),
+    ] = None,
+    scheduler: SchedulerOption = None,
+    workers: WorkersOption = None,
+    orientation: OrientationOption = Orientation.preserve,
+    mirror: Annotated[
+        Mirrored,
+        typer.Option(
+            help="Shapes that are mirror images of the template, such as left bones "
+            "among right ones: name them and leave them out, or mirror them back, in "
+            "x (auto). Looked for with --orientation preserve.",
+        ),
+    ] = Mirrored.named,
+    scale: Annotated[
+        bool,
+        typer.Option("--scale", help="Take differences of size out of the model."),
+    ] = False,
+    largest_component: Annotated[
+        bool,
+        typer.Option(
+            "--largest-component", help="Take the largest pieces only; see match."
+        ),
+    ] = False,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="Repair all meshes first, see info.")
+    ] = False,
+    report: Annotated[
+        bool,
+        typer.Option(
+            "--report",
+            help="index.html with all shapes and pairs, a page a shape, and model.html "
+            "with sliders for the modes.",
+        ),
+    ] = False,
+) -> None:
+    """Give all meshes of a folder one topology, and fit a shape model.
+
+    Matches a sparse graph of pairs, leaves out maps that disagree with the others, and
+    puts the most central shape, the template, onto every other. Writes registered/*.ply
+    (the template's faces on each shape), maps/*.npz, summary.csv, model.npz (mean,
+    modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that fit none
+    are named and left out. Run it again to continue a stopped run, or to add shapes.
+    Exit code 1 if a shape was left out.
+
+    Example: jfsf collection scans --out model --report
+    """
+    from jfsf.apps.collections import mirrored, reason
+    from jfsf.batch import connect
+
+    if report:
+        need_matplotlib()
+    given = {"landmarks": landmarks, "labels": labels, "values": values}
+    for option, path in given.items():
+        if path is not None and template is None:
+            raise ValueError(
+                f"{path}: --{option} are those of the template; name it: --template"
+            )
+    paths = _meshes_in(folder)
+    if out.is_dir() and out.samefile(folder):
+        raise ValueError(
+            f"{out}: is the folder of the meshes, and what is written there would be "
+            "read as shapes; name another one"
+        )
+    if template is not None:
+        template, paths = _with_template(template, paths)
+    points = _points(landmarks, template)
+    carried = carried_of(template, labels=labels, values=values)
+    can_write_in(out)
+    out = out.absolute()
+    options = {
+        "orientation": orientation.value,
+        "mirror": mirror.value,
+        "largest_component": largest_component,
+        "repair": repair,
+    }
+    with raising_interrupts(), connect(scheduler, workers=workers) as client:
+        begin(out, options)
+        for part in PARTS:
+            (out / part).mkdir(exist_ok=True)
+        with bars() as shown:
+            run = partial(outcomes, client, shown)
+            work = partial(keep, largest=largest_component, mend=repair)
+            shapes, reasons = kept_shapes(out, paths, partial(run, work=work))
+            base = number_of(shapes, reasons, template)
+            kind = mirror.value if orientation is Orientation.preserve else None
+            sides = {"orientation": orientation.value}
+            graph = grown(out, shapes, base, kind, run, **sides)
+            shapes = mirror_back(out, shapes, graph)
+            work = partial(put_template, report=report)
+            names = list(shapes)
+            done = has_page if report else is_put
+            failed = put(out, names, graph, partial(run, work=work, done=done))
+            failed |= agree(out, names, graph, failed, run)
+    reasons |= {
+        names[i]: reason(graph, names, i)
+        for i in np.flatnonzero(~graph.joined).tolist()
+    }
+    reasons |= failed
+    forget(out, {*reasons, *(known_before(out) - set(paths))})
+    rows = rows_of(out, paths, shapes, graph, reasons)
+    name = names[graph.paths.template]
+    mesh = shapes[name].mesh
+    kinds = {"scale": scale, "report": report}
+    written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+    written.insert(0, write_summary(out, rows))
+    if points is not None and landmarks is not None:
+        written += write_landmarks_of(out, rows, mesh, points, landmarks)
+    turned = {names[i] for i in graph.mirrored if graph.joined[i]}
+    written += write_carried(out, rows, paths, shapes, name, carried, turned)
+    if report:
+        written.append(write_index_page(out, rows, shapes, graph))
+    console = Console()
+    console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
+    for name, own in shapes.items():
+        for line in own.said:
+            console.print(f"{paths[name]}: {line}", soft_wrap=True, markup=False)
+    for name, why in reasons.items():
+        text = f"left out: {paths[name]}: {why}"
+        console.print(text, soft_wrap=True, markup=False)
+    for i in sorted(graph.mirrored):
+        if graph.joined[i]:
+            text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
+            console.print(text, soft_wrap=True, markup=False)
+    for line in notes:
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+    for path in written:
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    if reasons:
+        raise typer.Exit(1)
+
+
+def _meshes_in(folder: Path) -> dict[str, Path]:
+    """The mesh files of a folder by their names without endings, in order.
+
+    Files of point clouds are passed over: collections are of surfaces.
+    """
+    if not folder.is_dir():
+        raise ValueError(f"{folder}: is no folder; give one with two meshes or more")
+    found: dict[str, Path] = {}
+    for path in sorted(folder.iterdir()):
+        if path.name.startswith("."):  # as macOS keeps beside each file
+            continue
+        if format_of(path) not in ("", *CLOUDS) and path.is_file():
+            name = stem_of(path)
+            if name in found:
+                raise ValueError(f"{path}: has the name of {found[name]}; rename one")
+            found[name] = path.absolute()
+    return found
+
+
+def _with_template(
+    template: Path, paths: dict[str, Path]
+) -> tuple[Path, dict[str, Path]]:
+    """The template's file, and all files: one that is not in the folder comes first."""
+    if not template.is_file():
+        raise ValueError(f"{template}: is no file; check the path")
+    for path in paths.values():
+        if path.samefile(template):
+            return path, paths
+    name = stem_of(template)
+    if name in paths:
+        raise ValueError(f"{template}: has the name of {paths[name]}; rename one")
+    return template, {name: template.absolute(), **paths}
+
+
+def _points(landmarks: Path | None, template: Path | None):
+    """The landmarks as points of the template; None without any.
+
+    Their vertices, if they are such, are those of its file: of what is kept of it they
+    would be others.
+    """
+    from jfsf.apps.landmarks import read_landmarks
+    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.mesh import read
+
+    if landmarks is None or template is None:
+        return None
+    found = read_landmarks(landmarks)
+    mesh = read(template, finite=False)  # --repair leaves them out
+    at = on_surface(found, mesh)
+    if found.vertices is None:
+        return found
+    corners = np.asarray(mesh.vertices, np.float64)[at.corners]
+    points = np.einsum("lc,lci->li", at.weights, corners)
+    return found._replace(points=points, vertices=None)

@@ -1,0 +1,100 @@
+"""What the template of a collection has, carried to each shape: labels and values."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.apps.cli._collection_results import SLICER, registered
+from jfsf.types import ArrayLike
+
+
+class Carried(NamedTuple):
+    """A file of the template.
+
+    what: "labels" or "values"; the folder of the results has that name.
+    suffix: of the file, and of the results.
+    column: what it has for each vertex or face (`jfsf.apps.transfer.Column`).
+    """
+
+    what: str
+    suffix: str
+    column: ArrayLike
+
+
+def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
+    """The files to carry, read and checked against the template.
+
+    Args:
+        template: its file.
+        files: labels and values, by these names; None where there is none.
+
+    Raises:
+        ValueError: as `jfsf.apps.transfer.read_labels` and `read_values`.
+    """
+    from jfsf.apps.transfer import read_labels, read_values
+    from jfsf.mesh import read
+
+    found = []
+    for what, path in files.items():
+        if path is None or template is None:
+            continue
+        mesh = read(template, finite=False)  # --repair leaves them out
+        n, m = len(mesh.vertices), len(mesh.faces)
+        is_labels = what == "labels"
+        column = read_labels(path, n, m) if is_labels else read_values(path, n)
+        found.append(Carried(what, path.suffix.lower(), column))
+    return found
+
+
+def write_carried(
+    out: Path, rows, paths, shapes, template: str, carried, turned
+) -> list[Path]:
+    """Write them for the vertices or faces of the file of each joined shape.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        paths, shapes: the file, and what was kept of it, by name.
+        template: its name.
+        carried: of `carried_of`.
+        turned: names of the shapes that were mirrored back.
+
+    Returns:
+        The folders that were written to.
+    """
+    from jfsf.apps.registration import Registration
+    from jfsf.apps.transfer import labels, values
+    from jfsf.apps.transfer._files import write_column
+    from jfsf.apps.transfer._laid import extended, lay_template
+    from jfsf.mesh import mirror_image, read
+
+    carry = {"labels": labels, "values": values}
+    for one in carried:
+        (out / one.what).mkdir(exist_ok=True)
+    # What is not finite is left out by --repair; without it there is none.
+    source = read(paths[template], finite=False)
+    for row in rows:
+        if not carried or row["reason"]:
+            continue
+        name = row["name"]
+        with np.load(registered(out, name)) as file:
+            found = Registration(*(file[field] for field in Registration._fields))
+        laid = lay_template(shapes[template].mesh, shapes[name].mesh, found)
+        file = read(paths[name], finite=False)
+        laid = extended(laid, mirror_image(file) if name in turned else file, source)
+        for one in carried:
+            result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
+            write_column(out / one.what / f"{name}{one.suffix}", result)
+    return [out / one.what for one in carried]
+
+
+def carried_files(out: Path, name: str) -> list[Path]:
+    """The files of what was carried to a shape, landmarks included, that are there."""
+    from jfsf.apps.landmarks._read import SUFFIXES
+    from jfsf.apps.transfer._files import FORMATS
+
+    columns = dict.fromkeys(("labels", "values"), FORMATS)
+    kinds = {"landmarks": (SLICER, *SUFFIXES), **columns}
+    paths = [out / kind / f"{name}{end}" for kind in kinds for end in kinds[kind]]
+    return [path for path in paths if path.exists()]

@@ -1,0 +1,208 @@
+"""The jobs of `jfsf collection`: each makes one file from some others.
+
+They run in worker processes, which may be other machines that see the same files.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jfsf.apps.cli._files import matchable
+from jfsf.types import Mesh
+
+
+class Kept(NamedTuple):
+    """A mesh of a collection, as it is matched.
+
+    mesh: what is left of the file.
+    at: the vertex in the file of each vertex.
+    sketch: of `jfsf.apps.collections.sketch`.
+    said: of the `Shape`.
+    """
+
+    mesh: Mesh
+    at: np.ndarray
+    sketch: Any
+    said: tuple[str, ...] = ()
+
+
+def nothing(path: Path) -> None:
+    """No preparation: the spectra are those of the first jobs."""
+
+
+def keep(job, largest: bool, mend: bool) -> None:
+    """Write what is kept of a mesh, and put its spectrum into the cache."""
+    from jfsf.apps.collections._collection import check_surface
+    from jfsf.apps.collections._sketch import sketch
+    from jfsf.matching import basis
+    from jfsf.storage._atomic import write_atomically
+
+    (path,) = job.inputs
+    shape = matchable(path, largest, mend)
+    check_surface(shape.mesh, str(path))
+    n = len(shape.mesh.vertices)
+    index = np.arange(n) if shape.index is None else np.asarray(shape.index)
+    arrays = {
+        "vertices": np.asarray(shape.mesh.vertices),
+        "faces": np.asarray(shape.mesh.faces),
+        "index": index.astype(np.int32),
+        "said": np.array(shape.said, str),
+        **sketch(basis(shape.mesh, name=str(path)))._asdict(),
+    }
+    write_atomically(job.out, lambda file: np.savez(file, **arrays))
+
+
+def kept(path: Path) -> Kept:
+    """What `keep` wrote."""
+    from jfsf.apps.collections._sketch import Sketch
+
+    with np.load(path) as file:
+        mesh = Mesh(file["vertices"], file["faces"])
+        numbers = Sketch(*(file[name] for name in Sketch._fields))
+        return Kept(mesh, file["index"], numbers, tuple(file["said"].tolist()))
+
+
+def match_pair(job, orientation: str, turned: bool) -> None:
+    """Match two shapes, the first one mirrored if `turned`."""
+    from jfsf.matching import match
+    from jfsf.mesh import mirror_image
+
+    x, y = map(kept, job.inputs)
+    if turned:
+        x = x._replace(mesh=mirror_image(x.mesh))
+    write_maps(job.out, match(x.mesh, y.mesh, orientation=orientation), x, y)  # type: ignore
+
+
+def write_maps(path: Path, match, x: Kept, y: Kept) -> None:
+    """Write a match as `jfsf match` does; the same file in every run."""
+    from jfsf.apps.mapfiles import write_match
+
+    # How long it took would make equal results unequal files.
+    match = match._replace(info=None)
+    write_match(path, match, index_x=x.at, index_y=y.at)
+
+
+def read_maps(path: Path):
+    """The maps of a file of `write_maps`, and their confidence."""
+    from jfsf.apps.collections import matched
+    from jfsf.apps.mapfiles import read_match
+
+    return matched(read_match(path))
+
+
+def is_put(job) -> bool:
+    """Whether `put_template` has nothing to do."""
+    from jfsf.batch._jobs import is_done
+
+    return is_done(job) and (_of_itself(job) or _maps(job).exists())
+
+
+def has_page(job) -> bool:
+    """The same with a report."""
+    from jfsf.apps.cli._collection_pages import has_pages, picture_of_shape
+
+    picture = picture_of_shape(_out(job), job.out.stem)
+    return is_put(job) and has_pages(_maps(job), picture, _of_itself(job))
+
+
+def _of_itself(job) -> bool:
+    """Whether its shape is the template."""
+    return job.inputs[0] == job.inputs[1]
+
+
+def _maps(job) -> Path:
+    """The file of the maps between the template and the shape of a job."""
+    return _out(job) / "maps" / job.out.name
+
+
+def _out(job) -> Path:
+    return job.out.parent.parent
+
+
+def put_template(job, report: bool) -> None:
+    """Match the template with a shape by way of other shapes, and put it there.
+
+    job: the kept template, the kept shape and the way are its inputs: T_xy, and whether
+        the shape is to be mirrored.
+    """
+    from jfsf.apps.cli._collection_pages import write_picture
+    from jfsf.apps.cli._pages import pair_page
+    from jfsf.apps.collections._member import itself, member
+
+    template, shape = map(kept, job.inputs[:2])
+    if _of_itself(job):
+        found = itself(template.mesh)
+    else:
+        with np.load(job.inputs[2]) as way:
+            T, turned = way["T_xy"], way["turned"]
+        shape = shape._replace(mesh=_turned(shape.mesh, bool(turned)))
+        found = member(template.mesh, shape.mesh, T)
+        maps = _maps(job)
+        maps.parent.mkdir(exist_ok=True)
+        write_maps(maps, found.match, template, shape)
+        if report:
+            inputs = [
+                (path, own.mesh, own.at)
+                for path, own in zip(job.inputs[:2], (template, shape), strict=True)
+            ]
+            # Without times: what is made again is then the same, to the byte.
+            pair_page(maps, inputs, found.match, timed=False)
+    if report:
+        both = template.mesh, shape.mesh
+        write_picture(_out(job), job.out.stem, *both, found.maps)
+    _write_registration(job.out, found.registration, found.confidence)
+
+
+def put_agreed(job) -> None:
+    """Put the template on a shape by all trusted ways, and write it as a mesh too.
+
+    job: the kept template, the kept shape and its `put_template` are its inputs; extras
+        are the maps from other shapes, then of each the kept shape and `put_template`.
+    """
+    from jfsf.apps.collections import agreed_map
+    from jfsf.apps.collections._agree import Beside
+    from jfsf.apps.export import export_mesh
+    from jfsf.apps.registration import register
+
+    template, shape = (kept(path).mesh for path in job.inputs[:2])
+    own, confidence = _read_registration(job.inputs[2])
+    if not _of_itself(job):
+        with np.load(job.extras[0]) as file:
+            turned = file["turned"]
+            maps = [file[f"T_{i}"] for i in range(len(turned) - 1)]
+        meshes = [kept(path).mesh for path in job.extras[1::2]]
+        placed = [_read_registration(path)[0].vertices for path in job.extras[2::2]]
+        others = [
+            Beside(_turned(mesh, turn), on, T)
+            for mesh, turn, on, T in zip(meshes, turned[1:], placed, maps, strict=True)
+        ]
+        shape = _turned(shape, turned[0])
+        T = agreed_map(own.vertices, others, shape)
+        own = register(template, shape, T)
+    values = {"quality": own.distance, "bridged": own.bridged}
+    on_shape = Mesh(own.vertices, template.faces)
+    export_mesh(job.out.with_suffix(".ply"), on_shape, values=values)
+    _write_registration(job.out, own, confidence)
+
+
+def _turned(mesh: Mesh, turn: bool) -> Mesh:
+    from jfsf.mesh import mirror_image
+
+    return mirror_image(mesh) if turn else mesh
+
+
+def _write_registration(path: Path, registration, confidence: float) -> None:
+    from jfsf.storage._atomic import write_atomically
+
+    arrays: dict[str, Any] = {**registration._asdict(), "confidence": confidence}
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def _read_registration(path: Path):
+    """What `_write_registration` wrote: the registration, and the confidence."""
+    from jfsf.apps.registration import Registration
+
+    with np.load(path) as file:
+        found = Registration(*(file[name] for name in Registration._fields))
+        return found, float(file["confidence"])

@@ -1,0 +1,154 @@
+"""jfsf match --components: shapes of several pieces, matched piece to piece."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from jfsf.apps.cli._exports import Looks, Seen, draw, export
+from jfsf.apps.cli._files import Shape, sides_in_doubt
+from jfsf.apps.cli._notes import WARNING
+from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._words import counted, in_options
+from jfsf.apps.report._words import verdict, warnings_of
+
+_STAGES = 5  # two pieces on either side, and writing
+
+
+def check_components_options(given: dict[str, Any]) -> None:
+    """ValueError if options were given that do not go with --components.
+
+    Args:
+        given: the values of the other options, by name; None, False and empty ones were
+            not given.
+    """
+    # Not by equality: the base 0 is an option that was given.
+    absent = [
+        value is None or value is False or value == [] for value in given.values()
+    ]
+    wrong = [name for name, left in zip(given, absent, strict=True) if not left]
+    if wrong:
+        what = "leave it out" if len(wrong) == 1 else "leave them out"
+        if "--repair" in wrong:
+            what += "; jfsf info X --repair FILE writes a repaired mesh"
+        raise ValueError(f"--components does not go with {', '.join(wrong)}: {what}")
+
+
+class Pictures(NamedTuple):
+    """What is drawn and exported: a picture or None, meshes, and how."""
+
+    png: Path | None
+    exports: list[Path]
+    looks: Looks
+
+
+def match_pieces(
+    x: Path, y: Path, out: Path, orientation: str, pictures: Pictures, *, cache: bool
+) -> None:
+    """Match two files piece to piece, write the map, and print what was found."""
+    from jfsf.apps.pieces import match_components, write_components
+    from jfsf.mesh import MeshError, read_noted
+
+    read = [read_noted(path) for path in (x, y)]
+    notes = [
+        f"{path}: {note}"
+        for path, (_, passed) in zip((x, y), read, strict=True)
+        for note in passed
+    ]
+    with stage_bar(_STAGES) as stage:
+        try:
+            found = match_components(
+                *(mesh for mesh, _ in read),
+                orientation=orientation,  # type: ignore
+                cache=cache,
+                progress=stage,
+            )
+        except MeshError as error:
+            text = str(error)
+            for name, path in (("mesh_x", x), ("mesh_y", y)):
+                text = text.replace(f"{name}: ", f"{path}: ")
+            raise MeshError(in_options(text)) from None
+        stage("writing")
+        notes += _said((x, y), found) + _doubts((x, y), found, orientation)
+        write_components(out, found, notes=notes)
+        whole_x, whole_y = (Shape(mesh, None, None, mesh) for mesh, _ in read)
+        what = _seen(found), pictures.looks
+        if pictures.png is not None:
+            draw(pictures.png, whole_x, whole_y, *what)
+        notes = export(pictures.exports, whole_x, whole_y, y, *what) + notes
+    console = Console()
+    console.print(pieces_table(found))
+    for line in notes:
+        console.print(line, soft_wrap=True, markup=False)
+    for path in filter(None, (out, pictures.png, *pictures.exports)):
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+def _seen(found) -> Seen:
+    """Of all pieces; what has no partner is grey."""
+    there = tuple(np.asarray(T) >= 0 for T in (found.T_xy, found.T_yx))
+    return Seen(np.where(there[0], found.T_xy, 0), *there)
+
+
+def pieces_table(found) -> Table:
+    """A row for each pair of pieces (`jfsf.MatchedComponents`), counted from 0."""
+    shown = Table(title="pieces that were matched")
+    for name in ("pair", "vertices of X", "of Y", "area of X", "of Y", "confidence"):
+        shown.add_column(name, justify="right")
+    shown.add_column("reading")
+    for number, pair in enumerate(found.pairs):
+        shown.add_row(
+            str(number),
+            *(str(len(piece.index)) for piece in (pair.x, pair.y)),
+            *(f"{piece.share:.1%}" for piece in (pair.x, pair.y)),
+            f"{pair.confidence:.3f}",
+            verdict(pair.confidence) + (", a tie" if pair.tied else ""),
+        )
+    return shown
+
+
+def _said(paths: tuple[Path, Path], found) -> list[str]:
+    """A line for what was left out and what has no partner."""
+    lines = []
+    for path, alone, left_out in zip(
+        paths,
+        (found.alone_x, found.alone_y),
+        (found.left_out_x, found.left_out_y),
+        strict=True,
+    ):
+        for out in left_out:
+            vertices = counted(out.vertices, "vertex", "vertices")
+            if not out.pieces:
+                lines.append(f"{path}: leaves out {vertices} {out.why}")
+                continue
+            lines.append(
+                f"{path}: leaves out {counted(out.pieces, 'piece', 'pieces')} "
+                f"{out.why}: {vertices}, {out.share:.2%} of the area"
+            )
+        lines += [
+            f"{path}: the piece with vertex {piece.index[0]} has no partner: "
+            f"{len(piece.index)} vertices, {piece.share:.2%} of the area"
+            for piece in alone
+        ]
+    return lines
+
+
+def _doubts(paths: tuple[Path, Path], found, orientation: str) -> list[str]:
+    """Warnings: pieces that could be exchanged, and maps in doubt."""
+    lines = []
+    tied = [str(number) for number, pair in enumerate(found.pairs) if pair.tied]
+    if tied:
+        which = f"pair {tied[0]}" if len(tied) == 1 else f"pairs {', '.join(tied)}"
+        lines.append(
+            f"{which}: other pieces fit as well, and the places of the pieces decided; "
+            "this holds if the axes of both files agree"
+        )
+    for number, pair in enumerate(found.pairs):
+        for path, piece in zip(paths, (pair.x, pair.y), strict=True):
+            if doubt := sides_in_doubt(piece.mesh):
+                lines.append(f"pair {number}: {path}: {doubt}; check left and right")
+        doubts = warnings_of(pair.match.certificate, orientation)
+        lines += [f"pair {number}: {doubt}" for doubt in doubts]
+    return [WARNING + line for line in lines]

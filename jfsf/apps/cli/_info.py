@@ -1,0 +1,166 @@
+"""jfsf info: what is in a mesh file, what is wrong with it, and what would mend it."""
+
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from jfsf.apps.cli._files import (
+    FORMATS,
+    can_export,
+    check_mesh,
+    pieces_beside,
+    sides_in_doubt,
+)
+from jfsf.types import Mesh
+
+
+def info(
+    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the repaired mesh: .ply, .obj or .glb. Its vertices have other "
+            "numbers; jfsf.mesh.repair tells which.",
+        ),
+    ] = None,
+) -> None:
+    """Examine a mesh file, say whether it can be matched, and what would mend it.
+
+    A repair removes vertices whose coordinates are not finite; merges those with equal
+    ones; removes duplicate faces, small pieces and vertices without a face; mends faces
+    without area and spikes; and winds the faces outward. From a point cloud it removes
+    outliers and floors. Exit code 0 if the mesh can be matched, repaired if a file for
+    it is named, and 1 if not.
+
+    Example: jfsf info scan.obj --repair scan.ply
+    """
+    from jfsf.apps.export import export_mesh
+    from jfsf.mesh import MeshError, check, read_noted, reconstruct, without_strays
+    from jfsf.mesh import repair as repaired
+    from jfsf.mesh._partners import without_nonfinite
+
+    if repair is not None:
+        can_export([repair], False, (path,))
+    file, notes = read_noted(path, finite=False)
+    mesh = without_nonfinite(file, name=str(path)).mesh
+    console = Console()
+    console.print(_table(path.name, check(mesh)))
+    for line in (*notes, *_not_finite(file), *_flaws(mesh)):
+        console.print(line, soft_wrap=True, markup=False)
+    try:
+        mended = repaired(file, name=str(path))
+    except MeshError as error:
+        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    if mended.done:
+        would = "would mend" if repair is None else "mended"
+        words = f"--repair {would}: {', '.join(mended.done)}"
+        console.print(words, soft_wrap=True, markup=False)
+    if repair is not None:
+        export_mesh(repair, mended.mesh)
+        console.print(f"wrote {repair}", soft_wrap=True, markup=False)
+        mesh, file, path = mended.mesh, mended.mesh, repair
+    try:
+        check_mesh(without_strays(file).mesh, path)
+    except MeshError as error:
+        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        if mended.done and repair is None:
+            console.print(_after(mended.mesh, path), soft_wrap=True, markup=False)
+        raise typer.Exit(1) from None
+    sides = ""
+    if len(mesh.faces) == 0:
+        sides = "; its points have no clear outside: no left can be told from right"
+        if len(reconstruct(mesh).surface.faces):
+            sides = "; the surface through its points tells left from right"
+    elif doubt := sides_in_doubt(mesh):
+        sides = f"; {doubt}, so left and right may be swapped"
+    console.print(f"can be matched{sides}", soft_wrap=True)
+
+
+def _table(name: str, report) -> Table:
+    shown = Table(title=escape(name), show_header=False)
+    for row, value in report._asdict().items():
+        if value is not None:
+            words = {True: "yes", False: "no"}
+            text = words[value] if isinstance(value, bool) else f"{value:.6g}"
+            shown.add_row(row.replace("_", " "), text)
+    return shown
+
+
+def _not_finite(file: Mesh) -> list[str]:
+    """Which vertices have coordinates that are not finite."""
+    bad = np.flatnonzero(~np.isfinite(file.vertices).all(axis=1))
+    if not len(bad):
+        return []
+    first = ", ".join(map(str, bad[:5])) + (", ..." if len(bad) > 5 else "")
+    number = f"{len(bad)} of {len(file.vertices)} vertices"
+    return [f"not finite: {number} ({first}), left out here; --repair removes them"]
+
+
+def _pieces(mesh: Mesh) -> list[str]:
+    """What there is beside the largest component."""
+    from jfsf.mesh import largest_component
+
+    if len(mesh.faces) == 0:
+        return []
+    counts, share = pieces_beside(mesh, largest_component(mesh).index)
+    if len(counts) == 0:
+        return []
+    low, high = int(counts.min()), int(counts.max())
+    size = f"{low} to {high} faces" if low < high else f"{low} face{'s' * (low > 1)}"
+    each = " each" * (low == high and len(counts) > 1)
+    return [
+        f"separate pieces: {len(counts)} beside the largest, of {size}{each}, "
+        f"{share:.2%} of the area"
+    ]
+
+
+def _flaws(mesh: Mesh) -> list[str]:
+    """What the matching takes away itself, what it is misled by, and what mends it."""
+    from jfsf.mesh import (
+        orient,
+        rounding,
+        surface_area,
+        unclear_winding,
+        without_holes,
+        without_strays,
+    )
+    from jfsf.mesh._denoise import noise, spikes, without_spikes
+    from jfsf.mesh._winding import MAX_UNCLEAR
+
+    flaws = []
+    if (coarse := rounding(mesh)) is not None:
+        flaws.append(f"rounded: {coarse}")
+    flaws += _pieces(mesh)
+    if number := len(mesh.vertices) - len(without_strays(mesh).mesh.vertices):
+        flaws.append(f"vertices without a face: match leaves out {number}")
+    if number := int(spikes(mesh).sum()):
+        flaws.append(f"spikes: match flattens them, at {number} or more vertices")
+    if size := noise(without_spikes(mesh)):
+        share = size / np.sqrt(surface_area(mesh))
+        flaws.append(f"noise: {share:.2%} of sqrt(area); match smooths it away")
+    share = unclear_winding(mesh)
+    if 0 < share <= MAX_UNCLEAR:
+        flaws.append(
+            f"unclear winding: {share:.2%} of the area; the rest tells left from right"
+        )
+    wound = orient(mesh)
+    if number := len(without_holes(wound).faces) - len(wound.faces):
+        flaws.append(f"small holes: match closes them, with {number} new faces")
+    return flaws
+
+
+def _after(mesh: Mesh, path: Path) -> str:
+    from jfsf.mesh import MeshError
+
+    try:
+        check_mesh(mesh, path)
+    except MeshError as error:
+        return f"repaired, it still could not: {error}"
+    return "repaired, it can be: pass --repair to match"

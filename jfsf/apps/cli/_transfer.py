@@ -1,0 +1,282 @@
+"""jfsf transfer: values, labels, landmarks or a texture carried along a map."""
+
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+from rich.console import Console
+
+from jfsf.apps.cli._files import MeshX, MeshY, can_write
+from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
+from jfsf.apps.report._words import verdict, warnings_of
+from jfsf.types import Mesh
+
+_STAGES = 3  # registration, carrying, writing
+
+
+class Source(StrEnum):
+    """The shape that has what is carried, as choices of an option."""
+
+    y = "y"
+    x = "x"
+
+
+class To(StrEnum):
+    """What of the other shape gets labels, likewise."""
+
+    vertices = "vertices"
+    faces = "faces"
+
+
+class Work(NamedTuple):
+    """One thing to carry.
+
+    what: its name.
+    carry: what is laid -> the result.
+    write: the result -> its file.
+    unknown: what the result has where the shape with the things has no surface.
+    """
+
+    what: str
+    carry: Callable[[Any], Any]
+    write: Callable[[Any], None]
+    unknown: str
+
+
+def transfer(
+    x: MeshX,
+    y: MeshY,
+    map_file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MAP",
+            help="A file of match X Y, or T_xy as .npz, .mat, .map or .vts.",
+        ),
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE",
+            help="Values and labels: .npy, .csv or .txt. Landmarks: any format that is "
+            "read. A texture: .obj (with .mtl and .png beside it) or .glb.",
+        ),
+    ],
+    values: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Numbers of Y's vertices, a row each: .npy, .csv or .txt.",
+        ),
+    ] = None,
+    labels: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Whole numbers or names, one for each vertex or each face of Y: .npy, "
+            ".csv or .txt.",
+        ),
+    ] = None,
+    landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Landmarks of Y: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), or a "
+            "table (.csv, .tsv, .txt).",
+        ),
+    ] = None,
+    texture: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="IMAGE",
+            help="The image on Y, whose file (OBJ, PLY, GLB) has texture coordinates. "
+            "A new image for X is made.",
+        ),
+    ] = None,
+    source: Annotated[
+        Source,
+        typer.Option("--from", help="The shape that has these: they go to the other."),
+    ] = Source.y,
+    to: Annotated[
+        To | None,
+        typer.Option(
+            help="Whether vertices or faces get the labels; as they came if absent."
+        ),
+    ] = None,
+    size: Annotated[
+        int,
+        typer.Option(help="Width and height of the new image, a power of two."),
+    ] = 2048,
+    repair: Annotated[
+        bool,
+        typer.Option(
+            "--repair",
+            help="Repair the meshes first, for a map of match --repair. What is "
+            "carried is that of the files all the same.",
+        ),
+    ] = False,
+) -> None:
+    """Carry values, labels, landmarks or a texture from Y to X.
+
+    X is registered to Y by the map, so that vertices and what lies between them have a
+    point on Y. Give one of --values, --labels, --landmarks and --texture. The result
+    counts the vertices and faces of X's file. With --from x it goes from X to Y.
+
+    Example: jfsf transfer a.off b.off map.npz --labels b_parts.txt --out a_parts.txt
+    """
+    from jfsf.apps.transfer import lay
+    from jfsf.apps.transfer._laid import extended
+    from jfsf.mesh import read
+
+    given = {"values": values, "labels": labels}
+    given |= {"landmarks": landmarks, "texture": texture}
+    what = [name for name, path in given.items() if path is not None]
+    if len(what) != 1:
+        raise ValueError(
+            f"transfer: {' and '.join(f'--{name}' for name in what) or 'nothing'} was "
+            "given; give one of --values, --labels, --landmarks and --texture"
+        )
+    if to is not None and labels is None:
+        raise ValueError("--to says where labels go; give --labels, or leave it out")
+    inputs = [x, y, map_file, *(path for path in given.values() if path is not None)]
+    _check_out(out, texture is not None, inputs)
+    paths = (x, y) if source is Source.y else (y, x)
+    goal, own = (read(path, finite=not repair) for path in paths)
+    if values is not None:
+        work = _values(values, own, paths, out)
+    elif labels is not None:
+        work = _labels(labels, own, paths, out, to)
+    elif landmarks is not None:
+        work = _landmarks(landmarks, own, out)
+    else:
+        assert texture is not None
+        work = _texture(texture, goal, own, paths[1], out, size)
+    mesh_x, mesh_y, maps, _ = read_pair(x, y, map_file, None, None, None, mend=repair)
+    match = stored_match(map_file)
+    T, matched = maps.T_xy, match and match.matched_x
+    if source is Source.x:
+        if maps.T_yx is None:
+            raise ValueError(
+                f"{map_file}: holds no T_yx, the map from Y to X, for --from x; give a "
+                "file of match, or the meshes and the map the other way round"
+            )
+        mesh_x, mesh_y = mesh_y, mesh_x
+        T, matched = maps.T_yx, match and match.matched_y
+    with stage_bar(_STAGES) as stage:
+        stage("registration")
+        if matched is not None:
+            matched = of_kept(np.asarray(matched), goal, mesh_x)
+        laid = extended(lay(mesh_x, mesh_y, T, matched_x=matched), goal, own)
+        stage(work.what)
+        result = work.carry(laid)
+        stage("writing")
+        work.write(result)
+    console = Console()
+    shown = f"{work.what} carried from {paths[1]} to {paths[0]}"
+    console.print(shown, soft_wrap=True, markup=False)
+    notes: list[str] = list(getattr(result, "said", ()))
+    if share := 1 - laid.known_x.mean():
+        notes.append(
+            f"the map counts for nothing at {share:.1%} of the vertices of {paths[0]}: "
+            f"{work.unknown}"
+        )
+    if match is not None:
+        likely = float(match.certificate.confidence)
+        words = f"confidence of the map: {likely:.2f}, {verdict(likely)}"
+        console.print(words, soft_wrap=True, markup=False)
+        # Which orientation was asked for is not in the file.
+        notes += warnings_of(match.certificate, "any")
+        if (score := float(match.certificate.orientation)) < 0:
+            notes.append(
+                f"the map mirrors, orientation {score:.2f}: left and right are "
+                "swapped, unless match was asked for that"
+            )
+    for line in notes:
+        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+    for path in _written(out, texture is not None):
+        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+
+
+def _written(out: Path, textured: bool) -> list[Path]:
+    from jfsf.apps.export._textured import textured_files
+
+    return textured_files(out) if textured else [out]
+
+
+def _check_out(out: Path, textured: bool, inputs: list[Path]) -> None:
+    """ValueError if the files cannot be written, or one of them is an input."""
+    for path in _written(out, textured):
+        can_write(path, path.suffix.lower())
+        if any(path.exists() and path.samefile(i) for i in inputs if i.exists()):
+            raise ValueError(f"{path}: is an input; write to another file")
+
+
+def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
+    from jfsf.apps.transfer import read_values, values
+    from jfsf.apps.transfer._files import check_format, write_column
+
+    check_format(out)
+    column = read_values(path, len(own.vertices))
+    return Work(
+        "values",
+        lambda laid: values(laid, column.rows),
+        lambda rows: write_column(out, column._replace(rows=rows)),
+        "their values are nan",
+    )
+
+
+def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
+    from jfsf.apps.transfer import labels, read_labels
+    from jfsf.apps.transfer._files import check_format, write_column
+
+    check_format(out)
+    column = read_labels(path, len(own.vertices), len(own.faces))
+    goal = None if to is None else to.value
+    return Work(
+        "labels",
+        lambda laid: labels(laid, column.rows, to=goal),  # type: ignore
+        lambda rows: write_column(out, column._replace(rows=rows)),
+        "their labels are -1, or empty names",
+    )
+
+
+def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
+    from jfsf.apps.landmarks import read_landmarks, write_landmarks
+    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._read import FORMATS
+    from jfsf.apps.landmarks._read import SUFFIXES as KNOWN
+    from jfsf.apps.transfer import landmarks
+
+    if out.suffix.lower() not in KNOWN:
+        raise ValueError(f"{out}: landmarks are written as {FORMATS}")
+    found = read_landmarks(path)
+    try:
+        on_surface(found, own)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
+    return Work(
+        "landmarks",
+        lambda laid: landmarks(laid, found),
+        lambda carried: write_landmarks(out, carried),
+        "landmarks there are at the nearest points",
+    )
+
+
+def _texture(path: Path, goal: Mesh, own: Mesh, file: Path, out, size: int) -> Work:
+    from jfsf.apps.export import export_textured
+    from jfsf.apps.transfer import texture
+    from jfsf.apps.transfer._atlas import check_size
+    from jfsf.apps.transfer._image import png_of, read_image
+    from jfsf.mesh import read_uv
+
+    check_size(len(goal.faces), size)
+    uv, image = read_uv(file, own), read_image(path)
+    return Work(
+        "texture",
+        lambda laid: texture(laid, uv, image, size=size),
+        lambda baked: export_textured(out, goal, baked.uv, png_of(baked.image)),
+        "it is grey there",
+    )

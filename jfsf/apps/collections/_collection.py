@@ -1,0 +1,245 @@
+"""Many meshes -> one topology: pairs, a template, and the template on every shape."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from jfsf.apps.collections._agree import Beside
+from jfsf.apps.collections._grow import Graph, Matched, matched
+from jfsf.apps.collections._member import (
+    CollectionSettings,
+    Member,
+    agreed_member,
+    itself,
+    member,
+)
+from jfsf.apps.collections._mirror import Mirror, check_mirror, grow_with_mirrors
+from jfsf.apps.collections._pairs import Edge
+from jfsf.apps.collections._paths import map_along
+from jfsf.apps.collections._reasons import reason
+from jfsf.apps.collections._sketch import sketch
+from jfsf.apps.model import ShapeModel, centred, fit_model
+from jfsf.initial import Orientation, orientation_sign
+from jfsf.matching import basis, check_matchable, match
+from jfsf.mesh import MeshError, closest, mirror_image
+from jfsf.mesh._closest import surface_tree
+from jfsf.types import ArrayLike, Mesh
+
+
+class Collection(NamedTuple):
+    """Many shapes with one topology.
+
+    names: of the shapes.
+    meshes: as they were given; mirror images that were mirrored back are so here.
+    graph: the pairs that were matched, and what is trusted.
+    members: of each shape; None for one that is left out.
+    """
+
+    names: tuple[str, ...]
+    meshes: tuple[Mesh, ...]
+    graph: Graph
+    members: tuple[Member | None, ...]
+
+    @property
+    def template(self) -> int:
+        """The number of the shape whose topology all have."""
+        return self.graph.paths.template
+
+    @property
+    def joined(self) -> list[int]:
+        """Numbers of the shapes that were not left out."""
+        return [i for i, one in enumerate(self.members) if one is not None]
+
+    @property
+    def registered(self) -> Float[ArrayLike, "j n 3"]:
+        """The template on each of the joined shapes, in their own units."""
+        members = [one for one in self.members if one is not None]
+        return np.stack([one.registration.vertices for one in members])
+
+    def map_between(self, x: int, y: int) -> Int[np.ndarray, " n_x"]:
+        """The vertex of shape y for each vertex of shape x, by way of the template.
+
+        From x to y and on to z is from x to z, up to the rounding to vertices: maps
+        agree round all cycles as far as the shapes have vertices there.
+
+        Raises:
+            ValueError: a shape that was left out.
+        """
+        on_x, on_y = (self._member("map_between", i) for i in (x, y))
+        return np.asarray(on_y.maps.T_xy)[np.asarray(on_x.maps.T_yx)]
+
+    def points_between(self, x: int, y: int) -> Float[np.ndarray, "n_x 3"]:
+        """The point of shape y, in its unit, for each vertex of shape x.
+
+        By the registered template: the nearest point of it on x, and that point of it
+        on y. No vertex is rounded to on the way, so this is nearer to the truth than
+        `map_between`.
+
+        Raises:
+            ValueError: a shape that was left out.
+        """
+        on_x, on_y = (self._member("points_between", i) for i in (x, y))
+        faces = np.asarray(self.meshes[self.template].faces)
+        surface = surface_tree(Mesh(on_x.registration.vertices, faces))
+        found = closest(surface, self.meshes[x].vertices)
+        corners = np.asarray(on_y.registration.vertices)[faces[found.face]]
+        return np.einsum("nc,nci->ni", found.barycentric, corners)
+
+    def _member(self, caller: str, i: int) -> Member:
+        found = self.members[i]
+        if found is None:
+            raise ValueError(
+                f"{caller}: {self.names[i]} was left out: "
+                f"{reason(self.graph, self.names, i)}"
+            )
+        return found
+
+    def model(self, *, modes: int | None = None, scale: bool = False) -> ShapeModel:
+        """The mean of the joined shapes and how they vary
+        (`jfsf.apps.model.fit_model`).
+
+        About the origin, wherever the shapes lie.
+
+        Raises:
+            ValueError: fewer than two shapes were joined.
+        """
+        faces = self.meshes[self.template].faces
+        return fit_model(centred(self.registered), faces, modes=modes, scale=scale)
+
+
+def collection(
+    meshes: Sequence[Mesh],
+    *,
+    names: Sequence[str] | None = None,
+    template: int | None = None,
+    orientation: Orientation = "preserve",
+    mirror: Mirror = "name",
+    settings: CollectionSettings = CollectionSettings(),
+    cache: bool = True,
+    progress: Callable[[str], object] | None = None,
+) -> Collection:
+    """Give many shapes one topology, that of the most central one.
+
+    A sparse graph of pairs is matched (`first_pairs`); maps that disagree round
+    triangles are not trusted (`trust`), and more pairs are matched until trusted maps
+    reach every shape or `PairSettings.pairs_a_shape` is spent. The maps on the way from
+    the template to a shape make the start of the map between both, which is refined,
+    and by which the template is deformed onto the shape (`jfsf.register`). Once more it
+    is deformed by the mean of all trusted ways that lead there (`agreed_map`).
+
+    Args:
+        meshes: two or more, each as `match` takes it, any units and poses.
+        names: of the shapes; numbers if None.
+        template: the number of the shape that the others are registered with; the most
+            central one if None.
+        orientation, cache: as `match`.
+        mirror: what is done with shapes that are mirror images of the template, such as
+            left bones among right ones (`grow_with_mirrors`): "name" leaves them out,
+            and `reason` says so; "auto" mirrors them back, in x. They are looked for
+            if orientation is "preserve".
+        settings: the numbers of all steps.
+        progress: called with the name of each step as it begins.
+
+    Returns:
+        The members, those left out being None: `reason` says why.
+
+    Raises:
+        MeshError: a mesh that cannot be matched; the message begins with its name.
+        ValueError: fewer than two meshes, names or a template that do not fit, or
+            another word for `mirror` or `orientation`.
+    """
+    names = tuple(map(str, range(len(meshes)))) if names is None else tuple(names)
+    _check(meshes, names, template)
+    check_mirror(mirror)
+    orientation_sign(orientation)
+    for name, mesh in zip(names, meshes, strict=True):
+        check_surface(mesh, name)
+        check_matchable(mesh, name=name, settings=settings.match)
+    say = progress or (lambda step: None)
+    sketches = []
+    for name, mesh in zip(names, meshes, strict=True):
+        say(f"spectrum of {name}")
+        spec = basis(mesh, name=name, settings=settings.match, cache=cache)
+        sketches.append(sketch(spec))
+
+    kept: dict[tuple[Edge, bool], Matched] = {}
+
+    def match_pairs(edges: list[Edge], turned: list[bool]):
+        pairs = list(zip(edges, turned, strict=True))
+        new = [pair for pair in pairs if pair not in kept]
+        for number, ((a, b), turn) in enumerate(new, 1):
+            of = "the mirror image of " if turn else ""
+            say(f"pair {number} of {len(new)}: {of}{names[a]}, {names[b]}")
+            found = match(
+                mirror_image(meshes[a]) if turn else meshes[a],
+                meshes[b],
+                orientation=orientation,
+                settings=settings.match,
+                cache=cache,
+            )
+            kept[(a, b), turn] = matched(found)
+        return [kept[pair] for pair in pairs]
+
+    graph = grow_with_mirrors(
+        sketches,
+        match_pairs,
+        mirror=mirror if orientation == "preserve" else None,
+        template=template,
+        settings=settings.pairs,
+    )
+    meshes = [
+        mirror_image(mesh) if i in graph.mirrored and graph.joined[i] else mesh
+        for i, mesh in enumerate(meshes)
+    ]
+    base = meshes[graph.paths.template]
+    members: list[Member | None] = []
+    for i, mesh in enumerate(meshes):
+        way = graph.paths.way(i)
+        if not graph.joined[i]:
+            members.append(None)
+        elif len(way) == 1:
+            members.append(itself(base, settings=settings))
+        else:
+            say(f"template onto {names[i]}")
+            T = map_along(graph.maps, way)
+            members.append(member(base, mesh, T, settings=settings, cache=cache))
+    on = {j: one.registration for j, one in enumerate(members) if one is not None}
+    agreed: list[Member | None] = []
+    for i, (mesh, own) in enumerate(zip(meshes, members, strict=True)):
+        if own is None or i == graph.paths.template:
+            agreed.append(own)
+            continue
+        say(f"template onto {names[i]}, by all ways")
+        others = [
+            Beside(meshes[j], on[j].vertices, T)
+            for j, T in graph.trusted_maps(i, least=settings.pairs.trusted)
+        ]
+        agreed.append(agreed_member(base, mesh, own, others, settings=settings))
+    return Collection(names, tuple(meshes), graph, tuple(agreed))
+
+
+def check_surface(mesh: Mesh, name: str) -> None:
+    """MeshError for a point cloud, onto which no template can be deformed."""
+    if len(mesh.faces) == 0:
+        raise MeshError(
+            f"{name}: has no faces, and a collection registers surfaces; triangulate "
+            "it (jfsf.mesh.reconstruct)"
+        )
+
+
+def _check(meshes, names, template) -> None:
+    s = len(meshes)
+    if s < 2:
+        raise ValueError(f"collection: has {s} shapes; give two or more")
+    if len(names) != s:
+        raise ValueError(f"collection: {len(names)} names for {s} shapes")
+    if len(set(names)) < s:
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ValueError(f"collection: two shapes are named {twice!r}; rename one")
+    if template is not None and not 0 <= template < s:
+        raise ValueError(
+            f"collection: template is {template}; it is the number of a shape, from 0 "
+            f"to {s - 1}"
+        )

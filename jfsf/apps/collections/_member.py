@@ -1,0 +1,107 @@
+"""The template on one shape of a collection: by its own map, and by all ways."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from jfsf.apps.collections._agree import WITHIN, Beside, agreed_map
+from jfsf.apps.collections._grow import PairSettings, matched
+from jfsf.apps.registration import Registration, RegistrationSettings, register
+from jfsf.matching import Settings, match
+from jfsf.types import ArrayLike, Maps, Match, Mesh
+
+
+@dataclass(frozen=True)
+class CollectionSettings:
+    """How a collection is matched.
+
+    match: of each pair.
+    pairs: which pairs, and which of their maps are trusted.
+    registration: of the template onto each shape.
+    agree_within: see `agreed_map`.
+    """
+
+    match: Settings = Settings()
+    pairs: PairSettings = PairSettings()
+    registration: RegistrationSettings = RegistrationSettings()
+    agree_within: float = WITHIN
+
+
+class Member(NamedTuple):
+    """A shape of a collection.
+
+    maps: X is the template, Y the shape.
+    match: where the maps are from; None for the template itself.
+    registration: the template on the shape.
+    """
+
+    maps: Maps
+    match: Match | None
+    registration: Registration
+
+    @property
+    def confidence(self) -> float:
+        """Of the maps; 1 for the template itself."""
+        return 1.0 if self.match is None else float(self.match.certificate.confidence)
+
+
+def member(
+    template: Mesh,
+    mesh: Mesh,
+    T: Int[ArrayLike, " n"],
+    *,
+    settings: CollectionSettings = CollectionSettings(),
+    cache: bool = True,
+) -> Member:
+    """The template on a shape, from a map that may be rough.
+
+    Args:
+        template: its topology is kept.
+        mesh: the shape.
+        T: the vertex of the shape for each vertex of the template.
+        settings, cache: as `collection`.
+
+    Raises:
+        MeshError, ValueError: as `match`.
+    """
+    # What is tried beside the start was weighed when the pairs were matched.
+    own = replace(settings.match, retry_below=0.0)
+    T = np.asarray(T, np.int32)
+    found = match(template, mesh, initial=T, settings=own, cache=cache)
+    maps = matched(found).maps
+    on_shape = register(template, mesh, maps.T_xy, settings=settings.registration)
+    return Member(maps, found, on_shape)
+
+
+def agreed_member(
+    template: Mesh,
+    mesh: Mesh,
+    own: Member,
+    others: Sequence[Beside],
+    *,
+    settings: CollectionSettings = CollectionSettings(),
+) -> Member:
+    """A member whose registration all trusted ways agree on; its maps stay.
+
+    Args:
+        template, mesh: as `member`.
+        own: by its own map.
+        others: of the shapes whose map to this one is trusted.
+        settings: as `collection`.
+    """
+    at, within = own.registration.vertices, settings.agree_within
+    T = agreed_map(at, others, mesh, within=within)
+    on_shape = register(template, mesh, T, settings=settings.registration)
+    return own._replace(registration=on_shape)
+
+
+def itself(
+    template: Mesh, *, settings: CollectionSettings = CollectionSettings()
+) -> Member:
+    """The template as a member of its own collection."""
+    own: Any = np.arange(len(template.vertices), dtype=np.int32)
+    on_itself = register(template, template, own, settings=settings.registration)
+    return Member(Maps(own, own), None, on_itself)

@@ -1,0 +1,176 @@
+"""Mirror images in a collection: left and right bones in one folder.
+
+Matching keeps left and right, so the map to a mirror image shears the shape more than
+other maps do, or is not trusted. The mirror image of such a shape is matched with the
+same partner. If that map is trusted and shears triangles half as much or less, the
+shape is a mirror image of its partner.
+
+Where shapes bend, all maps shear triangles, and a shape is as likely to be in a
+mirrored pose as to be mirrored. So there only shapes that no trusted map reaches are
+looked at. A shape that is its own mirror image fits its partner as well either way.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Literal, get_args
+
+import numpy as np
+from jaxtyping import Float
+
+from jfsf.apps.collections._grow import Graph, Matched, MirrorTest, PairSettings, grow
+from jfsf.apps.collections._pairs import Edge, edge_of, unlikeness
+from jfsf.apps.collections._sketch import Sketch
+from jfsf.types import ArrayLike
+
+Mirror = Literal["name", "auto"]
+# Matches pairs; of each a truth value says whether X is to be mirrored first.
+MatchPairs = Callable[[list[Edge], list[bool]], Iterable[Matched | None]]
+PARTNERS = 2  # of a shape that is not joined
+
+
+def grow_with_mirrors(
+    sketches: Sequence[Sketch],
+    match: MatchPairs,
+    *,
+    mirror: Mirror | None = "name",
+    template: int | None = None,
+    settings: PairSettings = PairSettings(),
+) -> Graph:
+    """`grow`, and find the shapes that are mirror images of the others.
+
+    Args:
+        sketches, template, settings: as `grow`.
+        match: as that of `grow`, with one truth value more a pair: whether X is to be
+            mirrored. To mirror Y in its place makes the same map.
+        mirror: what is done with mirror images. "name" leaves them out; "auto" takes
+            their mirror images in their place; with None they are not looked for.
+
+    Returns:
+        The graph. `mirrored` holds the numbers of the mirror images, and `tests` what
+        they were found by. With "auto" its maps are those of shapes mirrored back.
+
+    Raises:
+        ValueError: as `grow`, or another word for `mirror`.
+    """
+    if mirror is not None:
+        check_mirror(mirror)
+    plain = lambda edges: match(edges, [False] * len(edges))
+    graph = grow(sketches, plain, template=template, settings=settings)
+    if mirror is None:
+        return graph
+    unlike = unlikeness([one.signature for one in sketches])
+    tests = _tested(graph, suspects(graph, unlike, settings=settings), match)
+    found = mirror_images(graph, tests, settings=settings)
+    if not found:
+        return graph._replace(tests=tests)
+    if mirror == "auto":
+        one_of = lambda edges: [(a in found) != (b in found) for a, b in edges]
+        graph = grow(
+            sketches,
+            lambda edges: match(edges, one_of(edges)),
+            template=graph.paths.template,
+            settings=settings,
+        )
+        found = found & frozenset(np.flatnonzero(graph.joined).tolist())
+    else:
+        graph = graph._replace(joined=graph.joined & ~_mask(found, len(sketches)))
+    return graph._replace(tests=tests, mirrored=found)
+
+
+def suspects(
+    graph: Graph,
+    unlike: Float[ArrayLike, "s s"],
+    *,
+    settings: PairSettings = PairSettings(),
+) -> list[tuple[int, int]]:
+    """Shapes whose mirror images are to be tried, each with a partner.
+
+    A shape that is not joined, with the most alike of those that are; and a shape that
+    the map from the one before it on its way shears `mirror_shear` times as much as the
+    median of all such maps, with that one.
+
+    Args:
+        graph: of `grow`.
+        unlike: symmetric, see `unlikeness`.
+        settings: with which it was grown.
+    """
+    found, inside = [], np.flatnonzero(graph.joined).tolist()
+    pairs = enumerate(graph.paths.before.tolist())
+    sheared = {
+        i: graph.matched[edge_of(i, before)].shear
+        for i, before in pairs
+        if before >= 0 and graph.joined[i]
+    }
+    known = [shear for shear in sheared.values() if np.isfinite(shear)]
+    most = settings.mirror_shear * float(np.median(known)) if known else np.inf
+    for i, before in enumerate(graph.paths.before.tolist()):
+        if not graph.joined[i]:
+            near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
+            found += [(i, j) for j in near[:PARTNERS]]
+        elif before >= 0 and sheared[i] > most:
+            found.append((i, before))
+    return found
+
+
+def check_mirror(mirror: Mirror) -> None:
+    """ValueError for another word."""
+    if mirror not in get_args(Mirror):
+        raise ValueError(f"collection: mirror is {mirror!r}; it is 'name' or 'auto'")
+
+
+def mirror_images(
+    graph: Graph,
+    tests: Sequence[MirrorTest],
+    *,
+    settings: PairSettings = PairSettings(),
+) -> frozenset[int]:
+    """Numbers of the shapes that are mirror images of the template.
+
+    A shape is the mirror image of its partner if the map of its mirror image is trusted
+    and shears triangles less, by `mirror_shear`. Shapes that are reached by way of a
+    mirror image are mirror images too.
+
+    Args:
+        graph: of `grow`.
+        tests: of `suspects`. Of two of one shape the surer counts.
+        settings: with which it was grown.
+    """
+    turned: dict[int, MirrorTest] = {}
+    for test in sorted(tests, key=lambda test: test.turned):
+        if test.mirrors(settings):
+            turned[test.shape] = test
+    mirrored = np.zeros(len(graph.joined), bool)
+    ways = [graph.paths.way(i) for i in np.flatnonzero(graph.joined).tolist()]
+    for *before, last in sorted(ways, key=len):
+        if before:
+            mirrored[last] = mirrored[before[-1]] != (last in turned)
+    for i, test in turned.items():
+        if not graph.joined[i]:
+            mirrored[i] = not mirrored[test.partner]
+    return frozenset(np.flatnonzero(mirrored).tolist())
+
+
+def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
+    """The tests of these pairs, but for those that could not be matched."""
+    edges = sorted({edge_of(*pair) for pair in pairs})
+    new = [edge for edge in edges if edge not in graph.matched]
+    straight = graph.matched | _known(new, False, match)
+    turned = _known(edges, True, match)
+    found = []
+    for shape, partner in pairs:
+        one, other = (maps.get(edge_of(shape, partner)) for maps in (straight, turned))
+        if one is not None and other is not None:
+            ratio = one.shear / max(other.shear, 1e-12)
+            sure = one.confidence, other.confidence
+            found.append(MirrorTest(shape, partner, *sure, ratio))
+    return tuple(found)
+
+
+def _known(edges, turned: bool, match: MatchPairs) -> dict[Edge, Matched]:
+    if not edges:
+        return {}
+    outcomes = zip(edges, match(edges, [turned] * len(edges)), strict=True)
+    return {edge: one for edge, one in outcomes if one is not None}
+
+
+def _mask(numbers, s: int) -> np.ndarray:
+    return np.isin(np.arange(s), sorted(numbers))

@@ -1,0 +1,66 @@
+"""The guides of the manual, a page each.
+
+They are Markdown files in this folder; `python -m jfsf.apps.guide FOLDER` builds them,
+with the pages of the whole package, as HTML. Begin with `jfsf.apps.guide.start`:
+
+- `start`: from two meshes to a map that has been looked at
+- `method`: notation, the direction of every map, the search and the certificate
+- `meshes`: formats, repair, units, exit codes, maps on disk
+- `landmarks`: points that are known to correspond
+- `programs`: 3D Slicer, MeshLab, Blender, ParaView and ShapeWorks
+- `parts`: a shape that is a piece of the other
+- `registration`: a template mesh deformed onto a scan
+- `transfer`: values, labels, landmarks and textures of one shape on another
+- `far`: bodies of different proportions, and how sure a map is
+- `large`: a hundred thousand vertices, and a million
+- `batches`: many pairs, many processes, many machines
+- `collections`: a folder of scans to one topology and a model
+- `models`: the mean of many shapes, and how they vary
+- `gpus`: what runs there, and what is checked without one
+- `stages`: settings, converters, descriptors, initial maps; what is in which folder
+- `gradients`: through the filter and the refinement, and learning
+- `moving`: from pyFM, MATLAB and others, with a table of equivalents
+- `troubleshooting`: by symptom
+"""
+
+from jfsf.apps.guide import (
+    batches,
+    collections,
+    far,
+    gpus,
+    gradients,
+    landmarks,
+    large,
+    meshes,
+    method,
+    models,
+    moving,
+    parts,
+    programs,
+    registration,
+    stages,
+    start,
+    transfer,
+    troubleshooting,
+)
+
+__all__ = [
+    "start",
+    "method",
+    "meshes",
+    "landmarks",
+    "programs",
+    "parts",
+    "registration",
+    "transfer",
+    "far",
+    "large",
+    "batches",
+    "collections",
+    "models",
+    "gpus",
+    "stages",
+    "gradients",
+    "moving",
+    "troubleshooting",
+]

@@ -1,0 +1,126 @@
+"""A map file of any format -> its arrays, as they are stored."""
+
+import io
+import warnings
+import zipfile
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from jfsf.apps.mapfiles._formats import Arrays, MapFileError
+from jfsf.apps.mapfiles._matlab import parse_mat
+from jfsf.storage._npz import read_npz_array
+
+MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched
+
+
+def read_text(path: Path) -> np.ndarray:
+    """Numbers, (n,) float64, one a line; empty lines are left out.
+
+    Raises:
+        MapFileError: missing, empty, or with lines that are not one number.
+    """
+    try:
+        data = _read_bytes(path).removeprefix(b"\xef\xbb\xbf")  # as Notepad writes
+        lines = data.decode("ascii").splitlines()
+    except UnicodeDecodeError:
+        raise MapFileError(f"{path}: not text; expected one index a line") from None
+    values = []
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            # float() reads 1_0 as 10.
+            values.append(float("x" if "_" in line else line))
+        except ValueError:
+            raise MapFileError(
+                f"{path}: line {number} is {line.strip()[:40]!r}; expected one index a "
+                "line"
+            ) from None
+    return np.array(values)
+
+
+def read_npz(path: Path) -> Arrays:
+    """The arrays of a `.npz` file.
+
+    Raises:
+        MapFileError: missing, empty or damaged. Reading an array raises it too, if that
+            is damaged, holds objects or more than `MOST_BYTES`.
+    """
+    data = io.BytesIO(_read_bytes(path))
+    if not zipfile.is_zipfile(data):
+        raise MapFileError(f"{path}: damaged, or no .npz; write it with np.savez")
+    opened = partial(_refusing, path, ".npz of plain arrays", "write it again")
+    with opened(), zipfile.ZipFile(data) as file:
+        sizes = {
+            item.filename.removesuffix(".npy"): item.file_size
+            for item in file.infolist()
+        }
+
+    def read(name):
+        if sizes[name] > MOST_BYTES:
+            raise MapFileError(
+                f"{path}[{name}]: has {sizes[name]} bytes, above {MOST_BYTES}; write "
+                "a file without it"
+            )
+        with opened(), zipfile.ZipFile(data) as file:
+            return read_npz_array(file, name)
+
+    return {name: partial(read, name) for name in sizes}
+
+
+def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
+    """The variables of a MATLAB file, saved with -v7 or older.
+
+    Each is a function of no arguments that reads it: a full matrix as numpy's, a sparse
+    one as scipy's, a struct as a dict, and what holds no real numbers as an array of
+    None.
+
+    Raises:
+        MapFileError: missing, empty, damaged, or saved with -v7.3. Reading a variable
+            raises it too, if that is damaged or has more than `most_bytes`, by default
+            `MOST_BYTES`.
+    """
+    most_bytes = MOST_BYTES if most_bytes is None else most_bytes
+    data = _read_bytes(path := Path(path))
+    opened = partial(_refusing, path, ".mat", "save it again with -v7")
+
+    def read(values):
+        with opened():
+            return values()
+
+    with opened():
+        try:
+            arrays = parse_mat(data, most_bytes)
+        except NotImplementedError:
+            raise MapFileError(
+                f"{path}: saved with MATLAB's -v7.3; save it again with -v7"
+            ) from None
+    return {name: partial(read, values) for name, values in arrays.items()}
+
+
+@contextmanager
+def _refusing(path, kind, remedy):
+    """Turns all errors into MapFileError: numpy and zipfile raise nearly any."""
+    try:
+        with warnings.catch_warnings():
+            # A damaged header is read as Python text, which may warn of its syntax.
+            warnings.simplefilter("ignore")
+            yield
+    except MapFileError:
+        raise
+    except Exception as error:
+        why = f"{error}" or type(error).__name__
+        raise MapFileError(f"{path}: damaged, or no {kind} ({why}); {remedy}") from None
+
+
+def _read_bytes(path: Path) -> bytes:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MapFileError(f"{path}: {error.strerror}; check the path") from None
+    if not data.strip():
+        raise MapFileError(f"{path}: the file is empty; write or download it again")
+    return data

@@ -1,0 +1,260 @@
+"""Pictures of shapes and maps: by colour, by texture, by error.
+
+colour_x[i] = colour_y[T_xy[i]]. Where the map is right, corresponding parts have equal
+colours. Where it is discontinuous, so are the colours of X.
+"""
+
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jfsf.apps.plot._colours import (
+    Up,
+    body_colours,
+    checkered,
+    error_colours,
+    matched_colours,
+    pull_back,
+    ramp,
+    sampled,
+)
+from jfsf.apps.plot._layout import ShapePanel, divided, draw_panels
+from jfsf.apps.plot._shading import look, look_at_pair
+from jfsf.types import ArrayLike, Mesh
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_PLAIN = np.array([0.72, 0.75, 0.8])
+
+
+def draw_shape(
+    mesh: Mesh,
+    colours: Float[ArrayLike, "n 3"] | None = None,
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    up: Up | None = None,
+    turn: float | None = None,
+) -> "Figure":
+    """Draw one shape.
+
+    Args:
+        mesh: a mesh or point cloud.
+        colours: sRGB in [0, 1] of each vertex; plain grey when absent.
+        path, title, up, turn: as in `draw_pair`.
+
+    Returns:
+        As `draw_pair`.
+
+    Raises:
+        ImportError, ValueError: as `draw_pair`.
+    """
+    view = look(mesh, up=up, turn=turn)
+    n = len(view.depth)
+    colours = np.tile(_PLAIN, (n, 1)) if colours is None else np.asarray(colours, float)
+    if colours.shape != (n, 3):
+        raise ValueError(f"draw_shape: {n} vertices, colours {colours.shape}")
+    return draw_panels([ShapePanel("", view, colours)], path, title, None)
+
+
+def draw_pair(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    T_xy: Int[ArrayLike, " n_x"],
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    errors: Float[ArrayLike, " n_x"] | None = None,
+    matched_x: Bool[ArrayLike, " n_x"] | None = None,
+    matched_y: Bool[ArrayLike, " n_y"] | None = None,
+    up: Up | None = None,
+    turn: float | None = None,
+) -> "Figure":
+    """Draw X, coloured through the map from X to Y, beside Y.
+
+    Args:
+        mesh_x, mesh_y: meshes or point clouds; each is drawn at area 1 (a cloud: at a
+            fixed spread), so their units do not matter.
+        T_xy: the vertex of Y for each vertex of X.
+        path: the PNG to write, 160 dpi, completely or not at all.
+        title: a line above.
+        errors: one number a vertex of X, drawn on X at the right; nan is grey.
+        matched_x, matched_y: of a match of parts, `Match.matched_x` and `matched_y`;
+            all other vertices are grey.
+        up: the axis that points up in the files, such as "z" or "-y", with the front
+            where modelling tools have it. When absent, both are found in the shapes,
+            and the same side of both is seen (`find_frames`).
+        turn: degrees by which the shapes turn about it, to their right. When absent 20,
+            and up to 55 for bodies as long as a horse.
+
+    Returns:
+        The figure, not registered with pyplot.
+
+    Raises:
+        ImportError: matplotlib is missing; the message says how to install it.
+        ValueError: wrong shapes of arrays, vertex numbers, `up` or suffix of `path`.
+    """
+    T_xy = _map_of(mesh_x, mesh_y, T_xy)
+    view_x, view_y = look_at_pair(mesh_x, mesh_y, T_xy, up=up, turn=turn)
+    colours = body_colours(view_y.body)
+    panels = [
+        ShapePanel(
+            "X, coloured by its map to Y",
+            view_x,
+            matched_colours(colours[T_xy], matched_x),
+        ),
+        ShapePanel("Y", view_y, matched_colours(colours, matched_y)),
+    ]
+    scale = None
+    if errors is not None:
+        paint, top = error_colours(errors, len(view_x.depth))
+        panels.append(ShapePanel("error on X", view_x, paint))
+        scale = _error_scale(top)
+    return draw_panels(panels, path, title, scale)
+
+
+def draw_maps(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    maps: Mapping[str, Int[ArrayLike, " n_x"]],
+    *,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    up: Up | None = None,
+    turn: float | None = None,
+) -> "Figure":
+    """Draw Y, then X once for each of several maps from X to Y, in the same colours.
+
+    Args:
+        mesh_x, mesh_y, path, title, up, turn: as in `draw_pair`. The view is found by
+            the first map.
+        maps: label -> T_xy, such as {"nearest": ..., "Sinkhorn": ...}.
+
+    Returns:
+        As `draw_pair`.
+
+    Raises:
+        ImportError, ValueError: as `draw_pair`; ValueError also without any map.
+    """
+    if not maps:
+        raise ValueError("draw_maps: no map to draw")
+    maps = {name: _map_of(mesh_x, mesh_y, T_xy) for name, T_xy in maps.items()}
+    first = next(iter(maps.values()))
+    view_x, view_y = look_at_pair(mesh_x, mesh_y, first, up=up, turn=turn)
+    colours = body_colours(view_y.body)
+    panels = [ShapePanel("Y", view_y, colours)]
+    panels += [ShapePanel(name, view_x, colours[T]) for name, T in maps.items()]
+    return draw_panels(panels, path, title, None)
+
+
+def draw_texture(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    T_xy: Int[ArrayLike, " n_x"],
+    *,
+    image: ArrayLike | None = None,
+    checks: int = 24,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    up: Up | None = None,
+    turn: float | None = None,
+) -> "Figure":
+    """Draw Y with a texture projected onto it from the front, and X with its copy.
+
+    Each vertex of X takes the texture coordinates of its image, and triangles
+    interpolate them. A checker shows what colours do not: sliding and stretching.
+
+    Args:
+        mesh_x, mesh_y: meshes, with faces.
+        T_xy, path, title, up, turn: as in `draw_pair`.
+        image: (h, w, 3) sRGB in [0, 1] or uint8; a checker when absent.
+        checks: squares of the checker along the longer side of Y.
+
+    Returns:
+        As `draw_pair`.
+
+    Raises:
+        ImportError, ValueError: as `draw_pair`; ValueError also for a point cloud or
+            what is not an image.
+    """
+    T_xy = _map_of(mesh_x, mesh_y, T_xy)
+    for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y)):
+        if len(mesh.faces) == 0:
+            raise ValueError(f"draw_texture: {name} has no faces; use draw_pair")
+    view_x, view_y = look_at_pair(mesh_x, mesh_y, T_xy, up=up, turn=turn)
+    uv = texture_coordinates(view_y.body)
+    values_y = np.concatenate([uv, body_colours(view_y.body)], 1)
+    panels = []
+    for label, view, values in (
+        ("X, texture by its map to Y", view_x, values_y[T_xy]),
+        ("Y", view_y, values_y),
+    ):
+        fine, values = divided(view, values)
+        uv, colours = values[:, :2], values[:, 2:]
+        if image is None:
+            colours = checkered(uv, colours, checks)
+        else:
+            colours = sampled(uv, image)
+        panels.append(ShapePanel(label, fine, colours))
+    return draw_panels(panels, path, title, None)
+
+
+def draw_errors(
+    mesh: Mesh,
+    errors: Mapping[str, Float[ArrayLike, " n"]] | Float[ArrayLike, " n"],
+    *,
+    top: float | None = None,
+    path: str | os.PathLike[str] | None = None,
+    title: str | None = None,
+    up: Up | None = None,
+    turn: float | None = None,
+) -> "Figure":
+    """Draw errors on a shape, sand to dark red; several of them on one scale.
+
+    Args:
+        mesh: a mesh or point cloud.
+        errors: one number a vertex, nan is grey; or label -> such numbers.
+        top: the error of the darkest red; the 0.99 quantile of all when absent.
+        path, title, up, turn: as in `draw_pair`.
+
+    Returns:
+        As `draw_pair`.
+
+    Raises:
+        ImportError, ValueError: as `draw_pair`; ValueError also without any errors.
+    """
+    if not isinstance(errors, Mapping):
+        errors = {"error": errors}
+    if not errors:
+        raise ValueError("draw_errors: no errors to draw")
+    view = look(mesh, up=up, turn=turn)
+    n = len(view.depth)
+    if top is None:
+        known = np.concatenate([np.ravel(e) for e in errors.values()])
+        known = known[np.isfinite(known)]
+        top = float(np.quantile(known, 0.99)) if known.size else 0.0
+    paints = {name: error_colours(e, n, top)[0] for name, e in errors.items()}
+    panels = [ShapePanel(name, view, paint) for name, paint in paints.items()]
+    return draw_panels(panels, path, title, _error_scale(top))
+
+
+def texture_coordinates(body: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    """Right and up, the longer side in [0, 1]: a projection from the front."""
+    flat = body[:, :2] - body[:, :2].min(0)
+    return flat / (flat.max() or 1)
+
+
+def _error_scale(top):
+    return ramp(np.linspace(0, 1, 256)), "0", f"{top:.3g}"
+
+
+def _map_of(mesh_x, mesh_y, T_xy):
+    """T_xy as numpy; ValueError if it is no map from X to Y."""
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    if np.shape(T_xy) != (n_x,):
+        raise ValueError(f"draw: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}")
+    return pull_back(np.arange(n_y)[:, None], T_xy)[:, 0]

@@ -1,0 +1,150 @@
+"""A template and a scan -> the template on the scan: checks and units. Host side."""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from jfsf.apps.registration._draw import Template, draw
+from jfsf.apps.registration._flaws import flaws_of
+from jfsf.apps.registration._scan import scan_of
+from jfsf.apps.registration._settings import RegistrationSettings
+from jfsf.apps.registration._start import start_of
+from jfsf.matching._arguments import checked_map
+from jfsf.mesh import MeshError, closest, orient, surface_area, validate, vertex_areas
+from jfsf.mesh._geometry import boundary_edges
+from jfsf.refine._rest import at_rest
+from jfsf.types import ArrayLike, Mesh
+
+
+class Registration(NamedTuple):
+    """A template on a scan. Lengths are in the unit of the scan.
+
+    vertices: where each vertex of the template lies, in the scan's coordinates; its
+        faces stay as they are.
+    distance: from there to the nearest point of the scan's surface, without a sign.
+    bridged: whether the scan has no surface for a vertex: the nearest point lies on its
+        rim, or nothing near looks the same way. There the template keeps its own form.
+    on_face, barycentric: that nearest point: a face of the scan, and weights of its
+        corners.
+    flipped: number of faces that are turned over: by more than a right angle from
+        where their surroundings turn them, and from where the scan looks there.
+    collapsed: number of faces with less than 1e-4 of their area at rest, at the scale
+        that was found.
+    scale: factor of the template's lengths.
+    orientation_sign: -1 if the template was mirrored, since the map mirrors. Its faces
+        then look inward: wind them the other way, `faces[:, ::-1]`.
+    """
+
+    vertices: Float[ArrayLike, "n 3"]
+    distance: Float[ArrayLike, " n"]
+    bridged: Bool[ArrayLike, " n"]
+    on_face: Int[ArrayLike, " n"]
+    barycentric: Float[ArrayLike, "n 3"]
+    flipped: Int[ArrayLike, ""]
+    collapsed: Int[ArrayLike, ""]
+    scale: Float[ArrayLike, ""]
+    orientation_sign: Int[ArrayLike, ""]
+
+
+def register(
+    template: Mesh,
+    scan: Mesh,
+    T: Int[ArrayLike, " n"],
+    *,
+    matched: Bool[ArrayLike, " n"] | None = None,
+    orientation_sign: int | None = None,
+    settings: RegistrationSettings = RegistrationSettings(),
+) -> Registration:
+    """Deform a template onto a scan, as rigid as possible, from a map to the scan.
+
+    Scans that one template is registered to have one topology: vertex i is the same
+    place on all. What follows from the map is where the template lies on the whole; it
+    is smoothed, and the template lies on the surface, not on its vertices. The method
+    is that of non-rigid iterative closest points with an energy of Sorkine and Alexa
+    (SGP 2007): stiff at first, softer round by round. Holes of the scan are bridged.
+
+    Args:
+        template: its faces are kept. Several pieces, and a boundary, are allowed.
+        scan: any unit and size; holes and a boundary are allowed.
+        T: the vertex of the scan for each vertex of the template, such as the T_xy of
+            `jfsf.match(template, scan)`.
+        matched: whether T counts, a vertex of the template, such as `Match.matched_x`
+            of `partial=True`; None: everywhere. Where it does not, the template keeps
+            its form, unless it happens to lie near the scan.
+        orientation_sign: -1 for a T that mirrors, 1 for one that does not, None to read
+            it from T.
+        settings: how stiff the template is in each round.
+
+    Returns:
+        Positions, distances and what is bridged, in float64. The same scan larger,
+        moved or turned gives the same result so.
+
+    Raises:
+        MeshError: a mesh without faces or with bad values, or a vertex without a face.
+        ValueError: T or matched that do not fit the meshes, or another sign.
+    """
+    for name, mesh in (("template", template), ("scan", scan)):
+        validate(mesh, name=name, components=False)
+        if len(mesh.faces) == 0:
+            raise MeshError(
+                f"{name}: has no faces, and registration needs a surface; triangulate "
+                "it (jfsf.mesh.reconstruct)"
+            )
+    T, matched = checked_map(
+        T,
+        matched,
+        (len(template.vertices), len(scan.vertices)),
+        caller="register",
+        called=("T", "matched"),
+        names=("the template", "the scan"),
+    )
+    if matched.sum() < 4:
+        raise ValueError(
+            f"register: T counts at {matched.sum()} vertices; more must be matched"
+        )
+    if orientation_sign not in (None, 1, -1):
+        raise ValueError(
+            f"register: orientation_sign is {orientation_sign!r}; give 1, -1 or None"
+        )
+    onto, place = _in_own_unit(scan)
+    alone, own = _in_own_unit(template)
+    start = start_of(alone.vertices[matched], onto.vertices[T[matched]], settings)
+    sign = start.sign if orientation_sign is None else orientation_sign
+    wound = orient(alone)
+    rest = at_rest(Mesh(wound.vertices * start.scale, wound.faces), sign)
+    rim = np.zeros(len(T), bool)
+    rim[boundary_edges(wound.faces)] = True
+    whole = Template(rest, vertex_areas(*rest.mesh), rim, matched)
+    target = scan_of(orient(onto), settings)
+    moved, scale, drawn, side = draw(whole, target, T, settings)
+    flaws = flaws_of(rest, moved, scale, target, side)
+    # Faces as the scan has them, so that the corners keep their order.
+    below = closest(target.surface._replace(mesh=onto), moved)
+    return Registration(
+        moved * place.unit + place.middle,
+        below.distance * place.unit,
+        ~drawn,
+        below.face,
+        below.barycentric,
+        np.asarray(flaws.flipped.sum()),
+        np.asarray(flaws.collapsed.sum()),
+        np.asarray(start.scale * scale * place.unit / own.unit),
+        np.asarray(sign),
+    )
+
+
+class _Place(NamedTuple):
+    """Of a mesh: sqrt(area), and the mean of its surface."""
+
+    unit: float
+    middle: np.ndarray
+
+
+def _in_own_unit(mesh: Mesh) -> tuple[Mesh, _Place]:
+    """Centred, with area 1."""
+    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    weight = vertex_areas(vertices, faces)
+    middle = weight @ vertices / weight.sum()
+    unit = np.sqrt(surface_area(Mesh(vertices, faces)))
+    return Mesh((vertices - middle) / unit, faces), _Place(float(unit), middle)

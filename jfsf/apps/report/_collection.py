@@ -1,0 +1,204 @@
+"""A collection as one page: its shapes, the graph of its pairs, and its triangles."""
+
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Int
+
+from jfsf.apps.collections import PairSettings
+from jfsf.apps.collections._grow import Graph
+from jfsf.apps.plot import draw_shape
+from jfsf.apps.plot._colours import body_colours
+from jfsf.apps.plot._shading import natural_turn
+from jfsf.apps.plot._upright import find_frame, find_frames
+from jfsf.apps.report._graph import places
+from jfsf.apps.report._html import level, page
+from jfsf.apps.report._index import Row, in_order, plain
+from jfsf.apps.report._scene import data_url, shown
+from jfsf.storage._atomic import write_text
+from jfsf.types import ArrayLike, Mesh
+
+MOST_DRAWN = 300  # shapes of a graph; more are a blot
+MOST_LISTED = 40  # triangles and dropped pairs
+_FEW = 6000  # vertices of a picture
+_SMALL = 60  # dots per inch
+
+
+class ShapeRow(NamedTuple):
+    """A shape in the page of a collection.
+
+    name: of the shape.
+    page, picture: paths relative to the page, with "/"; None if there are none.
+    confidence: of its map from the template; nan if it is not known.
+    lines: what to say of it, such as why it was left out.
+    left_out: whether it was.
+    """
+
+    name: str
+    page: str | None
+    picture: str | None
+    confidence: float
+    lines: Sequence[str]
+    left_out: bool = False
+
+
+def write_collection_page(
+    path: str | os.PathLike[str],
+    rows: Sequence[ShapeRow],
+    graph: Graph,
+    names: Sequence[str],
+    *,
+    links: Mapping[str, str] | None = None,
+    title: str = "Shapes by confidence",
+    settings: PairSettings = PairSettings(),
+) -> None:
+    """Write the page of a collection.
+
+    Shapes that were left out come first, then the least confident. Below is the graph
+    of the pairs that were matched, those marked whose maps are not trusted, and how far
+    the maps round triangles disagree.
+
+    Args:
+        path: the page, written completely or not at all.
+        rows: of all shapes, in any order.
+        graph: of the shapes that could be matched.
+        names: of these, in the order of their numbers.
+        links: what else there is to open: text -> address relative to the page.
+        title: above all.
+        settings: with which the graph was grown.
+    """
+    left = sum(row.left_out for row in rows)
+    counts = f"{len(rows)} shapes, {len(rows) - left} joined, template "
+    counts += f"{names[graph.paths.template]}, {len(graph.matched)} pairs matched"
+    listed = []
+    for row in in_order([Row(r.name, "", *r[1:]) for r in rows]):
+        own = plain(row)
+        verdict = "left out" if row.failed else own["verdict"]
+        listed.append(own | {"name": row.x, "verdict": verdict})
+    record = {
+        "title": title,
+        "counts": counts,
+        "pairs": listed,
+        "links": dict(links or {}),
+        "graph": _graph(graph, names, settings.trusted),
+        **_cycles(graph, names, settings.agree),
+        "dropped": _dropped(graph, names, settings.trusted),
+    }
+    write_text(path, page("collection", record))
+
+
+def shape_picture(
+    mesh: Mesh,
+    template: Mesh | None = None,
+    T_xy: Int[ArrayLike, " n_x"] | None = None,
+    T_yx: Int[ArrayLike, " n_y"] | None = None,
+) -> str:
+    """A shape in the template's colours, as the address of an image (`data:`).
+
+    Args:
+        mesh: the shape, Y.
+        template: X, whose colours are laid on it as it stands; without it the shape is
+            grey.
+        T_xy, T_yx: maps between both, needed with the template.
+
+    Raises:
+        ImportError: matplotlib is missing; the message says how to install it.
+        ValueError: a template without maps.
+    """
+    colours = None
+    if template is None:
+        axes = find_frame(mesh).axes
+    elif T_xy is None or T_yx is None:
+        raise ValueError("shape_picture: has a template without maps; give both")
+    else:
+        axes = find_frames(template, mesh, np.asarray(T_xy))[1].axes
+        # By its own frame, so that its colours are the same on all shapes.
+        stood = np.asarray(template.vertices, float) @ find_frame(template).axes
+        colours = body_colours(stood)[np.asarray(T_yx)]
+    few = shown(mesh, axes, _FEW)
+    if colours is not None:
+        colours = colours[few.index]
+    turn = natural_turn(few.body.vertices)
+    return data_url(draw_shape(few.body, colours, up="y", turn=turn), _SMALL)
+
+
+def _graph(graph: Graph, names, trusted: float) -> dict[str, Any] | None:
+    """Places of the shapes and kinds of the pairs; None if they are too many."""
+    s = len(names)
+    if s > MOST_DRAWN:
+        return None
+    edges = sorted(graph.matched)
+    before = graph.paths.before.tolist()
+    on_a_way = {
+        (min(i, b), max(i, b))
+        for i, b in enumerate(before)
+        if b >= 0 and graph.joined[i]
+    }
+    drawn = []
+    for a, b in edges:
+        right = graph.right[a, b]
+        kind = "way" if (a, b) in on_a_way else "trusted"
+        kind = kind if right >= trusted else "dropped"
+        drawn.append([a, b, kind, f"{names[a]}, {names[b]}: {_chances(graph, (a, b))}"])
+    return {
+        "nodes": [
+            {
+                "name": names[i],
+                "at": np.round(point, 4).tolist(),
+                "level": _level(graph, i),
+                "text": f"{names[i]}: trust {graph.paths.trust[i]:.2f}",
+            }
+            for i, point in enumerate(places(edges, s))
+        ],
+        "edges": drawn,
+    }
+
+
+def _level(graph: Graph, shape: int) -> str:
+    if shape == graph.paths.template:
+        return "template"
+    if not graph.joined[shape]:
+        return "failed"
+    return level(float(graph.paths.trust[shape]))
+
+
+def _chances(graph: Graph, edge: tuple[int, int]) -> str:
+    alone = graph.matched[edge].confidence
+    text = "unknown" if np.isnan(alone) else f"{alone:.2f}"
+    return f"{text} alone, {graph.right[edge]:.2f} with the triangles"
+
+
+def _cycles(graph: Graph, names, agree: float) -> dict[str, Any]:
+    """The triangles whose maps disagree most, and a sentence on all."""
+    worst = sorted(graph.found, key=lambda one: (-one.apart, one.corners))
+    apart = [one.apart for one in worst]
+    said = "No three shapes were all matched with each other."
+    if apart:
+        alike = sum(a < agree for a in apart)
+        said = (
+            f"{len(apart)} triangles, the maps round {alike} of them agree (below "
+            f"{agree:g}); median {np.median(apart):.3f}. Maps by way of the template "
+            "agree round all cycles, up to rounding to vertices."
+        )
+    return {
+        "cycles": said,
+        "triangles": [
+            (
+                ", ".join(names[i] for i in one.corners),
+                f"{one.apart:.3f}",
+                "agree" if one.apart < agree else "disagree",
+            )
+            for one in worst[:MOST_LISTED]
+        ],
+    }
+
+
+def _dropped(graph: Graph, names, trusted: float) -> list[tuple[str, str, str]]:
+    """The pairs whose maps are not trusted, the least probable first."""
+    pairs = [(p, e) for e, p in graph.right.items() if p < trusted]
+    return [
+        (f"{names[a]}, {names[b]}", f"{p:.2f}", _chances(graph, (a, b)))
+        for p, (a, b) in sorted(pairs)[:MOST_LISTED]
+    ]

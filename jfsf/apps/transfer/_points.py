@@ -1,0 +1,273 @@
+"""Points of one of two meshes that lie on each other -> points of the other.
+
+A point goes to the nearest one of the other surface that faces alike. On thin parts,
+such as fingers and ears, the nearest of all may be on the other side: the faces of a
+coarse mesh cut through them.
+
+Most points lie so near to the other surface that a face below them is the one: it is
+found by walking over edges from the face with the nearest centre. All pieces of faces
+around are compared for the others only (`jfsf.mesh.closest`).
+
+This file is long because points go either way, from vertices and from faces, and to
+point clouds.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from jfsf.apps.transfer._laid import Laid
+from jfsf.mesh import closest, orient, vertex_normals
+from jfsf.mesh._closest import SurfaceTree, nearest_of, surface_tree
+from jfsf.mesh._geometry import face_areas
+from jfsf.types import ArrayLike, Mesh
+
+CANDIDATES = 24  # pieces of faces that are tried where the nearest faces away
+NORMAL_WEIGHT = 0.2  # of a unit normal beside the position, in sqrt(area), for these
+MIN_ALIKE = 0.0  # cosine between normals
+ROWS = 100_000  # points at a time
+STEPS = 4  # over edges
+# A face is the one below a point if it is within this part of the size of faces.
+NEAR = 0.2
+
+
+class Points(NamedTuple):
+    """Points of a mesh.
+
+    face: (q,) the face of each; -1 of a point cloud.
+    corners: (q, 3) the vertices of that face; three times the same of a point cloud.
+    weights: (q, 3) barycentric coordinates.
+    """
+
+    face: ArrayLike
+    corners: ArrayLike
+    weights: ArrayLike
+
+
+class Side(NamedTuple):
+    """A mesh as it lies on the other.
+
+    vertices: (n, 3) in common coordinates; nan for one without a place.
+    normals: (n, 3) unit normals, so that both meshes look the same way; None where no
+        side is known to be the outer one.
+    faces: (m, 3) of the mesh.
+    """
+
+    vertices: ArrayLike
+    normals: ArrayLike | None
+    faces: ArrayLike
+
+
+class Target(NamedTuple):
+    """A side whose nearest points can be asked for.
+
+    side: the mesh.
+    kept: (p,) its faces with an area; the vertices with a place, of a point cloud.
+    surface: of these; None of a point cloud.
+    tree: of its vertices, of a point cloud; of the centres and weighted normals of the
+        surface's pieces, if there are normals; else None.
+    normal: (p, 3) unit normals of the faces; None without normals.
+    weight: of the normals in the tree.
+    planes: of the surface; None of a point cloud.
+    """
+
+    side: Side
+    kept: ArrayLike
+    surface: SurfaceTree | None
+    tree: KDTree | None
+    normal: ArrayLike | None = None
+    weight: float = 0.0
+    planes: "Planes | None" = None
+
+
+class Planes(NamedTuple):
+    """Faces as coordinates.
+
+    origin: (p, 3) corner 0 of each.
+    axes: (p, 3, 3) whose products with what is seen from there are the barycentric
+        coordinates of corners 1 and 2, and the height.
+    beyond: (p, 3) the face across the edge opposite to each corner; -1 if there is no
+        one face.
+    """
+
+    origin: ArrayLike
+    axes: ArrayLike
+    beyond: ArrayLike
+
+
+def sides(laid: Laid) -> tuple[Side, Side]:
+    """X and Y as they lie on each other."""
+    found = []
+    for mesh, at, sign in (
+        (laid.mesh_x, laid.at_x, laid.orientation_sign),
+        (laid.mesh_y, laid.at_y, abs(laid.orientation_sign)),
+    ):
+        faces, normals = np.asarray(mesh.faces), None
+        if sign and len(faces):
+            there = np.isfinite(at[faces]).all((1, 2))
+            wound = orient(Mesh(mesh.vertices, faces[there])).faces
+            normals = sign * vertex_normals(at, wound)
+        found.append(Side(at, normals, faces))
+    return found[0], found[1]
+
+
+def target(side: Side) -> Target:
+    """Prepare a side for `nearest`."""
+    vertices, normals, faces = side
+    areas = face_areas(vertices, faces)
+    kept = np.flatnonzero(areas > 0)  # nan is not
+    there = np.isfinite(vertices).all(1)
+    if len(kept) == 0:
+        kept = np.flatnonzero(there)
+        return Target(side, kept, None, KDTree(vertices[kept]))
+    surface = surface_tree(Mesh(np.where(there[:, None], vertices, 0), faces[kept]))
+    planes = _planes(surface)
+    if normals is None:
+        return Target(side, kept, surface, None, planes=planes)
+    normal = _unit(normals[faces[kept]].sum(1))
+    weight = NORMAL_WEIGHT * float(np.sqrt(areas[kept].sum()))
+    tree = KDTree(np.hstack([surface.centre, weight * normal[surface.owner]]))
+    return Target(side, kept, surface, tree, normal, weight, planes)
+
+
+def place(side: Side, points: Points) -> tuple[ArrayLike, ArrayLike | None]:
+    """Positions (q, 3) of points of a side, and their unit normals.
+
+    nan where a corner that counts has no place.
+    """
+    counts = np.asarray(points.weights)[..., None]
+
+    def mean(rows):
+        corners = np.where(counts > 0, rows[points.corners], 0)  # 0 * nan is nan
+        return (counts * corners).sum(1)
+
+    normals = side.normals
+    return mean(side.vertices), None if normals is None else _unit(mean(normals))
+
+
+def nearest(target: Target, positions: ArrayLike, normals: ArrayLike | None) -> Points:
+    """The nearest points of a side that face alike.
+
+    Args:
+        target: `target` of a side.
+        positions: (q, 3) in common coordinates.
+        normals: (q, 3) unit normals, or None.
+
+    Returns:
+        Where none near faces alike, the nearest of all. Any for a position of nan.
+    """
+    positions = np.nan_to_num(positions)
+    if target.surface is None:
+        assert target.tree is not None
+        at = target.kept[np.asarray(target.tree.query(positions)[1])]
+        weights = np.zeros((len(at), 3))
+        weights[:, 0] = 1
+        corners = np.repeat(at[:, None], 3, axis=1)
+        return Points(np.full(len(at), -1), corners, weights)
+    face = np.zeros(len(positions), int)
+    weights = np.zeros((len(positions), 3))
+    for start in range(0, len(positions), ROWS):
+        rows = slice(start, start + ROWS)
+        own = None if normals is None else normals[rows]
+        face[rows], weights[rows] = _on_surface(target, positions[rows], own)
+    face = target.kept[face]
+    return Points(face, target.side.faces[face], weights)
+
+
+def _on_surface(target: Target, positions, normals):
+    face, weights = _below(target, positions, normals)
+    rest = np.flatnonzero(face < 0)
+    if len(rest):
+        own = None if normals is None else normals[rest]
+        face[rest], weights[rest] = _nearest_of_all(target, positions[rest], own)
+    return face, weights
+
+
+def _below(target: Target, positions, normals):
+    """The face each point lies above or below, near; -1 where the walk finds none."""
+    surface, planes = target.surface, target.planes
+    assert surface is not None and planes is not None
+    face = surface.owner[surface.tree.query(positions)[1]]
+    weights, found = np.zeros((len(face), 3)), np.zeros(len(face), bool)
+    left = np.arange(len(face))
+    for _ in range(STEPS):
+        at = face[left]
+        to = positions[left] - planes.origin[at]
+        s, t, height = np.einsum("qij,qj->iq", planes.axes[at], to)
+        bary = np.stack([1 - s - t, s, t], 1)
+        least = bary.argmin(1)
+        inside = np.take_along_axis(bary, least[:, None], 1)[:, 0] >= 0
+        near = inside & (np.abs(height) <= NEAR * surface.radius)
+        if normals is not None and target.normal is not None:
+            near &= (target.normal[at] * normals[left]).sum(1) > MIN_ALIKE
+        weights[left[near]], found[left[near]] = bary[near], True
+        beyond = planes.beyond[at, least]
+        on = ~inside & (beyond >= 0)
+        face[left[on]] = beyond[on]
+        left = left[on]
+    return np.where(found, face, -1), weights
+
+
+def _nearest_of_all(target: Target, positions, normals):
+    surface = target.surface
+    assert surface is not None
+    found = closest(surface, positions)
+    face, weights = found.face, found.barycentric
+    if normals is None or target.normal is None or target.tree is None:
+        return face, weights
+    away = np.flatnonzero((target.normal[face] * normals).sum(1) <= MIN_ALIKE)
+    if len(away) == 0:
+        return face, weights
+    k = min(CANDIDATES, len(surface.owner))
+    queries = np.hstack([positions[away], target.weight * normals[away]])
+    piece = np.asarray(target.tree.query(queries, np.arange(1, k + 1))[1]).ravel()
+    row, others = np.repeat(np.arange(len(away)), k), surface.owner[piece]
+    alike = (target.normal[others] * normals[away][row]).sum(1) > MIN_ALIKE
+    better = nearest_of(surface, positions[away], row[alike], others[alike])
+    there = better.face >= 0
+    face[away[there]] = better.face[there]
+    weights[away[there]] = better.barycentric[there]
+    return face, weights
+
+
+def _planes(surface: SurfaceTree) -> Planes:
+    vertices, faces = surface.mesh
+    origin = vertices[faces[:, 0]]
+    one, two = vertices[faces[:, 1]] - origin, vertices[faces[:, 2]] - origin
+    cross = np.cross(one, two)
+    square = (cross**2).sum(1, keepdims=True)
+    axes = [np.cross(two, cross) / square, np.cross(cross, one) / square]
+    axes = np.stack([*axes, surface.normal], 1)
+    # Half-edge 3 f + i runs from corner i to the next, opposite to the one after it.
+    tail, head = faces.ravel(), np.roll(faces, -1, 1).ravel()
+    key = np.minimum(tail, head) * np.int64(len(vertices)) + np.maximum(tail, head)
+    order = np.argsort(key, kind="stable")
+    same = np.flatnonzero(np.diff(key[order]) == 0)
+    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
+    pair = same[count[edge.ravel()[order[same]]] == 2]
+    beyond = np.full(len(key), -1)
+    beyond[order[pair]], beyond[order[pair + 1]] = (
+        order[pair + 1] // 3,
+        order[pair] // 3,
+    )
+    return Planes(origin, axes, np.roll(beyond.reshape(-1, 3), -1, 1))
+
+
+def at_vertices(side: Side) -> Points:
+    """The vertices of a side as points."""
+    at = np.arange(len(side.vertices))
+    weights = np.zeros((len(at), 3))
+    weights[:, 0] = 1
+    return Points(np.full(len(at), -1), np.repeat(at[:, None], 3, axis=1), weights)
+
+
+def in_faces(side: Side, weights: ArrayLike) -> Points:
+    """Points with the same barycentric coordinates (s, 3) in each face: (m s) rows."""
+    face = np.repeat(np.arange(len(side.faces)), len(weights))
+    return Points(face, side.faces[face], np.tile(weights, (len(side.faces), 1)))
+
+
+def _unit(rows):
+    size = np.linalg.norm(rows, axis=-1, keepdims=True)
+    return rows / np.where(size > 0, size, 1)

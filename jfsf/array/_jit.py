@@ -1,0 +1,56 @@
+"""`jax.jit` that keeps the types of a function, and that can be pickled by its name."""
+
+from collections.abc import Callable
+from functools import update_wrapper
+from typing import Any, Generic, ParamSpec, TypeVar, overload
+
+import jax
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+class Jitted(Generic[P, R]):
+    """A function of a module, compiled by `jax.jit`.
+
+    Its signature is that of the function, for people and for type checkers. It is
+    pickled by its module and name, as functions are, so copies in other processes are
+    the same object there: equal, with an equal hash, and one program.
+    """
+
+    def __init__(self, function: Callable[P, R], **options: Any):
+        self._jitted = jax.jit(function, **options)
+        update_wrapper(self, function)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        return self._jitted(*args, **kwargs)
+
+    def lower(self, *args: P.args, **kwargs: P.kwargs) -> jax.stages.Lowered:
+        """As the function that `jax.jit` returns."""
+        return self._jitted.lower(*args, **kwargs)
+
+    def __reduce__(self) -> str:
+        return self.__qualname__  # type: ignore[attr-defined]
+
+    def __repr__(self) -> str:
+        return f"<jitted {self.__module__}.{self.__qualname__}>"  # type: ignore
+
+
+@overload
+def jit(function: Callable[P, R], /) -> Jitted[P, R]: ...
+
+
+@overload
+def jit(**options: Any) -> Callable[[Callable[P, R]], Jitted[P, R]]: ...
+
+
+def jit(function: Any = None, /, **options: Any) -> Any:
+    """Decorate a function of a module: `@jit`, or `@jit(static_argnames="k")`.
+
+    Args:
+        function: at the top of its module, so that it is found by its name.
+        options: of `jax.jit`.
+    """
+    if function is None:
+        return lambda function: Jitted(function, **options)
+    return Jitted(function, **options)

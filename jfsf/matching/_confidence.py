@@ -1,0 +1,189 @@
+"""How likely a map is right, from evidence that needs no ground truth.
+
+Regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their factors stand
+in confidence.json beside this file, with the data they were fitted to and the scores on
+data that they were not (experiments/calibration.py).
+
+Of a map alone, with the evidence e_f of `Certificate`, as `column` reads it:
+
+    p = 1 / (1 + exp(-z)),  z = b_constant + sum_f b_f e_f
+
+Among several maps of one pair, whatever makes its shapes hard to match is the same for
+all, so other evidence tells most. Their odds are as exp(r),
+
+    r = sum_f a_f e_f.
+
+Of a map that was compared so, with s its share of these odds (`share_among`):
+
+    p = min(s / l, 1) / (1 + exp(-z')),
+    z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m),
+
+l being the least share of a right map in the data.
+
+Evidence cannot tell a map from its rivals, and n of these leave it 1 / (1 + n) at most.
+A map of the orientation that was asked for is likely wrong where its mirror image fits
+far better: with t the probability of this one (`mirror_probability`), it has 1 - t at
+most. And nothing is known of shapes that differ more than those which the constants
+were fitted to: with g the `spectrum_gap`, it has 1/2 + 1/2 / (1 + exp(a (g - u))) at
+most.
+"""
+
+import json
+from importlib.resources import files
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from jfsf.types import Certificate
+
+# Added before a logarithm is taken: smaller numbers say nothing.
+LEAST = 1e-3
+# The form in which a figure of the certificate is read.
+_AS_IT_IS = ("orientation", "nn_agreement")
+# a and u above. Of 228 pairs with a right map, of which 31 are creatures with other
+# limbs, the largest gaps are 1.09, 1.07, 0.99; a torus, a rod, an ellipsoid or a bent
+# one differ from bodies by 1.6 or more, and a rod from a torus or a box by 1.14.
+STEEP, UNLIKE = 30.0, 1.12
+# Shares beyond this, and below 1 minus this, count as this.
+MOST_SHARE = 0.999
+
+
+def read_constants() -> dict[str, Any]:
+    """All that experiments/calibration.py has written."""
+    return json.loads(
+        (files("jfsf.matching") / "confidence.json").read_text(encoding="utf-8")
+    )
+
+
+_CONSTANTS = read_constants()
+FACTORS: dict[str, float] = _CONSTANTS["alone"]
+RANK_FACTORS: dict[str, float] = _CONSTANTS["rank"]
+COMPARED: dict[str, float] = _CONSTANTS["compared"]
+
+
+def column(name: str, value: Any, xp: Any = jnp) -> Any:
+    """A figure of the certificate as the regression reads it.
+
+    Orientation and `nn_agreement` as they are, of others log(value + `LEAST`).
+
+    Args:
+        name, value: of the figure.
+        xp: numpy on the host, to compute in float64.
+    """
+    value = xp.asarray(value)
+    if name == "nn_agreement":  # unknown without a plan, of all maps of a pair
+        value = xp.nan_to_num(value)
+    return value if name in _AS_IT_IS else xp.log(xp.maximum(value, 0) + LEAST)
+
+
+def log_odds(**figures: Float[Array, "..."] | float) -> Float[Array, "..."]:
+    """z of a map alone, log(p / (1 - p)).
+
+    Args:
+        figures: of the certificate, by name, more than are needed; the orientation
+            times the sign that was asked for.
+
+    Returns:
+        nan where a figure that is needed is nan: without a surface there is none.
+    """
+    factors = dict(FACTORS)
+    z = factors.pop("constant")
+    return jnp.asarray(z + _weighed(factors, figures))
+
+
+def rank(xp: Any = jnp, **figures: Float[Array, "..."] | float) -> Any:
+    """r of a map among others of the same pair; more is better.
+
+    Args:
+        xp: as `column`.
+        figures: of the certificate, by name, more than are needed.
+    """
+    return xp.asarray(_weighed(RANK_FACTORS, figures, xp))
+
+
+def _weighed(factors: dict[str, float], figures: dict[str, Any], xp: Any = jnp):
+    return sum(b * column(name, figures[name], xp) for name, b in factors.items())
+
+
+def confidence(
+    log_odds: Float[Array, "..."],
+    share: Float[Array, "..."] | float = jnp.nan,
+    missed: Float[Array, "..."] | float = 0.0,
+    left_and_right: Bool[Array, "..."] | bool = True,
+    rivals: Float[Array, "..."] | float = jnp.nan,
+    mirrored: Float[Array, "..."] | float = jnp.nan,
+    spectrum_gap: Float[Array, "..."] | float = jnp.nan,
+    *,
+    missed_weight: float = 3.0,
+) -> Float[Array, "..."]:
+    """Probability that the mean geodesic error is below 0.1 of sqrt(area).
+
+    Args:
+        log_odds: see there.
+        share: of the odds of all distinct maps that were compared, see
+            `jfsf.matching.share_among`; nan if none were.
+        missed: share of the landmarks that the map misses.
+        left_and_right: whether these can be told. If not, a map and its mirror image
+            are equally likely, and the probability is half of it.
+        rivals: how many other maps are as likely, see `jfsf.matching.rivals_among`.
+        mirrored: probability that the mirror image is the right map, see
+            `jfsf.matching.mirror_probability`; nan if it was not tried.
+        spectrum_gap: how unlike the shapes are, see there.
+        missed_weight: see `jfsf.matching.EvidenceSettings`.
+
+    Returns:
+        In [0, 1]; nan where `log_odds` is nan.
+    """
+    known = jnp.clip(jnp.nan_to_num(share, nan=0.5), 1 - MOST_SHARE, MOST_SHARE)
+    margin = jnp.minimum(jnp.log(known / (1 - known)), COMPARED["most_margin"])
+    compared = COMPARED["constant"] + COMPARED["log_odds"] * log_odds
+    compared += COMPARED["margin"] * margin
+    likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
+    # `known` is one half where the share is not: that takes nothing away.
+    likely *= jnp.minimum(known / COMPARED["least_share"], 1)
+    number, other, gap = (
+        jnp.nan_to_num(jnp.asarray(known, likely.dtype))
+        for known in (rivals, mirrored, spectrum_gap)
+    )
+    likely = jnp.minimum(likely, jnp.minimum(1 / (1 + number), 1 - other))
+    likely = jnp.minimum(likely, (1 + jax.nn.sigmoid(STEEP * (UNLIKE - gap))) / 2)
+    likely **= 1 + missed_weight * missed
+    return jnp.where(left_and_right, likely, likely / 2)
+
+
+def missed_share(evidence: Certificate, *, settings: Any) -> Float[Array, ""]:
+    """Share of the landmarks that a map misses; 0 without any.
+
+    Args:
+        evidence: `landmarks` are read.
+        settings: `jfsf.matching.EvidenceSettings`.
+    """
+    missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
+    return jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
+
+
+def of_certificate(
+    evidence: Certificate, left_and_right: Any, *, settings: Any
+) -> Float[Array, ""]:
+    """The confidence of a map with this evidence.
+
+    Args:
+        evidence: `log_odds`, `share`, `rivals`, `mirrored`, `spectrum_gap` and
+            `landmarks` are read.
+        left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
+        settings: `jfsf.matching.EvidenceSettings`.
+    """
+    missed = missed_share(evidence, settings=settings)
+    told = left_and_right | (evidence.landmarks.size > 0)
+    return confidence(
+        evidence.log_odds,
+        evidence.share,
+        missed,
+        told,
+        evidence.rivals,
+        evidence.mirrored,
+        evidence.spectrum_gap,
+        missed_weight=settings.missed_weight,
+    )

@@ -1,0 +1,120 @@
+"""The sources of starts in turn, for all pairs that are still in doubt."""
+
+from collections.abc import Sequence
+from functools import partial
+
+import jax
+
+from jfsf.initial._start import nonisometric_starts
+from jfsf.matching._bent_copies import bent_like
+from jfsf.matching._pairs import Attempt, PairState
+from jfsf.matching._run_stages import (
+    describe,
+    finish_each,
+    finish_maps,
+    match_starts,
+    refined_starts,
+    run_stage,
+    search_inputs,
+)
+from jfsf.matching._settings import Settings
+from jfsf.matching._sources import Proposal, Source, sources_of
+from jfsf.runtime._runners import Runner
+from jfsf.types import Match
+
+
+def match_pairs(
+    pairs: Sequence[PairState], runner: Runner, *, settings: Settings
+) -> list[Match]:
+    """`attempt_pairs`, and the match of each pair."""
+    attempt_pairs(pairs, runner, settings=settings)
+    return [pair.result(settings) for pair in pairs]
+
+
+def attempt_pairs(
+    pairs: Sequence[PairState], runner: Runner, *, settings: Settings
+) -> None:
+    """Match pairs, and try those in doubt again; the pairs keep all attempts.
+
+    Args:
+        pairs: all with landmarks or all without; likewise an initial map.
+        runner: of the stages.
+        settings: of all stages, and of further attempts.
+
+    Raises:
+        ValueError: arrays that do not fit each other, or settings that do not.
+    """
+    describe(pairs, runner, settings)
+    for source in sources_of(pairs[0].inputs, settings):
+        open_pairs = [pair for pair in pairs if source.asked(pair, settings)]
+        starts = source.make(open_pairs, runner, settings) if open_pairs else []
+        for turn in range(max(map(len, starts), default=0)):
+            tried = [
+                (pair, own[turn])
+                for pair, own in zip(open_pairs, starts, strict=True)
+                if turn < len(own) and _worth(source, pair, own[turn], settings)
+            ]
+            if tried:
+                _attempt(source, tried, runner, settings)
+
+
+def _worth(
+    source: Source, pair: PairState, proposal: Proposal, settings: Settings
+) -> bool:
+    """In doubt, or where it ranks above the map so far."""
+    if source.wins or pair.in_doubt(settings):
+        return True
+    return bool(proposal.share > pair.shares[pair.won])
+
+
+def compile_first_attempt(
+    pair: PairState, runner: Runner, *, settings: Settings
+) -> None:
+    """Have the programs compiled that every pair needs; few pairs need others.
+
+    Args:
+        pair: of shapes and types in place of arrays.
+        runner: `jfsf.runtime.CompileOnly`.
+        settings: of all stages.
+    """
+    describe([pair], runner, settings)
+    source = sources_of(pair.inputs, settings)[0]
+    (((start, *_),),) = source.make([pair], runner, settings)
+    tried = [(pair, start)]
+    (C_yx,) = refined_starts(tried, runner, settings)
+    bent = bent_like(pair, C_yx, start, runner, settings)
+    finish_each(tried, [bent], runner, settings)
+
+
+def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> None:
+    """Have the programs compiled that pairs in doubt need beside those of every pair.
+
+    Args:
+        copy: of shapes and types in place of the arrays of two coarse copies.
+        runner: `jfsf.runtime.CompileOnly`.
+        settings: of all stages.
+    """
+    describe([copy], runner, settings)
+    inputs = search_inputs([copy], [copy.samples])
+    stage = partial(nonisometric_starts, settings=settings.search)
+    (stacked,) = run_stage(runner, "further starts", stage, [copy], inputs)
+    one = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), stacked)
+    match_starts([(copy, one)], runner, settings)
+
+
+def _attempt(
+    source: Source, tried: list[tuple[PairState, Proposal]], runner, settings
+) -> None:
+    """Attempt each start of a pair, and keep its match there."""
+    starts = [(pair, proposal.start) for pair, proposal in tried]
+    if source.refined:
+        maps = [start.C_yx for _, start in starts]
+        # As large as any other start, so that one program finishes both.
+        k = settings.search.final_ks[-1]
+        starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
+        matches = finish_maps(starts, maps, runner, settings)
+    else:
+        matches = match_starts(starts, runner, settings)
+    for (pair, (start, *standing)), match in zip(tried, matches, strict=True):
+        attempt = Attempt(source.name, start, match)
+        pair.keep(attempt, *standing, settings=settings, wins=source.wins)

@@ -1,0 +1,247 @@
+"""Settings: how `match` works, stage by stage. Frozen, hashable, static under jit."""
+
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from jfsf.array._static import static_key, static_text
+from jfsf.convert import Converter, nearest, sinkhorn
+from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.initial import SearchSettings
+from jfsf.matching._stages import (
+    Deform,
+    Describe,
+    Refine,
+    deform_by_arap,
+    refine_by_zoomout,
+)
+from jfsf.matching.parts import PartSettings
+from jfsf.neighbours import NeighbourSettings
+from jfsf.refine import ArapSettings, ZoomOutSettings
+from jfsf.spectral import FeatureSettings, features
+from jfsf.spectral._sampling import DISTANCE_PAIRS
+
+
+@dataclass(frozen=True)
+class EvidenceSettings:
+    """What the evidence of a match is read from. Hashable, for static arguments.
+
+    functions: leading functions of a map whose energy and stretch are read at samples.
+    missed: a map misses a landmark whose image is farther than this from its partner,
+        the mean distance of two random vertices being 1. Exchanged hands are at 1 or
+        more, noise of a map at 0.1.
+    distinct: two maps differ if their images are so far apart in the mean, in the same
+        unit. With twice as much, two maps with one pair of legs exchanged count as one.
+    missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
+        little against a map that is nearly certain, since a landmark may be wrong too.
+    missed_rank: what a map that misses all landmarks loses of its rank among others of
+        the pair (`jfsf.matching.rank`): more than most differences between them.
+    rival: two maps are not versions of one if their images are so far apart in the
+        mean, in that unit. Right maps of faces are up to 0.1 apart on coarse copies.
+    tie: two maps are rivals if the logarithms of their odds differ by no more: two
+        meshes of one sphere differ by this much.
+    near_energy: another candidate of the search may be a rival if its energy is no more
+        than this above that of the first. Then both are compared on coarse copies.
+    mirror_gap: the mirror image is tried on coarse copies if `Certificate.mirror_gap`
+        is below this.
+    rounding: share of the spacing of vertices that rounding to vertices leaves between
+        deformed shapes. Decimated to 300 to 5000 vertices, right maps of people leave
+        0.09 to 0.14 of it.
+    """
+
+    functions: int = 40
+    missed: float = 0.5
+    distinct: float = 0.05
+    missed_weight: float = 3.0
+    missed_rank: float = 10.0
+    rival: float = 0.2
+    tie: float = 1.0
+    near_energy: float = 0.015
+    mirror_gap: float = -0.1
+    rounding: float = 0.08
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Settings:
+    """How `match` works. Settings of equal content are equal and share a program.
+
+    Lengths are relative to sqrt(area). Values were chosen by the mean error on FAUST
+    000-079, TOSCA and the embedded shapes.
+
+    k: eigenpairs a shape, fewer for fewer than 4 k vertices: the higher ones then say
+        more of the triangles than of the shape. More than 128 make a better map before
+        the bending, hardly after it.
+    describe: makes the features of a shape: a `jfsf.matching.Describe`.
+    features: descriptors, curvature and oriented products.
+    search: the search for the initial map.
+    retry_below: where the map is less confident by its own evidence
+        (`Certificate.confidence`), other starts are tried on coarse copies
+        (`jfsf.initial.nonisometric_starts`). What ranks highest is bent on the
+        whole shapes, and kept if it is more confident. A map that is given is kept in
+        any case, but ranked. 0 leaves it out.
+    coarse_vertices: of the coarse copies (`jfsf.matching`), on which all further starts
+        are tried, and which are bent first where shapes are large.
+    copies_above: vertices of the larger shape, padding included, above which `match`
+        bends coarse copies first, for `bend_rounds`. The whole shapes follow them, and
+        are bent for `last_rounds`. It takes less time, and the mean errors are smaller
+        (`experiments/choose_copies.py`). Not with a `deform` of one's own.
+    nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
+        those that differ and rank highest. The map so far is one of them, if it ranks
+        first: so with 1 nothing more is attempted then. With two the mean error of
+        creatures is smaller than with one, and with three no smaller; of SHREC'07 it
+        is the same (`experiments/fit_attempts.py`).
+    rigid_below: where a similarity fitted to the map lays the shapes so near to each
+        other, in the mean and both ways, the nearest points after it are the start of
+        a last map, which is kept: of faces and teeth it slides less. Two disks may lie
+        twice as far apart. 0 leaves it out. Not with landmarks or a map that is given.
+        Chosen by `experiments/fit_rigid.py`.
+    ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
+        the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
+        size, where descriptors weigh most, correct the start. Finer schedules slide
+        away from it further; coarser ones are as good if the bending follows.
+    refine: refines a functional map: a `jfsf.matching.Refine`. It reads `ks`, and the
+        two that follow.
+    refine_converter: the converter of its rounds.
+    zoomout: how they weigh columns.
+    deform: deforms both shapes: a `jfsf.matching.Deform`. It reads the four that
+    follow. bend_rounds: times that both shapes are deformed onto each other, see
+        `arap`; 0 leaves it out. Two point clouds without surfaces
+        (`jfsf.mesh.reconstruct`) are not bent. Beside a mesh, the points of such a
+        cloud move freely.
+    last_rounds: times that whole shapes are deformed after their coarse copies.
+    bend_converter: the converter before and between these.
+    bend: how shapes are deformed.
+    converter: the last converter. The certificate needs its plan for three of its
+        figures; they are nan without one.
+    neighbours: how neighbours are searched, for all converters.
+    tiles_above: vertices of the larger shape, padding included, above which neighbours
+        are searched among tiles, at a cost that grows like n
+        (`experiments/bench_large.py`).
+    samples_above: vertices of a shape, padding included, above which the functional map
+        is refined on samples.
+    samples: of these; a power of two.
+    exhaustive_up_to: vertices of the larger shape, padding included, above which all
+        points are never compared with all.
+    min_recall: recall among tiles below which the last conversion compares all points,
+        up to `exhaustive_up_to` vertices. Rounds of the refinement and the bending do
+        not check it: later ones correct what is missed.
+    farthest_up_to: vertices of a shape, padding included, above which its farthest
+        points are chosen among its `samples`, if it has any.
+    distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
+    evidence: what the certificate is read from.
+    parts: how the region is found that two shapes share, with `match(partial=True)`.
+    """
+
+    k: int = 128
+    describe: Describe = features
+    features: FeatureSettings = field(default_factory=FeatureSettings)
+    search: SearchSettings = field(default_factory=SearchSettings)
+    retry_below: float = 0.9
+    coarse_vertices: int = 1200
+    copies_above: int = 5120
+    nonisometric_attempts: int = 2
+    rigid_below: float = 0.015
+    ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
+    refine: Refine = refine_by_zoomout
+    refine_converter: Converter = quick_sinkhorn
+    zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
+    deform: Deform = deform_by_arap
+    bend_rounds: int = 8
+    last_rounds: int = 2
+    bend_converter: Converter = nearest
+    bend: ArapSettings = field(default_factory=ArapSettings)
+    converter: Converter = sinkhorn
+    neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
+    tiles_above: int = 2000
+    samples_above: int = 4096
+    samples: int = 4096
+    exhaustive_up_to: int = 20_480
+    min_recall: float = 0.95
+    farthest_up_to: int = 20_480
+    distance_pairs: int = DISTANCE_PAIRS
+    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
+    parts: PartSettings = field(default_factory=PartSettings)
+
+    def __post_init__(self) -> None:
+        """ValueError for values that no match can be made with."""
+        object.__setattr__(self, "ks", tuple(self.ks))
+        if not self.ks or list(self.ks) != sorted(self.ks) or self.ks[0] < 2:
+            raise ValueError(
+                f"Settings: ks is {self.ks}; give sizes from 2 up that do not decrease"
+            )
+        if self.k < self.ks[-1]:
+            raise ValueError(
+                f"Settings: k is {self.k}, but ks ends at {self.ks[-1]}; raise k or "
+                "shorten ks"
+            )
+        if self.bend_rounds < 0 or self.samples < 1:
+            raise ValueError(
+                f"Settings: bend_rounds is {self.bend_rounds} and samples "
+                f"{self.samples}; give 0 or more, and 1 or more"
+            )
+        for name in ("nonisometric_attempts", "last_rounds"):
+            if (number := getattr(self, name)) < 1:
+                raise ValueError(f"Settings: {name} is {number}; give 1 or more")
+        if self.samples & (self.samples - 1):
+            raise ValueError(
+                f"Settings: samples is {self.samples}; give a power of two"
+            )
+        if self.coarse_vertices < self.min_vertices:
+            raise ValueError(
+                f"Settings: coarse_vertices is {self.coarse_vertices}; give "
+                f"{self.min_vertices} or more"
+            )
+        if not 0 <= self.retry_below <= 1:
+            raise ValueError(
+                f"Settings: retry_below is {self.retry_below}; give a probability"
+            )
+        converters = "converter", "refine_converter", "bend_converter"
+        for name in (*converters, "describe", "refine", "deform"):
+            if not callable(getattr(self, name)):
+                kind = "convert.Converter" if name in converters else "stages"
+                raise ValueError(
+                    f"Settings: {name} is {getattr(self, name)!r}; give a function, "
+                    f"see jfsf.{kind}"
+                )
+
+    @property
+    def min_vertices(self) -> int:
+        """Vertices that a shape needs: four for each eigenpair of the search."""
+        return 4 * self.search.eigenpairs
+
+    def eigenpairs(self, vertices: int) -> int:
+        """Eigenpairs that a shape of so many vertices gets."""
+        return max(self.search.eigenpairs, min(self.k, vertices // 4))
+
+    def check_search(self) -> None:
+        """ValueError if the refinement begins above what the search finds."""
+        if self.ks[0] > (size := self.search.final_ks[-1]):
+            raise ValueError(
+                f"Settings: ks begins at {self.ks[0]}, but the search finds maps "
+                f"of {size} functions; begin with {size} or fewer"
+            )
+
+    def as_record(self) -> dict[str, Any]:
+        """Plain values for a file of results: nested settings and functions as text."""
+        plain = (bool, int, float, str)
+        return {
+            name: value if isinstance(value, plain) else static_text(value)
+            for name, value in self._items()
+        }
+
+    def _items(self) -> list[tuple[str, Any]]:
+        return [(f.name, getattr(self, f.name)) for f in fields(self)]
+
+    def _key(self) -> tuple[Any, ...]:
+        return tuple((name, static_key(value)) for name, value in self._items())
+
+    def __eq__(self, other: object) -> bool:
+        """Whether both have equal content."""
+        return isinstance(other, Settings) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        """Of the content."""
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        """What one would write to make it, every field included."""
+        return static_text(self)

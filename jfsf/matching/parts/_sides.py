@@ -1,0 +1,154 @@
+"""Both shapes in one unit, with what the search for a region reads of them. Host side.
+
+Coarse copies of both are for the first steps, which try many starts.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.geometry import GeodesicSolver
+from jfsf.matching.parts._curvature import (
+    Curvatures,
+    curvature,
+    curvatures,
+    standard_curvature,
+    usual_curvature,
+)
+from jfsf.matching.parts._region import near_vertices, outward
+from jfsf.matching.parts._register import Whole, whole_at_rest
+from jfsf.matching.parts._settings import PartSettings
+from jfsf.matching.parts._shape import PartSamples, part_samples
+from jfsf.mesh import (
+    decimate,
+    farthest_vertices,
+    orient,
+    surface_area,
+    vertex_normals,
+)
+from jfsf.types import ArrayLike, Mesh
+
+BEYOND = 1.2  # factor by which the size that is found may lie outside of those tried
+ENDS = 5  # vertices far apart; the diameter begins at what is farthest from one
+
+
+class Sides(NamedTuple):
+    """Both shapes in the unit of Y, and coarse copies of both.
+
+    Where units may differ X is brought to the geodesic diameter of Y instead.
+
+    coarse_x: the copy of X.
+    whole: that of Y.
+    on_x: the vertex of X nearest to each of its copy.
+    from_y: the vertex of the copy nearest to each of Y.
+    on_y: the vertex of Y nearest to each of its copy.
+    curvatures_x: of X, as it is, see `jfsf.matching.parts._curvature`.
+    usual_curvature: (times,) of Y.
+    curvature_y: (n_y, times) of Y in these units.
+    sign: -1 for maps that mirror, and the whole is mirrored.
+    settings: with the scales that are tried.
+    same_unit: whether both shapes were in one unit.
+    factor: by which X was enlarged beside Y, to be as long; 1 in one unit.
+    """
+
+    x: PartSamples
+    y: PartSamples
+    coarse_x: Mesh
+    whole: Whole
+    on_x: np.ndarray
+    from_y: np.ndarray
+    on_y: np.ndarray
+    curvatures_x: Curvatures
+    usual_curvature: np.ndarray
+    curvature_y: np.ndarray
+    sign: int
+    settings: PartSettings
+    same_unit: bool = True
+    factor: float = 1.0
+
+    def curvature_x(self, scale: float) -> np.ndarray:
+        """(n_x, times) of X at that size, like `curvature_y`."""
+        # It has no unit: only the time does.
+        own = self.curvatures_x.at(np.array(self.settings.curvature_times) / scale**2)
+        return standard_curvature(own, self.usual_curvature, self.settings)
+
+
+def both_sides(
+    mesh_x: Mesh,
+    mesh_y: Mesh,
+    *,
+    landmarks: ArrayLike | None = None,
+    descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    same_unit: bool = True,
+    settings: PartSettings,
+) -> Sides:
+    """For maps that keep left and right.
+
+    Args:
+        mesh_x, mesh_y: both shapes.
+        landmarks: rows (vertex of X, vertex of Y).
+        descriptors: of X and of Y, a row a vertex.
+        same_unit: whether both are in one unit; else the size of X is not read.
+        settings: how many samples, and the sizes of the copies.
+    """
+    oriented, factor = (orient(mesh_x), orient(mesh_y)), 1.0
+    if not same_unit:
+        factor = _diameter(oriented[1]) / _diameter(oriented[0])
+        more = lambda number: round(settings.any_unit_factor * number)
+        settings = replace(
+            settings,
+            assignments=more(settings.assignments),
+            alignments=more(settings.alignments),
+            registered_again=more(settings.registered_again),
+            scales=settings.any_scales,
+            aligned_scales=settings.any_aligned_scales,
+            scale_bands=settings.any_scale_bands,
+            scale_weight=0.0,
+        )
+    unit = np.sqrt(surface_area(mesh_y))
+    at = ((), ()) if landmarks is None else np.asarray(landmarks).T
+    given = (None, None) if descriptors is None else descriptors
+
+    meshes = (
+        Mesh(np.asarray(own.vertices, float) / length, np.asarray(own.faces))
+        for own, length in zip(oriented, (unit / factor, unit), strict=True)
+    )
+    nums = settings.samples_of_part, settings.samples_of_whole
+    x, y = (
+        part_samples(mesh, num, landmarks=own, descriptors=desc, settings=settings)
+        for mesh, num, own, desc in zip(meshes, nums, at, given, strict=True)
+    )
+    coarse_x = decimate(x.mesh, settings.coarse_part)
+    coarse_y = decimate(y.mesh, settings.coarse_whole)
+    on_x = near_vertices(x.mesh, coarse_x)
+    out = outward(coarse_y, vertex_normals(*coarse_y))
+    whole = whole_at_rest(coarse_y, out)
+    from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
+    copies = coarse_x, whole, on_x, from_y, on_y
+    times, scales = settings.curvature_times, settings.scales
+    # The size that is found may lie a little beyond those that are tried.
+    ends = (
+        min(times) / (BEYOND * max(scales)) ** 2,
+        max(times) * (BEYOND / min(scales)) ** 2,
+    )
+    curvatures_x = curvatures(x.mesh, *ends)
+    curved = curvature(y.mesh, times)
+    usual = usual_curvature(curved)
+    curved = standard_curvature(curved, usual, settings)
+    curved_both = curvatures_x, usual, curved
+    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit, factor)
+
+
+def _diameter(mesh: Mesh) -> float:
+    """The greatest geodesic distance, or a little less."""
+    # A view of a body is about as long as the body, but has far less area.
+    solver = GeodesicSolver(mesh)
+    opposite = solver.rows(farthest_vertices(mesh, ENDS)).argmax(1)
+    return float(solver.rows(opposite).max())
+
+
+def mirrored(sides: Sides) -> Sides:
+    """For maps that exchange left and right."""
+    mesh, out = sides.whole.mesh, sides.whole.outward
+    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
