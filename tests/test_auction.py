@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
+from experiments.paper.baselines import auction
+from experiments.paper.baselines._auction import KEEP, assign
 from jfsf import testing
-from jfsf.baselines import auction
-from jfsf.baselines._auction import KEEP, assign
 from jfsf.convert import nearest
 from jfsf.refine import icp
 from jfsf.spectral import functional_map

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.paper.baselines import _bcicp as steps
+from experiments.paper.baselines import bcicp
 from jfsf import testing
-from jfsf.baselines import _bcicp as steps
-from jfsf.baselines import bcicp
 from jfsf.convert import nearest
 from jfsf.evaluate import bijectivity, coverage, geodesic_error
 from jfsf.types import Maps, Mesh

@@ -13,13 +13,12 @@ FOLDER = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture
-def script(monkeypatch):
-    monkeypatch.syspath_prepend(FOLDER)
-    return import_module("calibrate_vertices")
+def script():
+    return import_module("experiments.fit.calibrate_vertices")
 
 
 def test_the_shipped_constants_are_the_scripts(script):
-    results = sorted(FOLDER.glob(script.RESULTS))
+    results = sorted((FOLDER / "results").glob(script.RESULTS))
     assert script.text_of(results) == script.CONSTANTS.read_text()
 
 
@@ -50,7 +49,7 @@ def test_a_fit_recovers_factors_and_ignores_what_speaks_against_sense(script):
 
 
 def test_vertices_are_written_as_text_and_read(script, monkeypatch):
-    rows = import_module("vertex_rows")
+    rows = import_module("experiments.accuracy.vertex_rows")
     rng = np.random.default_rng(0)
     evidence = rng.normal(size=(50, len(VERTEX_EVIDENCE)))
     at = rows.chosen(50)

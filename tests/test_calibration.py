@@ -12,9 +12,8 @@ FOLDER = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture
-def script(monkeypatch):
-    monkeypatch.syspath_prepend(FOLDER)
-    return import_module("calibration")
+def script():
+    return import_module("experiments.fit.calibration")
 
 
 @pytest.mark.slow

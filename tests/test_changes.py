@@ -1,11 +1,9 @@
 """Changes of X in the experiments: what they keep, and where its vertices go."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from experiments.accuracy import changes
 from jfsf import testing
 from jfsf.mesh import surface_area
 from jfsf.mesh._geometry import boundary_edges
@@ -14,24 +12,14 @@ MESH = testing.blob(3, subdivisions=3)
 N = len(MESH.vertices)
 
 
-@pytest.fixture
-def changes(monkeypatch):
-    folder = str(Path(__file__).parents[1] / "experiments")
-    monkeypatch.syspath_prepend(folder)
-    import changes
-
-    yield changes
-    sys.modules.pop("changes", None)
-
-
-def test_no_change_is_none(changes):
+def test_no_change_is_none():
     same = changes.changed(MESH, changes.Changes(), 0)
     np.testing.assert_array_equal(same.mesh.vertices, MESH.vertices)
     np.testing.assert_array_equal(same.near, np.arange(N))
     assert same.scale == 1
 
 
-def test_a_turn_and_a_scale_keep_the_form(changes):
+def test_a_turn_and_a_scale_keep_the_form():
     asked = changes.Changes(turn=True, scale=(0.3, 3.0))
     first, again = (changes.changed(MESH, asked, seed) for seed in (1, 1))
     np.testing.assert_array_equal(first.mesh.vertices, again.mesh.vertices)
@@ -44,7 +32,7 @@ def test_a_turn_and_a_scale_keep_the_form(changes):
     assert np.abs(first.mesh.vertices - MESH.vertices).max() > 0.1
 
 
-def test_vertices_go_to_the_nearest_that_are_left(changes):
+def test_vertices_go_to_the_nearest_that_are_left():
     fewer = changes.changed(MESH, changes.Changes(holes=2, decimate=0.5), 0)
     n = len(fewer.mesh.vertices)
     assert 0.35 * N < n < 0.55 * N and len(boundary_edges(fewer.mesh.faces))

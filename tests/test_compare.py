@@ -1,25 +1,17 @@
 """The tables' runner: a killed run goes on, and nothing is lost or counted twice."""
 
 import json
-from pathlib import Path
 from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.paper import compare
 from jfsf.mesh import validate
 from jfsf.types import Maps
 
 PAIRS = "man_walk man_up\nman_up man_walk\n"
-
-
-@pytest.fixture
-def compare(monkeypatch):
-    monkeypatch.syspath_prepend(Path(__file__).parents[1] / "experiments")
-    import compare
-
-    return compare
 
 
 @pytest.fixture
@@ -39,7 +31,7 @@ def args(tmp_path):
     )
 
 
-def run(compare, args, calls, stop_at=None):
+def run(args, calls, stop_at=None):
     def method(name):
         def maps(pair):
             calls.append(name)
@@ -57,15 +49,15 @@ def run(compare, args, calls, stop_at=None):
 
 
 @pytest.mark.slow
-def test_a_killed_run_goes_on(compare, args):
+def test_a_killed_run_goes_on(args):
     calls = []
     with pytest.raises(KeyboardInterrupt):
-        run(compare, args, calls, stop_at=4)
+        run(args, calls, stop_at=4)
     lines = args.out.with_suffix(".jsonl")
     assert not args.out.exists()
     with lines.open("a") as file:
         file.write('{"x": "man_up", "y": "ma')  # torn by the kill
-    run(compare, args, calls)
+    run(args, calls)
     assert calls == ["first", "second"] * 2 + ["second"]
     record = json.loads(args.out.read_text())
     keys = [(row["x"], row["y"], row["method"]) for row in record["rows"]]
@@ -77,19 +69,19 @@ def test_a_killed_run_goes_on(compare, args):
     table = args.out.with_suffix(".md").read_text().splitlines()
     assert table[0].startswith("| method | error x1000 |") and len(table) == 4
     # Nothing is left to do, and the result does not change.
-    run(compare, args, calls)
+    run(args, calls)
     assert len(calls) == 5 and json.loads(args.out.read_text()) == record
 
 
 @pytest.mark.slow
-def test_other_settings_are_not_mixed(compare, args):
-    run(compare, args, [])
+def test_other_settings_are_not_mixed(args):
+    run(args, [])
     args.every = 400
     with pytest.raises(SystemExit, match="other settings .every."):
-        run(compare, args, [])
+        run(args, [])
 
 
-def test_a_mesh_put_into_the_pose_of_another(compare, args):
+def test_a_mesh_put_into_the_pose_of_another(args):
     x, y = (compare.datasets.load(args, name) for name in ("man_walk", "man_up"))
     args.identity = True
     same, moved = compare.datasets.load_pair(args, "man_walk", "man_up")

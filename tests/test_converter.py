@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.paper.baselines import auction, cpd
 from jfsf import testing
-from jfsf.baselines import auction, cpd
 from jfsf.convert import maps_of, nearest
 from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.neighbours import NeighbourSearch, NeighbourSettings, spectral_tiles

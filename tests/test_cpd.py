@@ -7,9 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.paper.baselines import cpd
+from experiments.paper.baselines._cpd import drift
 from jfsf import testing
-from jfsf.baselines import cpd
-from jfsf.baselines._cpd import drift
 from jfsf.convert import nearest
 from jfsf.refine import icp
 

@@ -1,9 +1,7 @@
 """Damages of experiments: what is left of a shape is where its index says."""
 
-import sys
 from functools import partial
 from importlib import import_module
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,11 +16,7 @@ N = len(MESH.vertices)
 
 @pytest.fixture(scope="module")
 def damages():
-    # The scripts import each other from their folder.
-    folder = str(Path(__file__).parents[1] / "experiments")
-    sys.path.insert(0, folder)
-    yield import_module("damages")
-    sys.path.remove(folder)
+    return import_module("experiments.accuracy.damages")
 
 
 @pytest.mark.parametrize(

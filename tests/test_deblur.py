@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
+from experiments.paper.baselines import deblur
+from experiments.paper.baselines._deblur import deblur_precise
 from jfsf import testing
-from jfsf.baselines import deblur
-from jfsf.baselines._deblur import deblur_precise
 from jfsf.convert import nearest, pull_back_precise
 from jfsf.spectral import embeddings, functional_map, spectrum
 from jfsf.types import Maps, Mesh

@@ -15,6 +15,7 @@ from documents import (
     PAGES,
     README,
     ROOT,
+    SCRIPTS,
     SOURCES,
     anchors,
     blocks,
@@ -93,7 +94,7 @@ def test_a_wrong_command_is_found(line):
 def test_options_that_are_mentioned_exist(page):
     known = {o for c in commands().values() for p in c.params for o in p.opts}
     known.add("--help")
-    scripts = "".join(path.read_text() for path in (ROOT / "experiments").glob("*.py"))
+    scripts = "".join(path.read_text() for path in SCRIPTS)
     for span in spans(page.read_text()):
         if span.startswith("--"):
             option = span.split()[0]
@@ -116,7 +117,8 @@ def test_names_that_are_mentioned_exist(page):
 
 @each_page
 def test_scripts_and_results_that_are_mentioned_exist(page):
-    homes = ROOT, ROOT / "experiments", ROOT / "experiments" / "results"
+    homes = ROOT, ROOT / "experiments", *(path.parent for path in SCRIPTS)
+    homes = *homes, ROOT / "experiments" / "results"
     kinds = r"[\w/]+\.(?:py|png)" if page in GUIDES else r"[\w/]+\.(?:py|json|md|png)"
     for span in spans(page.read_text()):
         if re.fullmatch(kinds, span) and span != "map.png":
@@ -146,14 +148,14 @@ def test_every_guide_is_linked_from_the_readme():
 
 
 def test_every_part_is_in_the_table_of_the_guide():
-    table = (ROOT / "jfsf" / "guide" / "stages.md").read_text()
+    table = (ROOT / "jfsf" / "apps" / "guide" / "stages.md").read_text()
     rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
     assert set(spans("".join(rows))) == set(jfsf._ROOMS)
 
 
 def test_every_script_is_in_the_gallery():
     named = set(spans(GALLERY.read_text()))
-    there = {path.name for path in (ROOT / "experiments").glob("*.py")}
+    there = {path.name for path in SCRIPTS if not path.name.startswith("_")}
     assert not there - {span.split()[0] for span in named}
 
 

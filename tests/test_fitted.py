@@ -15,19 +15,13 @@ from jfsf.matching.parts import PartSettings, RegisterWeights
 FOLDER = Path(__file__).parents[1] / "experiments"
 
 
-@pytest.fixture
-def load(monkeypatch):
+def load(name: str):
     """A script, and what it has written."""
-    monkeypatch.syspath_prepend(FOLDER)
-
-    def both(name: str):
-        result = FOLDER / "results" / f"{name}.json"
-        return import_module(name), json.loads(result.read_text())
-
-    return both
+    result = FOLDER / "results" / f"{name}.json"
+    return import_module(f"experiments.fit.{name}"), json.loads(result.read_text())
 
 
-def test_the_weights_of_parts_are_the_scripts(load):
+def test_the_weights_of_parts_are_the_scripts():
     script, found = load("fit_parts")
     assert found["fitted"] == RegisterWeights()._asdict()
     # An optimiser on another machine may end a little beside.
@@ -40,7 +34,7 @@ def test_the_weights_of_parts_are_the_scripts(load):
     assert right(found["stops"][str(settings.sure)]) == shipped
 
 
-def test_how_likely_a_region_is_right_is_the_scripts(load):
+def test_how_likely_a_region_is_right_is_the_scripts():
     script, found = load("fit_parts")
     factors = found["confidence"]["factors"]
     # Byte for byte what the script writes.
@@ -55,7 +49,7 @@ def test_how_likely_a_region_is_right_is_the_scripts(load):
         assert one["maps"]["auc"] > 0.7 and one["chosen"]["wrong_of_sure"] <= 1
 
 
-def test_how_often_wrong_maps_agree_is_the_scripts(load):
+def test_how_often_wrong_maps_agree_is_the_scripts():
     script, found = load("fit_cycles")
     agree, disagree = (found["triangles"][name] for name in ("agree", "disagree"))
     fitted = script.fitted(np.array([agree, disagree]))
@@ -63,7 +57,7 @@ def test_how_often_wrong_maps_agree_is_the_scripts(load):
     assert np.sum(list(found["by_class"].values()), 0).tolist() == [agree, disagree]
 
 
-def test_when_a_mirror_image_is_right_is_the_scripts(load):
+def test_when_a_mirror_image_is_right_is_the_scripts():
     script, found = load("fit_mirror")
     # Byte for byte what the script writes.
     assert script.SHIPPED.read_text(encoding="utf-8") == script.shipped(
@@ -73,7 +67,7 @@ def test_when_a_mirror_image_is_right_is_the_scripts(load):
     assert script.held_out(found["rows"]).keys() == script.KINDS.keys()
 
 
-def test_how_far_from_the_others_a_way_counts_little_is_nearly_the_best(load):
+def test_how_far_from_the_others_a_way_counts_little_is_nearly_the_best():
     found = load("fit_agree")[1]
     shipped = CollectionSettings().agree_within
     assert WITHIN == shipped == found["settings"]["shipped"]

@@ -17,9 +17,8 @@ FOLDER = Path(__file__).parents[1] / "experiments"
 
 
 @pytest.fixture
-def made_parts(monkeypatch):
-    monkeypatch.syspath_prepend(FOLDER)
-    return import_module("made_parts")
+def made_parts():
+    return import_module("experiments.accuracy.made_parts")
 
 
 @pytest.mark.parametrize("camera", [(0, 0, 1), (1, -2, 0.5)])

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from experiments.paper.baselines import pmf
+from experiments.paper.baselines._pmf import TIMES
 from jfsf import data, testing
-from jfsf.baselines import pmf
-from jfsf.baselines._pmf import TIMES
 from jfsf.spectral import spectrum
 from jfsf.types import Mesh
 

@@ -2,27 +2,20 @@
 
 import json
 import re
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from documents import README, ROOT
 
+from experiments.accuracy import datasets, match_pairs, protocol
+from experiments.figures import figure_reliability
 from jfsf import data, testing
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import Attempt, PairState
 from jfsf.types import SOURCES, Certificate, Match
 
 FOLDER = ROOT / "experiments"
-
-
-@pytest.fixture
-def scripts(monkeypatch):
-    # The scripts import each other from their folder.
-    monkeypatch.syspath_prepend(FOLDER)
-    names = "protocol", "datasets", "match_pairs", "figure_reliability"
-    return SimpleNamespace(**{name: import_module(name) for name in names})
 
 
 def write_off(path, mesh):
@@ -38,8 +31,7 @@ def write(path, values):
     path.write_text("".join(f"{value}\n" for value in values))
 
 
-def test_every_set_says_what_it_is(scripts):
-    protocol = scripts.protocol
+def test_every_set_says_what_it_is():
     for name, own in protocol.SETS.items():
         assert own.name == name and own.roles
         assert set(own.roles) <= set(protocol.ROLES)
@@ -50,8 +42,7 @@ def test_every_set_says_what_it_is(scripts):
     assert used == set(protocol.ROLES)
 
 
-def test_sets_are_named_by_role_too(scripts):
-    protocol = scripts.protocol
+def test_sets_are_named_by_role_too():
     everything = protocol.named(["all"])
     assert everything == list(protocol.SETS.values())
     by_role = [own for role in protocol.ROLES for own in protocol.named([role])]
@@ -61,32 +52,31 @@ def test_sets_are_named_by_role_too(scripts):
         protocol.named(["faust"])
 
 
-def test_roles_take_turns(scripts):
-    own = scripts.protocol.SETS["embedded"]._replace(roles=("fit", "fit", "report"))
+def test_roles_take_turns():
+    own = protocol.SETS["embedded"]._replace(roles=("fit", "fit", "report"))
     assert [own.role(i) for i in range(4)] == ["fit", "fit", "report", "fit"]
 
 
-def test_there_is_one_definition_of_a_right_map(scripts):
-    assert scripts.protocol.is_right(0.0999) and not scripts.protocol.is_right(0.1)
-    assert not scripts.protocol.is_right(np.nan)
-    for path in FOLDER.glob("*.py"):
+def test_there_is_one_definition_of_a_right_map():
+    assert protocol.is_right(0.0999) and not protocol.is_right(0.1)
+    assert not protocol.is_right(np.nan)
+    for path in FOLDER.rglob("*.py"):
         defined = re.findall(r"^(?:RIGHT|LOST|WRONG)\b.* = ", path.read_text(), re.M)
         assert not defined or path.name == "protocol.py", path
 
 
-def test_the_readme_says_what_each_set_is_for(scripts):
+def test_the_readme_says_what_each_set_is_for():
     rows = [r.split("|")[1:-1] for r in README.read_text().splitlines() if "|" in r]
     rows = [row for row in rows if len(row) == 5 and "`" in row[-1]]
     assert len(rows) >= 8
     for _, role, *_, where in rows:
-        assert role.strip() in scripts.protocol.ROLES
+        assert role.strip() in protocol.ROLES
         named = re.search(r"`match_(\w+?)\.json`", where)
         if named:
-            assert (role.strip(),) == scripts.protocol.SETS[named[1]].roles, named[1]
+            assert (role.strip(),) == protocol.SETS[named[1]].roles, named[1]
 
 
-def test_a_folder_with_a_template(scripts, tmp_path):
-    protocol, datasets = scripts.protocol, scripts.datasets
+def test_a_folder_with_a_template(tmp_path):
     one, two = testing.blob(0), testing.blob(1)
     write_off(tmp_path / "some" / "a.off", one)
     write_off(tmp_path / "more" / "off" / "b.off", two)
@@ -106,8 +96,7 @@ def test_a_folder_with_a_template(scripts, tmp_path):
         datasets.load_shape(own, "c")
 
 
-def test_landmarks_begin_at_zero_and_the_shorter_list_counts(scripts, tmp_path):
-    datasets = scripts.datasets
+def test_landmarks_begin_at_zero_and_the_shorter_list_counts(tmp_path):
     for name, at in (("1", [0, 9, 161]), ("2", [3, 4])):
         write_off(tmp_path / "off" / f"{name}.off", testing.blob(0))
         write(tmp_path / "vts" / f"{name}.vts", [f"{v} 0.5 1e-3 2" for v in at])
@@ -122,8 +111,7 @@ def test_landmarks_begin_at_zero_and_the_shorter_list_counts(scripts, tmp_path):
     assert x.truth.tolist() == [0, 9] and y.truth.tolist() == [3, 4]
 
 
-def test_truth_named_in_the_list_and_loose_pieces(scripts, tmp_path):
-    datasets = scripts.datasets
+def test_truth_named_in_the_list_and_loose_pieces(tmp_path):
     blob, n = testing.blob(0), 162
     loose = np.array([[9.0, 9, 9], [9, 9, 8], [9, 8, 9]])
     # The loose piece comes first, so that all vertices are renumbered.
@@ -148,16 +136,14 @@ def test_truth_named_in_the_list_and_loose_pieces(scripts, tmp_path):
     assert x.truth.tolist() == [0, 1] and y.truth.tolist() == [7, 8]
 
 
-def test_truth_of_two_lengths_is_an_error(scripts, tmp_path):
+def test_truth_of_two_lengths_is_an_error(tmp_path):
     for name, at in (("a", [1, 2]), ("b", [1])):
         write_off(tmp_path / f"{name}.off", testing.blob(0))
         write(tmp_path / "corres" / f"{name}.vts", at)
     write(tmp_path / "pairs.txt", ["a b"])
     args = SimpleNamespace(data=[tmp_path], pairs=None, embedded=False, within=None)
     with pytest.raises(SystemExit, match="truth of 2 and 1 points"):
-        scripts.datasets.load_pair(
-            SimpleNamespace(**vars(args), identity=False), "a", "b"
-        )
+        datasets.load_pair(SimpleNamespace(**vars(args), identity=False), "a", "b")
 
 
 def made_up(mesh_x, mesh_y, images, confidence):
@@ -176,7 +162,7 @@ def made_up(mesh_x, mesh_y, images, confidence):
     return state
 
 
-def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypatch):
+def test_a_run_writes_the_evidence_of_every_attempt(tmp_path, monkeypatch):
     asked = []
 
     def attempted_pair(mesh_x, mesh_y, *, settings):
@@ -188,17 +174,17 @@ def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypat
         wrong = np.zeros(len(mesh_x.vertices), int)
         return made_up(mesh_x, mesh_y, [wrong, right], [0.2, 0.95])
 
-    monkeypatch.setattr(scripts.match_pairs, "attempted_pair", attempted_pair)
-    monkeypatch.setattr(scripts.match_pairs, "_vertices", lambda *args: None)
+    monkeypatch.setattr(match_pairs, "attempted_pair", attempted_pair)
+    monkeypatch.setattr(match_pairs, "_vertices", lambda *args: None)
     command = ["match_pairs.py", "embedded", "--spread", "2", "--exhaustive"]
     monkeypatch.setattr("sys.argv", [*command, "--out", str(tmp_path)])
-    scripts.match_pairs.main()
+    match_pairs.main()
     assert asked == [1, 1]
     (path,) = tmp_path.iterdir()
     assert path.name == "match_embedded_exhaustive.json"
     record = json.loads(path.read_text())
     assert record["settings"]["points"] == "250 at most, seed 0"
-    assert record["settings"]["right"] == scripts.protocol.RIGHT
+    assert record["settings"]["right"] == protocol.RIGHT
     for row in record["pairs"]:
         first, second = row["attempts"]
         assert row["won"] == 1 and row["points"] == 250 and row["role"] == "choose"
@@ -220,14 +206,14 @@ def test_a_run_writes_the_evidence_of_every_attempt(scripts, tmp_path, monkeypat
         ["faust_r", "--data", "a", "--data", "b"],
     ],
 )
-def test_wrong_usage_is_said_in_a_line(scripts, monkeypatch, capsys, wrong):
+def test_wrong_usage_is_said_in_a_line(monkeypatch, capsys, wrong):
     monkeypatch.setattr("sys.argv", ["match_pairs.py", *wrong])
     with pytest.raises(SystemExit):
-        scripts.match_pairs.main()
+        match_pairs.main()
     assert "error: " in capsys.readouterr().err.splitlines()[-1]
 
 
-def test_the_summary_counts_what_is_right_and_sure(scripts):
+def test_the_summary_counts_what_is_right_and_sure():
     rows = [
         {"error": error, "confidence": likely, "rival": rival, "role": role}
         for error, likely, rival, role in (
@@ -239,7 +225,7 @@ def test_the_summary_counts_what_is_right_and_sure(scripts):
         )
     ]
     rows = [{**row, "attempts": [1], "seconds": 2.0} for row in rows]
-    found = scripts.match_pairs.summaries(rows)
+    found = match_pairs.summaries(rows)
     assert set(found) == {"all", "fit", "choose"}
     counts = ("wrong", "sure", "wrong_sure", "right_unsure", "below_rival")
     assert [found["all"][name] for name in counts] == [2, 2, 1, 1, 1]
@@ -248,8 +234,8 @@ def test_the_summary_counts_what_is_right_and_sure(scripts):
     assert "rival_mean" not in found["choose"]
 
 
-def test_reliability_is_drawn(scripts, tmp_path):
+def test_reliability_is_drawn(tmp_path):
     maps = np.array([0.95, 1.0, 0.31]), np.array([True, False, False])
     path = tmp_path / "a.png"
-    scripts.figure_reliability.draw({"all": maps, "embedded": maps}, path)
+    figure_reliability.draw({"all": maps, "embedded": maps}, path)
     assert path.stat().st_size > 1000

@@ -5,9 +5,9 @@ import pytest
 import trimesh
 from scipy.spatial.distance import cdist
 
-from jfsf.baselines import _rhm as module
-from jfsf.baselines import rhm
-from jfsf.baselines._rhm import embed, rhm_energy, rhm_precise
+from experiments.paper.baselines import _rhm as module
+from experiments.paper.baselines import rhm
+from experiments.paper.baselines._rhm import embed, rhm_energy, rhm_precise
 from jfsf.convert import to_vertex
 from jfsf.evaluate import bijectivity, smoothness
 from jfsf.geometry import geodesics

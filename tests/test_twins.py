@@ -1,13 +1,12 @@
 """Wrong maps that differ from the right one only in their side are doubted."""
 
-import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import jfsf
+from experiments.accuracy import damage, datasets, twins
 from jfsf import data
 from jfsf.apps.report._words import warnings_of
 from jfsf.evaluate import geodesic_error
@@ -20,11 +19,7 @@ BAD_FACES = ("doubled_face", "fin", "flipped_10", "nonmanifold_30")
 
 @pytest.fixture(scope="module")
 def scripts():
-    # They import each other from their folder.
-    folder = str(Path(__file__).parents[1] / "experiments")
-    sys.path.insert(0, folder)
-    yield import_module("twins"), import_module("damage")
-    sys.path.remove(folder)
+    return twins, damage
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +33,7 @@ def meshes(pair):
 
 
 def shapes(pair):
-    Shape = import_module("datasets").Shape
+    Shape = datasets.Shape
     samples = map(data.load, pair)
     return [Shape(s.mesh, s.template_to_vertex, None) for s in samples]
 

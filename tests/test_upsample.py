@@ -1,34 +1,21 @@
 """Upsampled meshes stay closed, keep their surface, and their old vertices."""
 
-import importlib.util
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from experiments.accuracy import datasets
+from experiments.bench import upsample
 from jfsf import data, testing
 from jfsf.mesh import check, read
 from jfsf.mesh._geometry import face_areas
-
-FOLDER = Path(__file__).parents[1] / "experiments"
-
-
-def load(name):
-    found = importlib.util.spec_from_file_location(name, FOLDER / f"{name}.py")
-    assert found is not None and found.loader is not None
-    script = importlib.util.module_from_spec(found)
-    found.loader.exec_module(script)
-    return script
-
-
-script = load("upsample")
 
 
 @pytest.mark.parametrize("n", [162, 163, 300, 641, 642, 1500])
 def test_it_is_the_same_surface(n):
     mesh = testing.blob(0)
-    finer = script.upsample(mesh, n)
+    finer = upsample.upsample(mesh, n)
     assert len(finer.vertices) == n
     assert np.array_equal(finer.vertices[:162], mesh.vertices)
     report = check(finer)
@@ -42,12 +29,12 @@ def test_it_is_the_same_surface(n):
 
 def test_fewer_vertices_than_there_are_is_an_error():
     with pytest.raises(ValueError, match="n is 100, the mesh has 162"):
-        script.upsample(testing.blob(0), 100)
+        upsample.upsample(testing.blob(0), 100)
 
 
 def test_the_file_reads_as_it_was(tmp_path):
-    mesh = script.upsample(testing.blob(0), 200)
-    script.write_off(tmp_path / "a.off", mesh)
+    mesh = upsample.upsample(testing.blob(0), 200)
+    upsample.write_off(tmp_path / "a.off", mesh)
     back = read(tmp_path / "a.off")
     np.testing.assert_allclose(back.vertices, mesh.vertices, rtol=1e-8)
     assert np.array_equal(back.faces, mesh.faces)
@@ -57,9 +44,8 @@ def test_the_file_reads_as_it_was(tmp_path):
 def test_what_it_writes_is_a_folder_of_shapes_with_their_truth(tmp_path, monkeypatch):
     asked = ["man_up", "--vertices", "6000", "--out", str(tmp_path)]
     monkeypatch.setattr("sys.argv", ["upsample.py", *asked])
-    script.main()
-    monkeypatch.syspath_prepend(FOLDER)  # scripts import each other
+    upsample.main()
     args = SimpleNamespace(embedded=False, data=[tmp_path], pairs=None, within=None)
-    shape = load("datasets").load(args, "man_up")
+    shape = datasets.load(args, "man_up")
     assert len(shape.mesh.vertices) == 6000
     assert np.array_equal(shape.truth, data.load("man_up").template_to_vertex)
