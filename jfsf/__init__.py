@@ -29,6 +29,8 @@ only from rooms above its own, and no other from `apps`:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from jfsf._moved import error_of, install
+
 if TYPE_CHECKING:
     from jfsf import apps as apps
     from jfsf import array as array
@@ -136,6 +138,9 @@ _ROOMS = (
 ).split()
 
 
+install()
+
+
 def __getattr__(name: str) -> Any:
     if name in _ROOMS:
         return import_module(f"jfsf.{name}")
@@ -143,6 +148,8 @@ def __getattr__(name: str) -> Any:
         return import_module("jfsf.apps.model")
     if name in _HOME:
         return globals().setdefault(name, getattr(import_module(_HOME[name]), name))
+    if said := error_of(name):
+        raise ImportError(said)
     raise AttributeError(f"module 'jfsf' has no attribute {name!r}")
 
 

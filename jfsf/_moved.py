@@ -1,0 +1,73 @@
+"""Old names: an import of one raises an error that says what to use since 0.3.0."""
+
+import sys
+from collections.abc import Callable
+from importlib.machinery import ModuleSpec
+from typing import Any, NoReturn
+
+SINCE = "since jfsf 0.3.0, see CHANGELOG.md"
+# Modules: the new module of each old one, both below `jfsf`.
+MODULES = {
+    "arguments": "matching",
+    "attempt": "matching",
+    "coarse": "matching",
+    "evidence": "matching",
+    "policy": "matching",
+    "settings": "matching",
+    "stages": "matching",
+    "parts": "matching.parts",
+    "joint": "apps.collections",
+    **{
+        name: f"apps.{name}"
+        for name in (
+            "cli export guide interop landmarks mapfiles pieces plot registration "
+            "report transfer"
+        ).split()
+    },
+}
+# Modules that left the package.
+GONE = {"baselines": "the paper's baselines are in experiments/paper/baselines"}
+# Names of modules that are still there: what to use instead of each.
+NAMES: dict[str, dict[str, str]] = {}
+
+
+def error_of(name: str) -> str | None:
+    """What is said of an old module `jfsf.name`, or None if it is not one."""
+    first, _, rest = name.partition(".")
+    if first in GONE:
+        return f"jfsf.{name} is gone: {GONE[first]} ({SINCE})"
+    if first in MODULES:
+        return f"jfsf.{name} is now in jfsf.{MODULES[first]} ({SINCE})"
+    return None
+
+
+class MovedModules:
+    """The last of `sys.meta_path`: asked for modules that nothing else finds."""
+
+    @staticmethod
+    def find_spec(name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """None, or a ModuleNotFoundError for a module that has moved."""
+        said = name.startswith("jfsf.") and error_of(name.removeprefix("jfsf."))
+        if said:
+            raise ModuleNotFoundError(said, name=name)
+        return None
+
+
+def names_of(module: str) -> Callable[[str], NoReturn]:
+    """The `__getattr__` of a module with old names. Import errors, so that
+    `from module import name` says the same as `module.name`.
+    """
+    old = NAMES[module.removeprefix("jfsf.")]
+
+    def getattr_(name: str) -> NoReturn:
+        if name in old:
+            raise ImportError(f"{module}.{name} is gone: use {old[name]} ({SINCE})")
+        raise AttributeError(f"module {module!r} has no attribute {name!r}")
+
+    return getattr_
+
+
+def install() -> None:
+    """Called once, when `jfsf` is imported."""
+    if MovedModules not in sys.meta_path:
+        sys.meta_path.append(MovedModules)  # type: ignore[arg-type]
