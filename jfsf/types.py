@@ -139,7 +139,10 @@ class Filtered(NamedTuple):
         a fixed number of updates was asked for.
     num_iters: updates of each side that were made.
     recall: of the search for neighbours (`NeighboursBothWays.recall`); nan where the
-        kernel came from elsewhere (`jfsf.convert.scale_kernel`).
+        kernel came from elsewhere.
+    membership_x, membership_y: the mass that each point keeps, as a share of its
+        marginal, at most 1; 0 on padding, and for a point that no mass can reach. None
+        where all mass must arrive, without `reach`.
     """
 
     T_xy: Int[Array, " n_x"]
@@ -153,6 +156,8 @@ class Filtered(NamedTuple):
     converged: Bool[Array, ""]
     num_iters: Int[Array, ""]
     recall: Float[Array, ""]
+    membership_x: Float[Array, " n_x"] | None = None
+    membership_y: Float[Array, " n_y"] | None = None
 
 
 class Aligned(NamedTuple):

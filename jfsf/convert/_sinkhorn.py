@@ -6,21 +6,24 @@ plan.
 """
 
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
+from jfsf.convert._kernel import Scale
 from jfsf.convert._scaling import scale_kernel
+from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._both_ways import neighbours_both_ways
-from jfsf.types import Filtered, Kernel, Neighbours
+from jfsf.types import Filtered, Kernel
 
-Scale = Literal["nearest", "max"]
+# Beyond it the plan is the kernel times both marginals, to a thousandth of its log.
+MOST_SLACK = 1e3
 
 
 @jit(
@@ -42,6 +45,7 @@ def sinkhorn(
     search: NeighbourSearch | None = None,
     *,
     lam: Float[Array, ""] | float = 120.0,
+    reach: Float[Array, ""] | float | None = None,
     k0: int = 20,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
@@ -59,12 +63,29 @@ def sinkhorn(
     (eq. 10), scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
     T_xy[i] = argmax_j P_ij and T_yx[j] = argmax_i P_ij.
 
+    With `reach`, mass without a partner may go, for shapes that share only a part:
+    unbalanced entropic transport (Chizat et al., Math. Comp. 2018). With a, b the
+    marginals and C_ij = (d_ij / length)^p, the plan P is the minimum of
+
+        <P, C> + eps KL(P | a b^T) + rho KL(P 1 | a) + rho KL(P^T 1 | b)
+
+    on the entries of K, eps = 1 / lam and rho = reach^p. It is diag(u) K diag(v) with
+    u = a (K v)^-t and v = b (K^T u)^-t, t = rho / (rho + eps).
+
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
-            of Y; each sums to 1, 0 marks padding. Uniform when absent.
+            of Y; each sums to 1, 0 marks padding. Uniform when absent. With `reach`
+            their sums may differ, and a point keeps all of its mass only if its
+            partners have as much: where Y is half of X, give both the same mass a unit
+            of area, not 1 in all.
         search: how neighbours are searched; when absent, all points are compared.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
+        reach: a distance, in units of the length, above 0; None where all mass must
+            arrive, and the limit of large values is that filter. Of two points of mass
+            m at distance d that have only each other, each keeps the share
+            exp(-(d^power + log(1 / m) / lam) / (2 reach^power + 1 / lam)), which is
+            61 % at the distance `reach` if lam is large.
         k0: neighbours a vertex, both ways. With 10 accuracy is some percent lower. More
             than 20 change little, and above 32 the search takes twice as long.
         num_iters: updates of each side. More updates lower the marginal error. On
@@ -74,8 +95,8 @@ def sinkhorn(
             algorithm. The last update is plain.
         tol: marginal error to reach, in place of a fixed number of updates, by at most
             `max_iters` of them; see `Filtered.converged`. Derivatives are then those of
-            the plan that meets the marginals exactly (the implicit function theorem),
-            and take memory that does not depend on the number of updates.
+            the optimal plan (the implicit function theorem), and take memory that does
+            not depend on the number of updates.
         max_iters: updates of each side with `tol`, at most, but for two and what fills
             the last round of four. They end before where the error no longer falls: k0
             neighbours may be too few to hold the mass, above all with marginals other
@@ -93,13 +114,16 @@ def sinkhorn(
     `authors_sinkhorn` has the settings of the authors' code.
 
     Returns:
-        The maps with the plan that they are the argmax of, and its marginal error.
+        The maps with the plan that they are the argmax of, and its marginal error. With
+        `reach` this is the gap of the plan's sums from those of the best plan for the
+        same scalings, marginal_x exp(-(f - log marginal_x) / (lam reach^power)), and
+        `membership_x` and `membership_y` say how much of its mass each point keeps.
 
     Raises:
         ValueError: shapes do not fit, or an option is out of range.
     """
     num = min(num_iters, max_iters)
-    check("sinkhorn", emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
+    _check(emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
     kernel, marginal_x, marginal_y, recall = kernel_between(
         emb_x,
         emb_y,
@@ -113,16 +137,25 @@ def sinkhorn(
         power=power,
         unilateral_weight=unilateral_weight,
     )
+    slack = None if reach is None else _slack(reach, lam, power, emb_x.dtype)
     filtered = scale_kernel(
         kernel,
         marginal_x,
         marginal_y,
+        slack,
         num_iters=num_iters,
         relax=relax,
         tol=tol,
         max_iters=max_iters,
     )
-    return filtered._replace(recall=recall)
+    filtered = filtered._replace(recall=recall)
+    if reach is None:
+        return filtered
+    kept_x, kept_y = sums(kernel, filtered.f, filtered.g)
+    return filtered._replace(
+        membership_x=jnp.minimum(safe_divide(kept_x, marginal_x), 1),
+        membership_y=jnp.minimum(safe_divide(kept_y, marginal_y), 1),
+    )
 
 
 # For rounds of a refinement. These few updates are plain, as over-relaxed ones would
@@ -143,7 +176,7 @@ authors_sinkhorn: partial[Filtered] = partial(
 )
 
 
-class Between(NamedTuple):
+class KernelAndMarginals(NamedTuple):
     """The kernel of two embeddings, the marginals, and the recall of the search."""
 
     kernel: Kernel
@@ -165,7 +198,7 @@ def kernel_between(
     length_gradient: bool,
     power: float,
     unilateral_weight: float,
-) -> Between:
+) -> KernelAndMarginals:
     """The kernel of eq. 12, and uniform marginals where there are none."""
     if marginal_x is None:
         marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
@@ -176,7 +209,9 @@ def kernel_between(
     near_both = neighbours_both_ways(emb_x, emb_y, valid_x, valid_y, search, k0=k0)
     near_xy, near_yx = near_both.near_xy, near_both.near_yx
     length_xy, length_yx = map_sides(
-        lambda near: length(near, scale, length_gradient), (near_xy,), (near_yx,)
+        lambda near: kernels.length(near, scale, length_gradient),
+        (near_xy,),
+        (near_yx,),
     )
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
@@ -189,71 +224,33 @@ def kernel_between(
         power=power,
         unilateral_weight=unilateral_weight,
     )
-    return Between(kernel, marginal_x, marginal_y, near_both.recall)
+    return KernelAndMarginals(kernel, marginal_x, marginal_y, near_both.recall)
 
 
-def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
-    """The length that lam is relative to, for one direction; see `sinkhorn`."""
-    dist, known = near.dist, jnp.isfinite(near.dist)
-    if not gradient:
-        dist = jax.lax.stop_gradient(dist)
-    if scale == "max":
-        length = jnp.max(jnp.where(known, dist, 0))
-    else:
-        ends = dist[:, (0, -1)], known[:, (0, -1)]
-        # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
-        nearest, farthest = _medians(*ends)
-        if gradient:
-            nearest, farthest = _mean_of_equal(*ends, jnp.stack([nearest, farthest]))
-        length = jnp.maximum(nearest, farthest / 100)
-    return jnp.where(length > 0, length, 1)
+def _slack(
+    reach: Array | float, lam: Array | float, power: float, dtype: jnp.dtype
+) -> Array:
+    """eps / rho; nan for a reach that is not above 0, which would mean nothing."""
+    reach, lam = jnp.asarray(reach, dtype), jnp.asarray(lam, dtype)
+    slack = (1 / reach) ** power / lam  # finite derivatives where reach is inf
+    return jnp.where(reach > 0, jnp.minimum(slack, MOST_SLACK), jnp.nan)
 
 
-def _mean_of_equal(
-    dist: Float[Array, "n c"], known: Array, value: Float[Array, " c"]
-) -> Float[Array, " c"]:
-    """`value` again, as the mean of the entries equal to it, which has a slope."""
-    equal = known & (dist == value[None])
-    total = jnp.sum(jnp.where(equal, dist, 0), 0)
-    return total / jnp.maximum(jnp.sum(equal, 0), 1).astype(dist.dtype)
-
-
-def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
-    """The lower median of the known entries of each column, found bit by bit.
-
-    Counting replaces a sort, which is slow in XLA on a CPU. Numbers that are not
-    negative have the order of their bits.
-    """
-    integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
-    bits = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(dist), integer)
-    before = (known.sum(0) - 1) // 2
-
-    def settle(i, low):
-        larger = low | (jnp.ones((), integer) << (top - i))
-        smaller = jnp.sum(known & (bits < larger[None]), 0)
-        return jnp.where(smaller <= before, larger, low)
-
-    top = 8 * dist.dtype.itemsize - 2  # below the sign
-    low = jnp.zeros(dist.shape[1], integer)
-    median = jax.lax.fori_loop(0, top + 1, settle, low)
-    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
-
-
-def check(caller, emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
-    """Refuse shapes that do not fit and options out of range, in the caller's name."""
+def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
+    """Refuse shapes that do not fit and options out of range, by name."""
     if emb_x.shape[1] != emb_y.shape[1]:
         raise ValueError(
-            f"{caller}: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
+            f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
         )
     for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
         if marginal is not None and marginal.shape != (len(emb),):
             raise ValueError(
-                f"{caller}: marginal_{name} has shape {marginal.shape}, emb_{name} has "
+                f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
                 f"{len(emb)} rows"
             )
     if k0 < 1 or num_iters < 1:
         raise ValueError(
-            f"{caller}: k0 and num_iters must be positive, got {k0} and {num_iters}"
+            f"sinkhorn: k0 and num_iters must be positive, got {k0} and {num_iters}"
         )
     if scale not in ("nearest", "max"):
-        raise ValueError(f"{caller}: scale is 'nearest' or 'max', not {scale!r}")
+        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")

@@ -33,10 +33,21 @@ from jfsf.neighbours._exhaustive import (
     square_norms,
     valid_rows,
 )
-from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.neighbours._settings import BEAM, FAN_OUT, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
 BLOCKS = 32  # blocks of queries at a time; this does not change results
+# Tuned together on aligned shapes of 1000 to 100 000 vertices, see bench_large.py in
+# experiments/bench/
+CANDIDATES_PER_NEIGHBOUR = 6  # candidates for each of the k0 neighbours, at least
+BLOCK_QUERIES = 64  # queries that share their candidates, at most, in whole tiles
+RANKING_STRIDE = 2  # one in so many queries of a block ranks the tiles
+# Share of a tile's mean square radius that is subtracted from its squared distance,
+# because points of a wide tile may be nearer than its centre.
+SPREAD = 0.5
+# The largest number of tiles, or groups of tiles, that are all ranked. Larger ones are
+# grouped into a tree.
+ROOT_TILES = 64
 UNREACHABLE = 1e30  # a squared distance above all others, and finite
 
 
@@ -129,23 +140,21 @@ def tiled_one_way(
     if min_recall > 0:
         # The choice of indices alone, because jax cannot differentiate through the loop
         # that vmap makes of it. Distances are measured below.
-        choose = partial(_all_compared_if, k0=k0, settings=settings)
+        choose = partial(_all_compared_if, k0=k0)
         args = searched_all, idx, queries, points, tiled_q, tiled_p
         idx = sequential_vmap(choose, everywhere=True)(*jax.lax.stop_gradient(args))
     near = measure_distances(queries, idx, points, valid_q, valid_p)
     return near, jnp.where(searched_all, 1, recall), searched_all
 
 
-def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0, settings):
+def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0):
     """Indices of an exhaustive search if it is needed, else `idx`.
 
     Where there is no neighbour the index is the number of points.
     """
 
     def exhaustive():
-        near = neighbours_of_valid(
-            queries, points, valid_q, valid_p, k0=k0, settings=settings
-        )
+        near = neighbours_of_valid(queries, points, valid_q, valid_p, k0=k0)
         return jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
 
     return jax.lax.cond(needed, exhaustive, lambda: idx)
@@ -178,14 +187,14 @@ def _search(
     points = jnp.where(slot_valid.reshape(-1, 1), points[tiles_p.member.ravel()], 0)
     scaled = float32_frame(points, slot_valid.ravel(), queries)
     queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
-    levels = _tree(points, slot_valid, settings)
-    candidates = settings.candidates_per_neighbour * k0
+    levels = _tree(points, slot_valid)
+    candidates = CANDIDATES_PER_NEIGHBOUR * k0
     kept = min(max(settings.tiles, -(-candidates // size)), total)
     # Tiles are ordered by rank, so tiles i and i + kept / 2 rarely both hold neighbours
     # of a query. That allows bins of two in `top_k`.
     folds = 2 if kept < total and kept * size >= 2 * candidates else 1
     # A block is a run of tiles of the queries. Runs of a power of two are compact.
-    group = max(settings.block_queries // tiles_q.member.shape[1], 1)
+    group = max(BLOCK_QUERIES // tiles_q.member.shape[1], 1)
     group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
     rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])
 
@@ -194,8 +203,8 @@ def _search(
         block_queries = queries[rows]
         mean = block_queries.mean(0, keepdims=True)
         block_queries = block_queries - mean
-        ranking = queries[rows[:: settings.ranking_stride]]
-        best = _best_tiles(ranking, levels, kept, settings)
+        ranking = queries[rows[::RANKING_STRIDE]]
+        best = _best_tiles(ranking, levels, kept)
         block_points = points[best].reshape(-1, points.shape[2]) - mean
         offset = square_norms(block_points) / 2
         offset = jnp.where(slot_valid[best].ravel(), offset, UNREACHABLE)
@@ -211,10 +220,10 @@ def _search(
     return scaled, idx.at[at].set(near.reshape(-1, k0), mode="drop")
 
 
-def _tree(points, valid, settings: NeighbourSettings):
+def _tree(points, valid):
     """(centres, offsets) of tiles, of groups of tiles, and so on up to the root.
 
-    The squared distance of a query q from a centre c is offset - 2 c . q, less `spread`
+    The squared distance of a query q from a centre c is offset - 2 c . q, less SPREAD
     and up to |q|^2, which is the same for all centres.
     """
     weight = valid.astype(points.dtype)
@@ -223,10 +232,9 @@ def _tree(points, valid, settings: NeighbourSettings):
     centre = jnp.sum(points * share[:, :, None], 1)
     square = jnp.sum(square_norms(points - centre[:, None]) * share, 1)
     levels = [(centre, square, count)]
-    while len(centre) > settings.root_tiles:
+    while len(centre) > ROOT_TILES:
         children, square, count = (
-            a.reshape(-1, settings.fan_out, *a.shape[1:])
-            for a in (centre, square, count)
+            a.reshape(-1, FAN_OUT, *a.shape[1:]) for a in (centre, square, count)
         )
         total = count.sum(1)
         share = count / jnp.maximum(total, 1)[:, None]
@@ -237,15 +245,14 @@ def _tree(points, valid, settings: NeighbourSettings):
 
     def offset(centre, square, count):
         # An empty tile is never near.
-        nearer = settings.spread * square
+        nearer = SPREAD * square
         return jnp.where(count > 0, square_norms(centre) - nearer, UNREACHABLE)
 
     return [(level[0], offset(*level)) for level in levels]
 
 
-def _best_tiles(rows, levels, kept: int, settings: NeighbourSettings):
+def _best_tiles(rows, levels, kept: int):
     """The `kept` tiles nearest to any of the rows by their centres, coarse to fine."""
-    fan_out, beam = settings.fan_out, settings.beam
 
     def nearest(centres, offsets, num):
         dist = offsets[:, None] - 2 * inner_products(centres, rows)
@@ -255,12 +262,12 @@ def _best_tiles(rows, levels, kept: int, settings: NeighbourSettings):
         return jax.lax.top_k(-excess, min(num, len(excess)))[1]
 
     *lower, (centres, offsets) = levels
-    at = nearest(centres, offsets, beam if lower else kept)
+    at = nearest(centres, offsets, BEAM if lower else kept)
     for depth in reversed(range(len(lower))):
-        children = (a.reshape(-1, fan_out, *a.shape[1:])[at] for a in lower[depth])
+        children = (a.reshape(-1, FAN_OUT, *a.shape[1:])[at] for a in lower[depth])
         centres, offsets = (a.reshape(-1, *a.shape[2:]) for a in children)
-        best = nearest(centres, offsets, beam if depth else kept)
-        at = at[best // fan_out] * fan_out + best % fan_out
+        best = nearest(centres, offsets, BEAM if depth else kept)
+        at = at[best // FAN_OUT] * FAN_OUT + best % FAN_OUT
     return at
 
 

@@ -27,6 +27,8 @@ from jfsf.neighbours._exhaustive import (
 from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Neighbours
 
+# Points of X in one product, a power of two. A bin has at most so many points.
+PRODUCT_ROWS = 128
 UNREACHABLE = (
     1e30  # a squared distance above all others; `max_with_index` needs it finite
 )
@@ -54,7 +56,7 @@ def mutual_neighbours(
         x, y: rows of one Euclidean space.
         valid_x, valid_y: points that take part; all when absent.
         k0: neighbours of a point, at most the number of points in the smaller set.
-        settings: `bins` and `product_rows` are read, or `margin` for k0 above 32.
+        settings: `bins` is read.
 
     Returns:
         As `neighbours`, except that the order is that of float32 distances, which
@@ -69,7 +71,7 @@ def mutual_neighbours(
     y, valid_y = valid_rows(y, valid_y)
     if k0 > TOP_K_LIMIT:
         sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
-        return map_sides(partial(neighbours_of_valid, k0=k0, settings=settings), *sides)
+        return map_sides(partial(neighbours_of_valid, k0=k0), *sides)
     find = sequential_vmap(partial(_indices, k0=k0, settings=settings))
     idx_xy, idx_yx = find(*jax.lax.stop_gradient((x, y)), valid_x, valid_y)
     return (
@@ -88,7 +90,6 @@ def _indices(
     settings: NeighbourSettings,
 ):
     """Indices of `mutual_neighbours`; those of rows that fill a block are n or more."""
-    num_rows = settings.product_rows
     scaled = float32_frame(y, valid_y, x)
     # Points of a bin, for x and for y.
     bin_x, bin_y = (_bin_size(len(points), k0, settings) for points in (x, y))
@@ -96,15 +97,15 @@ def _indices(
     def prepared(points, valid):
         fast = scaled(points)
         offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), UNREACHABLE)
-        return pad_rows(fast, num_rows), pad_rows(offset, num_rows, UNREACHABLE)
+        return pad_rows(fast, PRODUCT_ROWS), pad_rows(offset, PRODUCT_ROWS, UNREACHABLE)
 
     fast_x, offset_x = prepared(x, valid_x)
     fast_y, offset_y = prepared(y, valid_y)
     # Points close on a mesh are often close in its file, and must not share a bin. So
     # row r of block b is point r * blocks + b, and the points of a bin of y are equally
     # spaced, too.
-    blocks, width = len(fast_x) // num_rows, fast_x.shape[1]
-    strided = fast_x.reshape(num_rows, blocks, width).swapaxes(0, 1)
+    blocks, width = len(fast_x) // PRODUCT_ROWS, fast_x.shape[1]
+    strided = fast_x.reshape(PRODUCT_ROWS, blocks, width).swapaxes(0, 1)
 
     def block(args):
         rows, offset = args
@@ -112,30 +113,30 @@ def _indices(
         # Squared distances times -1/2: an index in the last bits then costs those of
         # near points least.
         score = product - offset_y[None] - offset[:, None]
-        best_y = max_with_index(score.reshape(num_rows, bin_y, -1), 1)
+        best_y = max_with_index(score.reshape(PRODUCT_ROWS, bin_y, -1), 1)
         best_x = max_with_index(score.reshape(bin_x, -1, len(fast_y)), 0)
         bin_idx, member = _top_bins(best_y.T, k0, bin_y)
         return (member * best_y.shape[1] + bin_idx).T, best_x
 
-    offset_x = offset_x.reshape(num_rows, blocks).T
+    offset_x = offset_x.reshape(PRODUCT_ROWS, blocks).T
     idx_xy, best_x = jax.lax.map(block, (strided, offset_x))
     idx_xy = idx_xy.swapaxes(0, 1).reshape(-1, k0)[: len(x)]
-    bins = num_rows // bin_x  # of a block
+    bins = PRODUCT_ROWS // bin_x  # of a block
     columns = best_x.reshape(blocks * bins, -1)
 
     def best_of_columns(at):
-        some = jax.lax.dynamic_slice_in_dim(columns, at, num_rows, 1)
+        some = jax.lax.dynamic_slice_in_dim(columns, at, PRODUCT_ROWS, 1)
         bin_idx, member = _top_bins(some, k0, bin_x)
         return ((member * bins + bin_idx % bins) * blocks + bin_idx // bins).T
 
-    idx_yx = jax.lax.map(best_of_columns, jnp.arange(0, columns.shape[1], num_rows))
+    idx_yx = jax.lax.map(best_of_columns, jnp.arange(0, columns.shape[1], PRODUCT_ROWS))
     return idx_xy, idx_yx.reshape(-1, k0)[: len(y)]
 
 
 def _bin_size(n: int, k0: int, settings: NeighbourSettings) -> int:
     """Points of a bin: a power of two that leaves `bins` bins for each neighbour."""
     largest = max(n // (settings.bins * k0), 1)
-    return min(1 << largest.bit_length() - 1, settings.product_rows)
+    return min(1 << largest.bit_length() - 1, PRODUCT_ROWS)
 
 
 def _top_bins(best: Float[Array, "bins n"], k0: int, size: int):
