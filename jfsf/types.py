@@ -211,7 +211,7 @@ class Certificate(NamedTuple):
         orientation, -0.9 for a mirrored one; nan for point clouds without a surface
         (`jfsf.mesh.reconstruct`).
     gap: the energy of the search's second candidate over that of its first, minus 1
-        (`Candidates.energy`, by `jfsf.initial.best_start`). Where an orientation is
+        (`jfsf.initial.Candidates.energy`). Where an orientation is
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
         shapes equally well. inf if no second one differs, nan without a search. Of
         parts, the log odds beside those of the next map that was refined.

@@ -112,9 +112,7 @@ class Counted:
 # As few and small programs as can be: only the work is counted. Without bending no pair
 # is in doubt.
 QUICK = Settings(
-    search=SearchSettings(
-        hypotheses=61, assignments=16, samples=60, final_samples=80, final_ks=(30, 40)
-    ),
+    search=SearchSettings(hypotheses=61, assignments=16, samples=60, final_samples=80),
     bend_rounds=1,
     converter=quick_sinkhorn,
 )

@@ -17,14 +17,14 @@ from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._hypotheses import SamplePair
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import search_samples
+from jfsf.initial._settings import EIGENPAIRS, FINAL_KS
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import farthest_points, features, wks
 from jfsf.spectral._sampling import biharmonic
 
-DEFAULT = SearchSettings()
 FEW = SearchSettings(assignments=20, nonisometric_candidates=3)
-SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
-OTHER = testing.blob_spectrum(1, DEFAULT.eigenpairs)
+SPEC = testing.blob_spectrum(0, EIGENPAIRS)
+OTHER = testing.blob_spectrum(1, EIGENPAIRS)
 DESC, OTHER_DESC = (wks(spec, num=5) for spec in (SPEC, OTHER))
 SAMPLES = farthest_points(SPEC, num=40)
 
@@ -120,10 +120,10 @@ def far(spec_x, spec_y, **options):
 @pytest.mark.slow
 def test_starts_from_extremities_find_the_identity():
     found = far((SPEC, DESC), (SPEC, DESC))
-    size = FEW.final_ks[0]
+    size = FINAL_KS[0]
     lead = np.asarray(found.C_yx[:, :size, :size])
     assert np.abs(lead - np.eye(size)).max((1, 2)).min() < 0.1
-    assert found.C_yx.shape == (3, FEW.final_ks[-1], FEW.final_ks[-1])
+    assert found.C_yx.shape == (3, FINAL_KS[-1], FINAL_KS[-1])
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_candidates_ignore_the_order_of_vertices(by_x, by_y):
 
 
 @pytest.mark.slow
-@given(testing.signs(DEFAULT.eigenpairs), testing.signs(DEFAULT.eigenpairs))
+@given(testing.signs(EIGENPAIRS), testing.signs(EIGENPAIRS))
 @settings(max_examples=3)
 def test_candidates_follow_the_signs_of_eigenvectors(by_x, by_y):
     flipped = testing.flip_signs(SPEC, by_x), testing.flip_signs(OTHER, by_y)
@@ -198,7 +198,7 @@ def test_candidates_under_vmap():
 
 def test_exchanged_shapes_have_transposed_candidates():
     """Each way finds the other's best map, if shapes are alike."""
-    near = testing.blob_spectrum(0, DEFAULT.eigenpairs)
+    near = testing.blob_spectrum(0, EIGENPAIRS)
     near = near._replace(vertices=near.vertices * jnp.array([1.0, 1.0, 1.02])[None])
     there, back = far((SPEC, DESC), (near, DESC)), far((near, DESC), (SPEC, DESC))
     best_there, best_back = (
@@ -208,9 +208,7 @@ def test_exchanged_shapes_have_transposed_candidates():
 
 
 def test_numbers_that_do_not_fit_are_an_error():
-    with pytest.raises(ValueError, match="assigned is 8, extremities 7"):
-        SearchSettings(assigned=8)
-    with pytest.raises(ValueError, match="assignment_ks end at 20"):
-        SearchSettings(assignment_ks=(8, 20))
+    with pytest.raises(ValueError, match="samples is 6; there are 7 extremities"):
+        SearchSettings(samples=6)
     with pytest.raises(ValueError, match="nonisometric_candidates is 0"):
         SearchSettings(nonisometric_candidates=0)

@@ -22,6 +22,7 @@ from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
 from jfsf.initial._linear import solve
 from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._samples import search_samples
+from jfsf.initial._settings import FIT_KS, FIT_WEIGHTS
 from jfsf.initial._terms import combine
 from jfsf.spectral import embeddings, features, spectrum
 
@@ -71,20 +72,20 @@ def _fitted(x, y, *, fit):
     """The map of each of the search's weights by one kind of fit."""
     _, loss, scale, orthogonality, steps = fit
     found = []
-    for weights in SETTINGS.fits:
+    for weights in FIT_WEIGHTS:
         problem = combine(x.fit, y.fit, weights)
         if loss is None:
             found.append(solve(problem).C_yx)
         else:
             options = {"loss": loss, "max_steps": steps}
             found.append(solve_nonlinear(problem, orthogonality, scale, **options).C_yx)
-    size = SETTINGS.fit_ks[0]
+    size = FIT_KS[0]
     return jnp.stack(found)[:, :size, :size]
 
 
 @jax.jit
 def _refined(x, y, C_yx):
-    pair, ks = SamplePair(x.search_points, y.search_points, False), SETTINGS.fit_ks
+    pair, ks = SamplePair(x.search_points, y.search_points, False), FIT_KS
     return refine_hypotheses(pair, C_yx, 1.0, ks=ks, settings=SETTINGS)
 
 

@@ -30,7 +30,7 @@ from jfsf.initial._search import (
     search,
 )
 from jfsf.initial._settings import SearchSettings
-from jfsf.initial._start import Start, best_start
+from jfsf.initial._start import Start, search_starts
 from jfsf.initial._terms import Terms, Weights
 
 __all__ = [
@@ -41,10 +41,10 @@ __all__ = [
     "Start",
     "Terms",
     "Weights",
-    "best_start",
     "candidates",
     "fit",
     "nonisometric_candidates",
     "orientation_sign",
     "search",
+    "search_starts",
 ]

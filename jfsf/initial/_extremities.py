@@ -22,7 +22,7 @@ from jfsf.array import matmul
 from jfsf.array._sides import map_sides
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
-from jfsf.initial._settings import SearchSettings
+from jfsf.initial._settings import ASSIGNED, EXTREMITIES, SearchSettings
 
 
 def extremities(
@@ -63,14 +63,14 @@ def best_assignments(
 
     Args:
         x, y: both shapes at samples.
-        settings: `extremities`, `assigned` and `assignments`.
+        settings: `assignments` says how many.
     """
 
     def side(samples: SearchSamples):
         geodesics, mass = samples.geodesics, samples.search_points.spec.mass
         share = mass / mass.sum()
         mean = matmul(geodesics, share)
-        at = extremities(geodesics, share, num=settings.extremities)
+        at = extremities(geodesics, share, num=EXTREMITIES)
         middle = jnp.argmin(jnp.where(mass > 0, mean, jnp.inf))
         far = geodesics[at]
         tips = tip_descriptors(far, far[:, middle], share, samples.total_curvatures)
@@ -78,11 +78,8 @@ def best_assignments(
 
     sides = map_sides(side, (x,), (y,))
     (between_x, mean_x, from_x, tips_x), (between_y, mean_y, from_y, tips_y) = sides
-    of_x, of_y = (
-        jnp.asarray(ends)
-        for ends in assignments(settings.extremities, settings.assigned)
-    )
-    i, j = np.triu_indices(settings.assigned, 1)
+    of_x, of_y = (jnp.asarray(ends) for ends in assignments(EXTREMITIES, ASSIGNED))
+    i, j = np.triu_indices(ASSIGNED, 1)
     tiny = jnp.finfo(between_x.dtype).tiny
     change = jnp.log(
         jnp.maximum(between_x[of_x[:, i], of_x[:, j]], tiny)

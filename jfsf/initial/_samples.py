@@ -7,9 +7,10 @@ from jaxtyping import Array, Float, Int
 from jfsf.array._jit import jit
 from jfsf.initial._ends import total_curvatures
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
-from jfsf.initial._settings import SearchSettings
+from jfsf.initial._settings import EIGENPAIRS, FIT_SIZE, SearchSettings
 from jfsf.initial._terms import ShapeTerms, shape_terms
 from jfsf.spectral import Features, farthest_points
+from jfsf.spectral._sampling import DISTANCE_PAIRS
 
 
 class SearchSamples(NamedTuple):
@@ -49,12 +50,12 @@ def search_samples(
         ValueError: fewer eigenpairs than the settings need.
     """
     spec = features.spec
-    if len(spec.evals) < settings.eigenpairs:
+    if len(spec.evals) < EIGENPAIRS:
         raise ValueError(
             f"search_samples: the spectrum has {len(spec.evals)} eigenpairs, the "
-            f"search needs {settings.eigenpairs}"
+            f"search needs {EIGENPAIRS}"
         )
-    pairs = settings.distance_pairs
+    pairs = DISTANCE_PAIRS
     num = min(settings.final_samples, len(spec.mass if among is None else among))
     chosen = farthest_points(spec, among, num=num, distance_pairs=pairs)
     # Each point is the farthest from those before it, so the first are samples too.
@@ -62,7 +63,7 @@ def search_samples(
         features.at(chosen[:count], distance_pairs=pairs)
         for count in (settings.samples, settings.final_samples)
     )
-    fit = shape_terms(spec, features.descriptors, k=settings.fit_size)
+    fit = shape_terms(spec, features.descriptors, k=FIT_SIZE)
     at = chosen[: settings.samples]
     cells = sample_cells(spec, at, distance_pairs=pairs)
     geodesics = sample_geodesics(spec, at, cells)

@@ -1,6 +1,5 @@
 """Where the search starts: sign patterns, fits to descriptors, and flips."""
 
-from functools import partial
 from itertools import product
 
 import jax
@@ -9,34 +8,21 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jfsf.initial._linear import solve
-from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._samples import SearchSamples
-from jfsf.initial._settings import SearchSettings
+from jfsf.initial._settings import FIT_KS, FIT_WEIGHTS
 from jfsf.initial._terms import combine
 
 
 def fits(
-    x: SearchSamples, y: SearchSamples, sign, settings: SearchSettings
+    x: SearchSamples, y: SearchSamples, sign: Array | int
 ) -> Float[Array, "f k k"]:
     """Functional maps by fits to descriptors, cut to the size that refinement needs."""
-    dtype, size = x.fit.coef.dtype, settings.fit_ks[0]
+    dtype, size = x.fit.coef.dtype, FIT_KS[0]
     sign = jnp.asarray(jnp.where(jnp.asarray(sign) < 0, -1, 1))
-    nonlinear = partial(
-        solve_nonlinear,
-        orthogonality=settings.orthogonality,
-        max_steps=settings.orthogonal_steps,
-    )
-
-    def fitted(all_weights, solver):
-        weights = [w._replace(orientation=sign * w.orientation) for w in all_weights]
-        stacked = jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights)
-        C_yx = jax.lax.map(lambda w: solver(combine(x.fit, y.fit, w)).C_yx, stacked)
-        return C_yx[:, :size, :size]
-
-    starts = [fitted(settings.fits, solve)]
-    if settings.orthogonal_fits:
-        starts.append(fitted(settings.orthogonal_fits, nonlinear))
-    return jnp.concatenate(starts)
+    weights = [w._replace(orientation=sign * w.orientation) for w in FIT_WEIGHTS]
+    stacked = jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights)
+    C_yx = jax.lax.map(lambda w: solve(combine(x.fit, y.fit, w)).C_yx, stacked)
+    return C_yx[:, :size, :size]
 
 
 def sign_patterns(functions: int) -> np.ndarray:

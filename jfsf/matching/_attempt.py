@@ -24,9 +24,10 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
 from jfsf.convert import HasMaps, maps_of
-from jfsf.initial import Orientation, Start, best_start, orientation_sign
+from jfsf.initial import Orientation, Start, orientation_sign, search_starts
 from jfsf.initial._given import given_arrays
 from jfsf.initial._samples import SearchSamples, search_samples
+from jfsf.initial._settings import FINAL_KS, ZOOMOUT
 from jfsf.matching._certificate import certify
 from jfsf.matching._kept_landmarks import Landmarks, kept_landmarks
 from jfsf.matching._settings import Settings
@@ -106,7 +107,7 @@ def _match_spectra(
     if initial is None:
         settings.check_search()
         search = known[0].search, known[1].search
-        start = best_start(*search, sign, self_map, settings=settings.search)
+        start = search_starts(*search, sign, self_map, settings=settings.search)[0]
     else:
         start = given_start(*pair, initial, settings=settings)
     # The evidence does not know the landmarks.
@@ -196,9 +197,9 @@ def given_start(
     Raises:
         ValueError: an initial map that does not fit the shapes.
     """
-    size = max(settings.ks[0], settings.search.final_ks[-1])
+    size = max(settings.ks[0], FINAL_KS[-1])
     C_yx = _functional_map_of(initial, spec_x, spec_y, size)[:size, :size]
-    pulled_back = settings.search.zoomout.pulled_back
+    pulled_back = ZOOMOUT.pulled_back
     k = min(settings.features.oriented_functions, len(spec_x.evals), len(spec_y.evals))
     on_x, on_y = (brackets(spec, k=k) for spec in (spec_x, spec_y))
     score = orientation_score(C_yx, on_x, on_y, pulled_back=pulled_back)
