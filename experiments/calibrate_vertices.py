@@ -28,7 +28,7 @@ from jfsf.storage._atomic import write_text
 
 FOLDER = Path(__file__).parent
 RESULTS = "results/match_*.json"
-CONSTANTS = FOLDER.parent / "jfsf" / "evidence" / "vertex_constants.json"
+CONSTANTS = FOLDER.parent / "jfsf" / "matching" / "vertex_constants.json"
 # Not those of parts, whose vertices have none, nor of four landmarks a shape.
 WHOLE = [
     name

@@ -39,12 +39,12 @@ from scipy.stats import mannwhitneyu
 
 from jfsf.apps.report._words import LIKELY
 from jfsf.evaluate import reliability
-from jfsf.matching._confidence import column
+from jfsf.matching._confidence import regressor
 from jfsf.storage._atomic import write_text
 
 FOLDER = Path(__file__).parent
 RESULTS = FOLDER / "results"
-CONSTANTS = FOLDER.parent / "jfsf" / "evidence" / "confidence.json"
+CONSTANTS = FOLDER.parent / "jfsf" / "matching" / "confidence.json"
 # What a figure of the certificate says: 1 if more of it speaks for a map, -1 against.
 EVIDENCE = {"orientation": 1, "shear": -1, "normal_gap": -1}
 RANKED_BY = {"residual": -1, "area_std": -1, "nn_agreement": 1}
@@ -63,7 +63,7 @@ TOGETHER = {"shrec07_more": "shrec07"}
 class Attempts(NamedTuple):
     """Attempts of many pairs, (a,) each.
 
-    columns: (a, e) evidence, as `jfsf.matching.column` reads it.
+    columns: (a, e) evidence, as `jfsf.matching._confidence.regressor` reads it.
     right, weight: whether each is, and what it counts.
     """
 
@@ -330,7 +330,7 @@ def _matches(pairs: list[dict[str, Any]]) -> Matches:
 
 
 def _columns(figures: dict[str, Any], names: Iterable[str]) -> list[float]:
-    return [float(column(name, figures[name], np)) for name in names]
+    return [float(regressor(name, figures[name], np)) for name in names]
 
 
 def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:

@@ -33,12 +33,12 @@ from situations import bodies, bones, plain
 
 import jfsf
 from jfsf.matching import Settings, _sources
-from jfsf.matching._mirror import mirror_columns
+from jfsf.matching._confidence import mirror_regressors
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 
 HERE = Path(__file__).parent
-SHIPPED = HERE.parent / "jfsf" / "evidence" / "mirror.json"
+SHIPPED = HERE.parent / "jfsf" / "matching" / "mirror.json"
 OUT = HERE / "results" / "fit_mirror.json"
 NAMES = "constant", "margin", "energy"
 SPREAD = 10.0
@@ -133,7 +133,9 @@ def columns(rows: list[dict]) -> np.ndarray:
     """(n, 3) what the factors weigh, of the pairs that were compared."""
     known = [row for row in rows if row["share"] is not None]
     share, ratio = (np.array([r[k] for r in known]) for k in ("share", "energy_ratio"))
-    return np.concatenate([np.ones((len(known), 1)), mirror_columns(share, ratio)], 1)
+    return np.concatenate(
+        [np.ones((len(known), 1)), mirror_regressors(share, ratio)], 1
+    )
 
 
 def fit(rows: dict[str, list[dict]], without: str = "-") -> dict[str, float]:

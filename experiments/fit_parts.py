@@ -65,7 +65,7 @@ RIDGE = 0.02  # of the squared weights, against few pairs
 POINTS = 250  # of ground truth, at most, in each pair
 FIGURES = "residual", "energy", "share"
 HERE = Path(__file__).parent
-REGIONS = HERE.parent / "jfsf" / "evidence" / "regions.json"
+REGIONS = HERE.parent / "jfsf" / "matching" / "regions.json"
 ANY = np.array([-50, 50])  # where a constant is looked for
 # Of what tells right regions: whether more of it speaks for a map.
 SIGNS = {"log_odds": 1, "region_cost": -1}

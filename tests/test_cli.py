@@ -23,6 +23,7 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from jfsf import __version__
+from jfsf._figures import FIGURES
 from jfsf.apps.cli import app
 from jfsf.apps.cli._report import certificate_table
 from jfsf.apps.cli._stages import stage_bar
@@ -39,7 +40,7 @@ from jfsf.matching import match
 from jfsf.mesh import closest, read
 from jfsf.mesh._closest import surface_tree
 from jfsf.testing import blob
-from jfsf.types import FIGURES, Certificate, Mesh
+from jfsf.types import Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
 PAIR = ("man_walk", "man_up")

@@ -12,6 +12,7 @@ import pytest
 from scipy.spatial import KDTree
 from shapes import small
 
+from jfsf._figures import FIGURES
 from jfsf.apps.plot._colours import body_colours, frame, matched_colours
 from jfsf.apps.report import Side, findings, reasons, write_index, write_report
 from jfsf.apps.report._candidates import Considered, considered, with_maps
@@ -22,7 +23,7 @@ from jfsf.apps.report._scene import scene, shown, shown_maps
 from jfsf.apps.report._words import readings, verdict, warnings_of
 from jfsf.data import Sample, load
 from jfsf.initial import Candidates
-from jfsf.types import FIGURES, STAGES, Certificate, Maps, Match, MatchInfo, Mesh
+from jfsf.types import STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
 PAIR = ("man_walk", "man_up")
 PLAIN = np.eye(3)

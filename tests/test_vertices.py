@@ -11,12 +11,12 @@ from jfsf.matching import vertex_confidence
 from jfsf.matching._vertices import (
     APART,
     EIGENPAIRS,
-    FACTORS,
-    LEAST,
+    OFFSETS,
     TIME,
     VERTEX_EVIDENCE,
+    VERTEX_FACTORS,
+    changed_vertex_confidence,
     vertex_evidence,
-    with_likely,
 )
 from jfsf.runtime._sizes import pad
 from jfsf.types import Aligned, Maps
@@ -75,7 +75,7 @@ def expected(spec, other, moved, T, other_strain):
     strain = (strain_of(points, moved, faces) + other_strain[T]) / 2
     columns = np.stack([strain, misfit], 1)
     heat = evecs @ np.diag(np.exp(-TIME * evals)) @ evecs.T @ np.diag(mass)
-    return np.log(np.maximum(heat @ columns, 0) + [*LEAST.values()])
+    return np.log(np.maximum(heat @ columns, 0) + [*OFFSETS.values()])
 
 
 def test_evidence_against_numpy():
@@ -93,16 +93,18 @@ def test_evidence_against_numpy():
     np.testing.assert_allclose(found[1], y, atol=1e-6)
     # As the factors say, too.
     share = 0.8
-    logit = FACTORS["constant"] + FACTORS["likely"] * np.log(share / (1 - share))
-    logit = logit + x @ [FACTORS[name] for name in VERTEX_EVIDENCE]
+    logit = VERTEX_FACTORS["constant"] + VERTEX_FACTORS["likely"] * np.log(
+        share / (1 - share)
+    )
+    logit = logit + x @ [VERTEX_FACTORS[name] for name in VERTEX_EVIDENCE]
     found = vertex_confidence(MAPS, NOISY, PAIR, share)[0]
     np.testing.assert_allclose(found, 1 / (1 + np.exp(-logit)), atol=1e-6)
 
 
 def test_more_evidence_against_it_never_helps():
-    assert FACTORS.keys() == {"constant", *VERTEX_EVIDENCE, "likely"}
-    assert all(FACTORS[name] < -0.1 for name in VERTEX_EVIDENCE)
-    assert FACTORS["likely"] > 0.1
+    assert VERTEX_FACTORS.keys() == {"constant", *VERTEX_EVIDENCE, "likely"}
+    assert all(VERTEX_FACTORS[name] < -0.1 for name in VERTEX_EVIDENCE)
+    assert VERTEX_FACTORS["likely"] > 0.1
     sure = [
         np.asarray(vertex_confidence(MAPS, NOISY, PAIR, p)[0])
         for p in (0.0, 0.2, 0.5, 0.9, 1.0)
@@ -114,7 +116,9 @@ def test_more_evidence_against_it_never_helps():
 def test_it_follows_the_confidence_of_the_whole_map():
     for before, now in ((0.3, 0.8), (0.999, 0.5), (0.0, 1.0)):
         old, new = (vertex_confidence(MAPS, NOISY, PAIR, p)[0] for p in (before, now))
-        np.testing.assert_allclose(with_likely(old, before, now), new, rtol=1e-9)
+        np.testing.assert_allclose(
+            changed_vertex_confidence(old, before, now), new, rtol=1e-9
+        )
 
 
 def test_a_mirrored_bending_is_no_turn():

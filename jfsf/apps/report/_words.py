@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.matching._confidence import UNLIKE
+from jfsf.matching._confidence import MIRRORED, UNLIKE
 from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching._mirror import MIRRORED
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning. How many maps
