@@ -7,6 +7,8 @@ and the tests read `FIGURES`. A new figure is an entry here and a field there.
 import textwrap
 from typing import NamedTuple
 
+OLDEST = "0.2"  # the first release whose files of matches are read
+
 
 class Figure(NamedTuple):
     """What a single number of a certificate means.
@@ -23,7 +25,7 @@ class Figure(NamedTuple):
     detail: str = ""
     unknown: str = ""
     in_place: str = "not measured"
-    since: str = "0.2"
+    since: str = OLDEST
     formerly: str = ""
 
 
