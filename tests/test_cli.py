@@ -30,9 +30,8 @@ from jfsf.apps.cli._stages import stage_bar
 from jfsf.apps.cli._summary import doubtful_first
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import read_map, read_match, write_map
-from jfsf.apps.plot._colours import body_colours, frame
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.plot._colours import body_colours, texture_coordinates
+from jfsf.apps.plot._frames import frame
 from jfsf.apps.report._words import warnings_of
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
@@ -148,7 +147,7 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
 
 def test_match_exports_x_in_the_colours_of_y(folder, x, y):
     T_xy = read_match(folder / "map.npz").T_xy
-    colours = body_colours(read(y).vertices @ find_frame(read(y)).axes)[T_xy]
+    colours = body_colours(read(y).vertices)[T_xy]
     for name in ("x.ply", "x.glb"):
         np.testing.assert_allclose(read(folder / name).vertices, read(x).vertices)
         np.testing.assert_array_equal(read(folder / name).faces, read(x).faces)

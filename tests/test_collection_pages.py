@@ -16,7 +16,7 @@ from jfsf.apps.cli import app
 from jfsf.apps.collections._cycles import Triangle
 from jfsf.apps.collections._grow import Graph, Matched
 from jfsf.apps.collections._paths import Paths
-from jfsf.apps.plot._colours import frame
+from jfsf.apps.plot._frames import frame
 from jfsf.apps.report import write_collection_page, write_model_page
 from jfsf.apps.report._collection import ShapeRow, shape_picture
 from jfsf.apps.report._graph import places

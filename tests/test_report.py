@@ -13,7 +13,8 @@ from scipy.spatial import KDTree
 from shapes import small
 
 from jfsf._figures import FIGURES
-from jfsf.apps.plot._colours import body_colours, frame, matched_colours
+from jfsf.apps.plot._colours import body_colours, matched_colours
+from jfsf.apps.plot._frames import frames_of_pair
 from jfsf.apps.report import Side, findings, reasons, write_index, write_report
 from jfsf.apps.report._candidates import Considered, considered, with_maps
 from jfsf.apps.report._html import thumbnail
@@ -265,9 +266,10 @@ def test_a_page_of_parts_is_grey_where_nothing_is_matched(tmp_path):
         confidence_y=None,
     )
     sides = Side(x.mesh, "X"), Side(y.mesh, "Y")
-    write_report(tmp_path / "a.html", *sides, part, up="y", cache=False)
+    write_report(tmp_path / "a.html", *sides, part, cache=False)
     record = record_of(tmp_path / "a.html")
-    colours = body_colours(shown(y.mesh, frame("y")).body.vertices)
+    axes_y = frames_of_pair(x.mesh, y.mesh, found.T_xy, matched_x=inside[0])[1]
+    colours = body_colours(shown(y.mesh, axes_y).body.vertices)
     greys = [matched_colours(colours[found.T_xy], inside[0])]
     greys += [matched_colours(colours, inside[1])]
     for side, wanted in zip("xy", greys, strict=True):

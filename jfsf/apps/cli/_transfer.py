@@ -201,7 +201,7 @@ def transfer(
 
 
 def _written(out: Path, textured: bool) -> list[Path]:
-    from jfsf.apps.export._textured import textured_files
+    from jfsf.apps.export._export import textured_files
 
     return textured_files(out) if textured else [out]
 

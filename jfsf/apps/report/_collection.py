@@ -11,8 +11,7 @@ from jfsf.apps.collections import PairSettings
 from jfsf.apps.collections._grow import Graph
 from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import body_colours
-from jfsf.apps.plot._shading import natural_turn
-from jfsf.apps.plot._upright import find_frame, find_frames
+from jfsf.apps.plot._frames import frame, frames_of_pair
 from jfsf.apps.report._graph import places
 from jfsf.apps.report._html import level, page
 from jfsf.apps.report._index import Row, in_order, plain
@@ -109,19 +108,17 @@ def shape_picture(
     """
     colours = None
     if template is None:
-        axes = find_frame(mesh).axes
+        axes = frame("y")
     elif T_xy is None or T_yx is None:
         raise ValueError("shape_picture: has a template without maps; give both")
     else:
-        axes = find_frames(template, mesh, np.asarray(T_xy))[1].axes
-        # By its own frame, so that its colours are the same on all shapes.
-        stood = np.asarray(template.vertices, float) @ find_frame(template).axes
+        frame_x, axes = frames_of_pair(template, mesh, T_xy)
+        stood = np.asarray(template.vertices, float) @ frame_x
         colours = body_colours(stood)[np.asarray(T_yx)]
     few = shown(mesh, axes, _FEW)
     if colours is not None:
         colours = colours[few.index]
-    turn = natural_turn(few.body.vertices)
-    return data_url(draw_shape(few.body, colours, up="y", turn=turn), _SMALL)
+    return data_url(draw_shape(few.body, colours), _SMALL)
 
 
 def _graph(graph: Graph, names, trusted: float) -> dict[str, Any] | None:

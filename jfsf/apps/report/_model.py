@@ -15,9 +15,8 @@ from jaxtyping import Float
 
 from jfsf.apps.model import Model, ShapeModel, shape_at
 from jfsf.apps.plot import draw_shape
-from jfsf.apps.plot._colours import Up, body_colours, frame, ramp
-from jfsf.apps.plot._shading import natural_turn
-from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.plot._colours import body_colours, ramp
+from jfsf.apps.plot._frames import Up, frame, natural_turn
 from jfsf.apps.report._html import page
 from jfsf.apps.report._scene import data_url, packed, shape_values
 from jfsf.mesh import coarsen
@@ -47,7 +46,7 @@ def write_model_page(
     title: str = "Shape model",
     warning: str | None = None,
     modes: int = MODES,
-    up: Up | None = None,
+    up: Up = "y",
 ) -> None:
     """Write a page with the mean of a model and a slider for each of its first modes.
 
@@ -61,7 +60,7 @@ def write_model_page(
         title: above all.
         warning: what to say of the model, such as that of
         `jfsf.apps.model.bending_warning`. modes: sliders, at most.
-        up: the axis that points up in the models; found when absent.
+        up: the axis that points up in the models.
 
     Raises:
         ImportError: matplotlib is missing; the message says how to install it.
@@ -110,11 +109,11 @@ def displacements(
     return np.stack([np.asarray(points) - mean for points in at])
 
 
-def _values(model: Model, coarse: Mesh, index, modes: int, up: Up | None):
+def _values(model: Model, coarse: Mesh, index, modes: int, up: Up):
     """A model as plain values for JSON; the vertices of this index are shown."""
     kind = "positions" if isinstance(model, ShapeModel) else "gradients"
     mean = Mesh(np.asarray(model.mean, float), np.asarray(model.faces))
-    axes = find_frame(mean).axes if up is None else frame(up)
+    axes = frame(up)
     points = mean.vertices[index] @ axes
     points = points - (points.min(0) + points.max(0)) / 2
     body = Mesh(points, np.asarray(coarse.faces, np.int32).reshape(-1, 3))
@@ -138,7 +137,7 @@ def _values(model: Model, coarse: Mesh, index, modes: int, up: Up | None):
         "shape": shape_values(body),
         "colours": packed(255 * colours, "u1"),
         "turn": turn,
-        "picture": data_url(draw_shape(body, colours, up="y", turn=turn), _SMALL),
+        "picture": data_url(draw_shape(body, colours, turn=turn), _SMALL),
         "knots": list(KNOTS[kind]),
         "modes": moved,
         "scores": (np.asarray(model.scores, float)[:, :few] / deviation).tolist(),

@@ -13,9 +13,8 @@ from jaxtyping import Int
 
 from jfsf.apps.plot import draw_error_curves, draw_functional_map, draw_pair, draw_shape
 from jfsf.apps.plot._charts import draw_reliability
-from jfsf.apps.plot._colours import Up, body_colours, frame, matched_colours
-from jfsf.apps.plot._shading import natural_turn
-from jfsf.apps.plot._upright import find_frames
+from jfsf.apps.plot._colours import body_colours, matched_colours
+from jfsf.apps.plot._frames import Up, frames_of_pair
 from jfsf.apps.report._candidates import Considered, considered
 from jfsf.apps.report._html import level, page
 from jfsf.apps.report._measured import measure
@@ -62,7 +61,7 @@ def write_report(
     *,
     orientation: Orientation = "preserve",
     truth: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " p"]] | None = None,
-    up: Up | None = None,
+    up: Up = "y",
     settings: Settings = Settings(),
     seconds: Mapping[str, float] | None = None,
     timed: bool = True,
@@ -77,7 +76,7 @@ def write_report(
         found: their match.
         orientation: as it was asked for.
         truth: vertices of X and of Y that correspond, counted as the meshes'.
-        up: the axis that points up in both meshes; found when absent.
+        up: the axis of X's mesh that points up.
         settings: with which it was made.
         seconds: what took how long, for the table.
         timed: put the date and that table on the page. Without them equal matches make
@@ -109,10 +108,9 @@ def write_report(
         seconds[name], started = now - started, now
 
     step("frames of the shapes")
-    axes_x = axes_y = frame(up) if up else None
-    if axes_x is None or axes_y is None:
-        frames = find_frames(x.mesh, y.mesh, np.asarray(found.T_xy))
-        axes_x, axes_y = (one.axes for one in frames)
+    axes_x, axes_y = frames_of_pair(
+        x.mesh, y.mesh, found.T_xy, up=up, matched_x=found.matched_x
+    )
     shown_x, shown_y = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
     few_x, few_y = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
     step("figures")
@@ -146,7 +144,7 @@ def write_report(
     colours = matched_colours(colours, few_matched[0])
     pictures = {
         "pair": picture,
-        "found": data_url(_drawn(few_x, colours), _SMALL),
+        "found": data_url(draw_shape(few_x.body, colours), _SMALL),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
@@ -230,23 +228,16 @@ def _candidate(name, one: Considered, x: Shown, y: Shown, nearest: bool):
     score = None if np.isnan(one.orientation) else one.orientation
     return {
         "name": name,
-        "picture": data_url(_drawn(x, colours), _SMALL),
+        "picture": data_url(draw_shape(x.body, colours), _SMALL),
         "energy": one.energy,
         "orientation": score,
         "nearest": bool(nearest),
     }
 
 
-def _drawn(shape: Shown, colours):
-    # In its frame y is up, and the viewer in front.
-    turn = natural_turn(shape.body.vertices)
-    return draw_shape(shape.body, colours, up="y", turn=turn)
-
-
 def _pair_picture(x: Shown, y: Shown, maps: Maps, matched) -> str:
-    turn = natural_turn(x.body.vertices, y.body.vertices)
     inside = dict(zip(("matched_x", "matched_y"), matched, strict=True))
-    figure = draw_pair(x.body, y.body, maps.T_xy, **inside, up="y", turn=turn)
+    figure = draw_pair(x.body, y.body, maps.T_xy, **inside)
     return data_url(figure, _SMALL)
 
 

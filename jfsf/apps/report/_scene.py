@@ -9,10 +9,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.apps.plot._colours import body_colours, matched_colours, ramp
+from jfsf.apps.plot._colours import (
+    body_colours,
+    matched_colours,
+    ramp,
+    texture_coordinates,
+)
+from jfsf.apps.plot._frames import natural_turn
 from jfsf.apps.plot._page import picture_of
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._shading import natural_turn
 from jfsf.mesh import coarsen
 from jfsf.types import ArrayLike, Maps, Match, Mesh
 
