@@ -319,7 +319,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
 @pytest.fixture
 def no_search(monkeypatch):
     """Reports without candidates: their search is tested elsewhere."""
-    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.candidate_maps", lambda *_, **__: [])
 
 
 def record_of(page):
@@ -590,7 +590,7 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)
-    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.candidate_maps", lambda *_, **__: [])
     result = run("demo", "--out", folder / "demo", "--report")
     assert result.exit_code == 0, result.output
     assert record_of(folder / "demo" / "man_walk_man_up.html")["truth"]

@@ -99,7 +99,7 @@ def write_model_of(
         written.append(bent)
         said += f": {bent.name} has them"
     if report:
-        written.append(write_model_pages(out, models, names, said))
+        written.append(write_model_pages(out, model, names))
     return written, [said] if said else []
 
 

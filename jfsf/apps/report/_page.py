@@ -2,7 +2,6 @@
 
 import os
 import platform
-import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,24 +14,23 @@ from jfsf.apps.plot import draw_error_curves, draw_functional_map, draw_pair, dr
 from jfsf.apps.plot._charts import draw_reliability
 from jfsf.apps.plot._colours import body_colours, matched_colours
 from jfsf.apps.plot._frames import Up, frames_of_pair
-from jfsf.apps.report._candidates import Considered, considered
-from jfsf.apps.report._html import level, page
+from jfsf.apps.report._candidates import candidate_maps
+from jfsf.apps.report._html import data_url, page
 from jfsf.apps.report._measured import measure
 from jfsf.apps.report._scene import (
     Shown,
-    data_url,
     lifted_maps,
     scene,
     shown,
     shown_maps,
     shown_matched,
 )
-from jfsf.apps.report._words import findings, readings, reasons, verdict
+from jfsf.apps.report._words import findings, level, readings, reasons, verdict
 from jfsf.initial import Orientation
 from jfsf.matching import Settings
 from jfsf.matching._arguments import checked_map
 from jfsf.storage._atomic import write_text
-from jfsf.types import STAGES, ArrayLike, Maps, Match, Mesh
+from jfsf.types import STAGES, ArrayLike, Maps, Match, MatchInfo, Mesh
 
 _FEW = 6000  # vertices by which candidates are drawn and compared
 _SMALL, _LARGE = 60, 110  # dots per inch
@@ -96,55 +94,32 @@ def write_report(
     back = {"called": ("T_yx", "matched_y"), "names": ("Y", "X")}
     checked_map(found.T_yx, found.matched_y, (n_y, n_x), caller=name, **back)
     step = progress or (lambda name: None)
-    seconds = dict(seconds or {})
-    if found.info is not None:
-        stages = zip(STAGES, found.info.seconds, strict=True)
-        seconds |= {f"matching: {name}": s for name, s in stages if not np.isnan(s)}
-    started = time.perf_counter()
-
-    def lap(name: str) -> None:
-        nonlocal started
-        now = time.perf_counter()
-        seconds[name], started = now - started, now
-
     step("frames of the shapes")
     axes_x, axes_y = frames_of_pair(
         x.mesh, y.mesh, found.T_xy, up=up, matched_x=found.matched_x
     )
-    shown_x, shown_y = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
-    few_x, few_y = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
+    whole = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
+    few = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
     step("figures")
     measured = measure(x.mesh, y.mesh, found, truth)
-    lap("figures")
     step("candidates")
     candidates = []
     if found.matched_x is None:  # parts are not found by the search
-        candidates = considered(
-            x.mesh,
-            y.mesh,
-            at=(few_x.index, few_y.index),
-            orientation=orientation,
-            settings=settings,
-            cache=cache,
-        )
-    lap("candidates")
+        at = few[0].index, few[1].index
+        options = {"orientation": orientation, "settings": settings, "cache": cache}
+        candidates = candidate_maps(x.mesh, y.mesh, at, **options)
     step("pictures")
-    maps = {"the map found": shown_maps(found, shown_x, shown_y)}
-    rows = []
-    own = shown_maps(found, few_x, few_y)
-    apart = [_distance(own, one.maps, few_y) for one in candidates]
+    maps = {"the map found": shown_maps(found, *whole)}
     for i, one in enumerate(candidates):
-        name = f"candidate {i + 1}"
-        maps[name] = lifted_maps(one.maps, (few_x, few_y), (shown_x, shown_y))
-        nearest = apart[i] == min(apart) and apart[i] < _SAME
-        rows.append(_candidate(name, one, few_x, few_y, nearest))
-    few_matched = shown_matched(found, few_x, few_y) or (None, None)
-    picture = _pair_picture(few_x, few_y, own, few_matched)
-    colours = body_colours(few_y.body.vertices)[own.T_xy]
-    colours = matched_colours(colours, few_matched[0])
+        maps[f"candidate {i + 1}"] = lifted_maps(one.maps, few, whole)
+    own = shown_maps(found, *few)
+    inside_x, inside_y = shown_matched(found, *few) or (None, None)
+    pair = draw_pair(
+        few[0].body, few[1].body, own.T_xy, matched_x=inside_x, matched_y=inside_y
+    )
     pictures = {
-        "pair": picture,
-        "found": data_url(draw_shape(few_x.body, colours), _SMALL),
+        "pair": data_url(pair, _SMALL),
+        "found": _painted(*few, own, inside_x),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
@@ -153,92 +128,94 @@ def write_report(
     if measured.reliability is not None:
         chart = draw_reliability({"the vertices": measured.reliability})
         pictures["reliability"] = data_url(chart, _LARGE)
-    member = found.membership_x
     figures = {
         "error": measured.error,
         "there and back": measured.back,
         "doubt": measured.doubt,
-        "not shared": None if member is None else 1 - np.asarray(member),
     }
+    if found.membership_x is not None:
+        figures["not shared"] = 1 - np.asarray(found.membership_x)
+    index = whole[0].index
+    evidence = found.certificate
+    likely = float(evidence.confidence)
     record = {
         "title": f"{x.name} to {y.name}",
-        "x": {"name": x.name, "vertices": len(x.mesh.vertices)},
-        "y": {"name": y.name, "vertices": len(y.mesh.vertices)},
-        "shown": [len(shown_x.index), len(shown_y.index)],
-        "verdict": _verdict(float(found.certificate.confidence)),
-        "reasons": reasons(found.certificate, found.info),
-        "findings": [one._asdict() for one in findings(found.certificate, orientation)],
+        "x": {"name": x.name, "vertices": n_x},
+        "y": {"name": y.name, "vertices": n_y},
+        "shown": [len(side.index) for side in whole],
+        "verdict": {
+            "words": verdict(likely),
+            "level": level(likely),
+            "confidence": None if np.isnan(likely) else likely,
+        },
+        "reasons": reasons(evidence, found.info),
+        "findings": [one._asdict() for one in findings(evidence, orientation)],
         "certificate": [
             (name.replace("_", " "), *texts)
-            for name, texts in readings(found.certificate).items()
+            for name, texts in readings(evidence).items()
         ],
         "figures": measured.rows,
         "truth": measured.truth_rows,
-        "candidates": rows,
+        "candidates": _candidates(candidates, own, *few),
         "pictures": pictures,
         "scene": scene(
-            shown_x,
-            shown_y,
+            *whole,
             maps,
-            {
-                name: values[shown_x.index]
-                for name, values in figures.items()
-                if values is not None
-            },
+            {name: v[index] for name, v in figures.items() if v is not None},
             (x.numbers, y.numbers),
-            shown_matched(found, shown_x, shown_y),
+            shown_matched(found, *whole),
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
-        "versions": versions(),
-        "seconds": {},
+        "versions": versions(date=timed),
+        "seconds": _seconds(found.info, seconds or {}) if timed else {},
     }
-    lap("page")
-    if timed:
-        record["seconds"] = {name: round(took, 2) for name, took in seconds.items()}
-    else:
-        del record["versions"]["date"]
     write_text(path, page("report", record))
-    return picture
+    return pictures["pair"]
 
 
-def versions() -> dict[str, str]:
+def versions(*, date: bool = True) -> dict[str, str]:
     """Of python and the packages that decide the result, the device, and the date."""
     import jax
 
     from jfsf import __version__
 
     device = jax.devices()[0]
+    now = {"date": datetime.now(UTC).isoformat(timespec="seconds")}
     return {
         "jfsf": __version__,
         "python": platform.python_version(),
         **{name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy")},
         "device": f"{device.platform} {device.device_kind}",
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **(now if date else {}),
     }
 
 
-def _verdict(confidence: float) -> dict[str, Any]:
-    known = None if np.isnan(confidence) else confidence
-    words = verdict(confidence)
-    return {"words": words, "level": level(confidence), "confidence": known}
+def _seconds(info: MatchInfo | None, seconds: Mapping[str, float]) -> dict[str, float]:
+    """What took how long, with the stages of the match that were run."""
+    stages = zip(STAGES, () if info is None else info.seconds, strict=False)
+    all_of = {**seconds, **{f"matching: {name}": took for name, took in stages}}
+    return {n: round(float(took), 2) for n, took in all_of.items() if took == took}
 
 
-def _candidate(name, one: Considered, x: Shown, y: Shown, nearest: bool):
-    colours = body_colours(y.body.vertices)[one.maps.T_xy]
-    score = None if np.isnan(one.orientation) else one.orientation
-    return {
-        "name": name,
-        "picture": data_url(draw_shape(x.body, colours), _SMALL),
-        "energy": one.energy,
-        "orientation": score,
-        "nearest": bool(nearest),
-    }
+def _candidates(candidates, own: Maps, x: Shown, y: Shown) -> list[dict[str, Any]]:
+    """Candidates as plain values; the nearest to the map that was found is marked."""
+    apart = [_distance(own, one.maps, y) for one in candidates]
+    return [
+        {
+            "name": f"candidate {i + 1}",
+            "picture": _painted(x, y, one.maps),
+            "energy": one.energy,
+            "orientation": None if np.isnan(one.orientation) else one.orientation,
+            "nearest": bool(away == min(apart) and away < _SAME),
+        }
+        for i, (one, away) in enumerate(zip(candidates, apart, strict=True))
+    ]
 
 
-def _pair_picture(x: Shown, y: Shown, maps: Maps, matched) -> str:
-    inside = dict(zip(("matched_x", "matched_y"), matched, strict=True))
-    figure = draw_pair(x.body, y.body, maps.T_xy, **inside)
-    return data_url(figure, _SMALL)
+def _painted(x: Shown, y: Shown, maps: Maps, inside_x=None) -> str:
+    """A picture of X in the colours of Y, grey where it is not matched."""
+    colours = body_colours(y.body.vertices)[maps.T_xy]
+    return data_url(draw_shape(x.body, matched_colours(colours, inside_x)), _SMALL)
 
 
 def _distance(one: Maps, other: Maps, y: Shown) -> float:

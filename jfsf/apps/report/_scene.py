@@ -1,7 +1,5 @@
 """What the page's viewer shows: shapes in their frames, maps, colours and figures."""
 
-import base64
-import io
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -16,7 +14,7 @@ from jfsf.apps.plot._colours import (
     texture_coordinates,
 )
 from jfsf.apps.plot._frames import natural_turn
-from jfsf.apps.plot._page import picture_of
+from jfsf.apps.report._html import packed
 from jfsf.mesh import coarsen
 from jfsf.types import ArrayLike, Maps, Match, Mesh
 
@@ -122,15 +120,6 @@ def scene(
     }
 
 
-def data_url(figure: Any, dpi: float) -> str:
-    """A figure of `jfsf.apps.plot` as the address of an image that needs no file."""
-    from matplotlib.image import imsave
-
-    file = io.BytesIO()
-    imsave(file, picture_of(figure, dpi), format="png")
-    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
-
-
 def shape_values(body: Mesh) -> dict[str, Any]:
     """A shape as plain values for JSON, in units of its largest extent."""
     points = np.asarray(body.vertices)
@@ -167,9 +156,3 @@ def _figure(name: str, values) -> dict[str, Any]:
 def _indices(index, count: int) -> str:
     """Two bytes each, or four where there are more vertices than that."""
     return packed(index, "<u2" if count <= 65536 else "<u4")
-
-
-def packed(array: ArrayLike, dtype: str) -> str:
-    """An array in whole numbers of this type, little endian, in base64."""
-    array = np.rint(np.asarray(array)).astype(dtype)
-    return base64.b64encode(array.tobytes()).decode()
