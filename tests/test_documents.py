@@ -146,7 +146,7 @@ def test_every_guide_is_linked_from_the_readme():
 
 
 def test_every_part_is_in_the_table_of_the_guide():
-    table = (ROOT / "jfsf" / "guide" / "stages.md").read_text()
+    table = (ROOT / "jfsf" / "apps" / "guide" / "stages.md").read_text()
     rows = [row.split("|")[1] for row in table.splitlines() if row.startswith("| `")]
     assert set(spans("".join(rows))) == set(jfsf._ROOMS)
 
