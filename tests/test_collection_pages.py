@@ -39,15 +39,14 @@ def record_of(path):
 
 @pytest.fixture(scope="module")
 def models():
-    """A model of each kind, of four shapes that bend a little."""
+    """Two models of four shapes that bend a little."""
     rod = trimesh.creation.icosphere(subdivisions=2)
     points = np.asarray(rod.vertices) * [1, 1, 3]
     angle = np.linspace(-0.5, 0.5, len(SHAPES))[:, None] * points[:, 2]
     moved = [points[:, 0], points[:, 1] + points[:, 2] * np.sin(angle)]
     shapes = np.stack([np.broadcast_to(moved[0], angle.shape), moved[1]], -1)
     shapes = np.concatenate([shapes, (points[:, 2] * np.cos(angle))[..., None]], -1)
-    fit = model.fit_gradient_model, model.fit_model
-    return [one(shapes, rod.faces) for one in fit]
+    return [model.fit_model(shapes, rod.faces, scale=scale) for scale in (False, True)]
 
 
 @pytest.fixture(scope="module")
@@ -58,19 +57,18 @@ def model_page(models, tmp_path_factory):
 
 
 def test_displacements_are_those_of_the_model(models):
-    for kind, own in zip(("gradients", "positions"), models, strict=True):
-        found = displacements(own, 1, KNOTS[kind])
-        reach = KNOTS[kind][-1] * np.sqrt(own.variance[1])
+    for own in models:
+        found = displacements(own, 1, KNOTS)
+        reach = KNOTS[-1] * np.sqrt(own.variance[1])
         far = model.shape_at(own, jnp.zeros(2).at[1].set(reach)) - own.mean
         np.testing.assert_allclose(found[-1], far, atol=1e-4)
-        assert (kind == "positions") == np.allclose(found[0], -found[-1], atol=1e-9)
-        assert kind == "positions" or not found[3].any()  # the mean
+        np.testing.assert_allclose(found[0], -found[-1], atol=1e-9)
 
 
 def test_the_page_of_a_model_holds_its_shapes(models, model_page):
     record = record_of(model_page)
     assert record["names"] == list(SHAPES) and record["warning"] == WARNING
-    assert [own["kind"] for own in record["models"]] == ["gradients", "positions"]
+    assert [own["kind"] for own in record["models"]] == ["positions"] * 2
     for own, page in zip(models, record["models"], strict=True):
         mean = np.asarray(own.mean)
         size = np.ptp(mean, axis=0).max()
@@ -119,7 +117,6 @@ def test_sliders_move_the_shape(model_page, tmp_path):
             "const box = document.getElementById(arguments[0]);"
             "box.value = arguments[1]; box.onchange();"
         )
-        page.driver.execute_script(choose, "kind", "positions")
         assert "straight line" in page.one("#about").text
         page.driver.execute_script(choose, "shape", "a")
         assert page.one("#sliders output").text != "0.00"

@@ -2,8 +2,7 @@
 
 The page holds the displacement of every vertex from the mean at some scores of each
 mode (`KNOTS`), and blends between them: x = mean + sum_k d_k(t_k), t_k in standard
-deviations. Of modes of positions d_k is linear, so that is exact. Of modes of gradients
-it is exact at the knots, for one mode at a time.
+deviations. d_k is linear, so that is exact.
 """
 
 import os
@@ -13,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from jfsf.apps.model import Model, ShapeModel, shape_at
+from jfsf.apps.model import ShapeModel, shape_at
 from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import Up, body_colours, frame, ramp
 from jfsf.apps.plot._shading import natural_turn
@@ -27,21 +26,17 @@ from jfsf.types import Mesh
 MODES = 6  # sliders
 MOST = 12_000  # vertices that are shown: all of them move with each slider
 REACH = 3  # standard deviations to either side
-KNOTS = {"positions": (-REACH, REACH), "gradients": tuple(range(-REACH, REACH + 1))}
-ABOUT = {
-    "positions": "Modes of positions: each moves every vertex along a straight line. "
-    "The shape is the mean plus the sum of all modes, each as far as its slider says.",
-    "gradients": "Modes of deformation gradients: each turns and stretches every "
-    "triangle, so limbs keep their lengths. The page blends between "
-    f"{2 * REACH + 1} meshes along each mode: one mode alone is exact at whole "
-    "numbers; of several the displacements are added up, which is approximate.",
-}
+KNOTS = -REACH, REACH
+ABOUT = (
+    "Modes of positions: each moves every vertex along a straight line. "
+    "The shape is the mean plus the sum of all modes, each as far as its slider says."
+)
 _SMALL = 90  # dots per inch
 
 
 def write_model_page(
     path: str | os.PathLike[str],
-    models: Sequence[Model],
+    models: Sequence[ShapeModel],
     names: Sequence[str],
     *,
     title: str = "Shape model",
@@ -59,8 +54,8 @@ def write_model_page(
         models: of the same shapes, in the order in which they are offered.
         names: of the shapes that the models were fitted to, in that order.
         title: above all.
-        warning: what to say of the model, such as that of
-        `jfsf.apps.model.bending_warning`. modes: sliders, at most.
+        warning: what to say of the model.
+        modes: sliders, at most.
         up: the axis that points up in the models; found when absent.
 
     Raises:
@@ -91,28 +86,24 @@ def write_model_page(
 
 
 def displacements(
-    model: Model, mode: int, knots: Sequence[float]
+    model: ShapeModel, mode: int, knots: Sequence[float]
 ) -> Float[np.ndarray, "t n 3"]:
     """How far a mode moves each vertex from the mean, at scores in deviations.
 
     Args:
-        model: of either kind.
+        model: of shapes.
         mode: from 0.
         knots: scores, in standard deviations of the mode.
     """
     mean = np.asarray(model.mean)
     unit = jnp.zeros(len(model.modes), model.mean.dtype).at[mode]
     reach = float(np.sqrt(np.asarray(model.variance)[mode]))
-    if isinstance(model, ShapeModel):
-        whole = np.asarray(shape_at(model, unit.set(reach))) - mean
-        return np.stack([t * whole for t in knots])
-    at = [mean if t == 0 else shape_at(model, unit.set(t * reach)) for t in knots]
-    return np.stack([np.asarray(points) - mean for points in at])
+    whole = np.asarray(shape_at(model, unit.set(reach))) - mean
+    return np.stack([t * whole for t in knots])
 
 
-def _values(model: Model, coarse: Mesh, index, modes: int, up: Up | None):
+def _values(model: ShapeModel, coarse: Mesh, index, modes: int, up: Up | None):
     """A model as plain values for JSON; the vertices of this index are shown."""
-    kind = "positions" if isinstance(model, ShapeModel) else "gradients"
     mean = Mesh(np.asarray(model.mean, float), np.asarray(model.faces))
     axes = find_frame(mean).axes if up is None else frame(up)
     points = mean.vertices[index] @ axes
@@ -127,19 +118,19 @@ def _values(model: Model, coarse: Mesh, index, modes: int, up: Up | None):
     deviation = np.sqrt(variance[:few])
     moved = []
     for k in range(few):
-        at = displacements(model, k, KNOTS[kind])[:, index] @ axes / size
+        at = displacements(model, k, KNOTS)[:, index] @ axes / size
         unit = float(np.abs(at).max()) / 32767 or 1.0
         moved.append({"unit": unit, "at": [packed(d / unit, "<i2") for d in at]})
     shares = np.cumsum(variance) / total
     return {
-        "kind": kind,
-        "about": ABOUT[kind],
+        "kind": "positions",
+        "about": ABOUT,
         "vertices": len(mean.vertices),
         "shape": shape_values(body),
         "colours": packed(255 * colours, "u1"),
         "turn": turn,
         "picture": data_url(draw_shape(body, colours, up="y", turn=turn), _SMALL),
-        "knots": list(KNOTS[kind]),
+        "knots": list(KNOTS),
         "modes": moved,
         "scores": (np.asarray(model.scores, float)[:, :few] / deviation).tolist(),
         "rows": [
