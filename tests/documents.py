@@ -8,7 +8,7 @@ from typing import NamedTuple
 ROOT = Path(__file__).parents[1]
 README = ROOT / "README.md"
 GALLERY = ROOT / "experiments" / "README.md"
-GUIDES = sorted((ROOT / "jfsf" / "guide").glob("*.md"))
+GUIDES = sorted((ROOT / "jfsf" / "apps" / "guide").glob("*.md"))
 PAGES = [README, GALLERY, *GUIDES]
 SOURCES = sorted((ROOT / "jfsf").rglob("*.py"))
 
