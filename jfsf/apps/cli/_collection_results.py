@@ -110,7 +110,7 @@ def write_landmarks_of(
         if not row["reason"]:
             vertices = np.load(registered(out, row["name"]))["vertices"]
             points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
-            own = Landmarks(landmarks.names, points, None, found.system)
+            own = Landmarks(landmarks.names, points, None, landmarks.system)
             write_landmarks(folder / f"{row['name']}{suffix}", own)
     return [folder]
 

@@ -30,7 +30,7 @@ class MatlabShape(NamedTuple):
     mesh: in the file's unit; faces count from 0.
     spectrum: its eigenpairs at area 1; None if the file has none.
     factors: (k,), column j of the file's evecs is factors[j] times column j of
-        `spectrum.evecs`; None likewise.
+        `spectrum.evecs`; None if the file has none.
     """
 
     mesh: Mesh
