@@ -396,7 +396,7 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     row = {"x": str(x), "y": str(y), "reason": "", "file": "a__b.npz"}
     row |= {"confidence": 0.9, "warnings": ["look"]}
     failed = row | {"reason": "no file", "file": "", "confidence": None}
-    listed = record_of(batch_index(out, [row, failed]))["pairs"]
+    listed = record_of(batch_index(out, [row, failed]))["rows"]
     assert listed[0]["lines"] == ["no file"] and listed[0]["page"] is None
     assert listed[1]["page"] == "report/a__b.html" and listed[1]["lines"] == ["look"]
     assert all((out / listed[1][name]).exists() for name in ("page", "picture"))

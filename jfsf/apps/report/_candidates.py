@@ -13,7 +13,7 @@ from jfsf.runtime._sizes import padded_pair
 from jfsf.types import ArrayLike, Maps, Mesh
 
 # Rows of a product of embeddings that are in memory at a time.
-_ROWS = 4096
+_ROWS = 1024
 
 
 class CandidateMap(NamedTuple):

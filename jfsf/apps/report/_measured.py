@@ -6,15 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.evaluate import (
-    Reliability,
-    auc,
-    bijectivity,
-    error_curve,
-    evaluate,
-    geodesic_error,
-    reliability,
-)
+from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.matching._vertices import WITHIN
 from jfsf.mesh import vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
@@ -36,8 +28,6 @@ class Measured(NamedTuple):
     error: (n_x,) error, the mean of those measured nearby; None without ground truth.
     errors: (p,) at the points of the ground truth that were measured.
     doubt: (n_x,) 1 minus the confidence of each vertex; None where it is not known.
-    reliability: of the confidence at these points: whether as many are within `WITHIN`
-        as it says.
     """
 
     rows: list[tuple[str, str, str]]
@@ -45,8 +35,7 @@ class Measured(NamedTuple):
     back: Float[np.ndarray, " n_x"] | None
     error: Float[np.ndarray, " n_x"] | None
     errors: Float[np.ndarray, " p"] | None
-    doubt: Float[np.ndarray, " n_x"] | None = None
-    reliability: Reliability | None = None
+    doubt: Float[np.ndarray, " n_x"] | None
 
 
 def measure(
@@ -128,18 +117,12 @@ def measure(
         ),
         ("points measured", f"{len(some)} of {len(at_x)}", ""),
     ]
-    held = None
     if likely is not None:
         sure = likely[at_x[some]]
-        held = reliability(sure, errors < WITHIN)
-        worst = errors[sure <= np.quantile(sure, 0.1)].mean()
-        truth_rows += [
-            ("expected", f"{sure.mean():.1%}", f"within {WITHIN}, by the confidence"),
-            ("calibration error", f"{held.calibration_error:.3f}", "of the confidence"),
-            ("mean error of the least sure tenth", f"{worst:.4f}", ""),
-        ]
+        meaning = f"within {WITHIN}, by the confidence"
+        truth_rows.append(("expected", f"{sure.mean():.1%}", meaning))
     error = _only_inside(_everywhere(mesh_x, at_x[some], errors), inside_x)
-    return Measured(rows, truth_rows, back, error, errors, doubt, held)
+    return Measured(rows, truth_rows, back, error, errors, doubt)
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:

@@ -14,13 +14,12 @@ from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import body_colours, ramp
 from jfsf.apps.plot._frames import Up, frame, natural_turn
 from jfsf.apps.report._html import data_url, packed, page
-from jfsf.apps.report._scene import shape_values
+from jfsf.apps.report._scene import MOST, shape_values
 from jfsf.mesh import coarsen
 from jfsf.storage._atomic import write_text
 from jfsf.types import Mesh
 
 MODES = 6  # sliders
-MOST = 12_000  # vertices that are shown: all of them move with each slider
 REACH = 3  # standard deviations to either side
 _SMALL = 90  # dots per inch
 

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Int
 
 from jfsf.apps.plot import draw_error_curves, draw_functional_map, draw_pair, draw_shape
-from jfsf.apps.plot._charts import draw_reliability
 from jfsf.apps.plot._colours import body_colours, matched_colours
 from jfsf.apps.plot._frames import Up, frames_of_pair
 from jfsf.apps.report._candidates import candidate_maps
@@ -19,7 +18,6 @@ from jfsf.apps.report._html import data_url, page
 from jfsf.apps.report._measured import measure
 from jfsf.apps.report._scene import (
     Shown,
-    lifted_maps,
     scene,
     shown,
     shown_maps,
@@ -32,7 +30,6 @@ from jfsf.matching._arguments import checked_map
 from jfsf.storage._atomic import write_text
 from jfsf.types import STAGES, ArrayLike, Maps, Match, MatchInfo, Mesh
 
-_FEW = 6000  # vertices by which candidates are drawn and compared
 _SMALL, _LARGE = 60, 110  # dots per inch
 # Mean distance of images, where 1 is the size of Y, up to which a map is a candidate's.
 _SAME = 0.25
@@ -98,36 +95,31 @@ def write_report(
     axes_x, axes_y = frames_of_pair(
         x.mesh, y.mesh, found.T_xy, up=up, matched_x=found.matched_x
     )
-    whole = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
-    few = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
+    shown_x, shown_y = both = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
     step("figures")
     measured = measure(x.mesh, y.mesh, found, truth)
     step("candidates")
     candidates = []
     if found.matched_x is None:  # parts are not found by the search
-        at = few[0].index, few[1].index
+        at = shown_x.index, shown_y.index
         options = {"orientation": orientation, "settings": settings, "cache": cache}
         candidates = candidate_maps(x.mesh, y.mesh, at, **options)
     step("pictures")
-    maps = {"the map found": shown_maps(found, *whole)}
-    for i, one in enumerate(candidates):
-        maps[f"candidate {i + 1}"] = lifted_maps(one.maps, few, whole)
-    own = shown_maps(found, *few)
-    inside_x, inside_y = shown_matched(found, *few) or (None, None)
+    own, matched = shown_maps(found, *both), shown_matched(found, *both)
+    maps = {"the map found": own}
+    maps |= {f"candidate {i}": one.maps for i, one in enumerate(candidates, 1)}
+    inside_x, inside_y = matched or (None, None)
     pair = draw_pair(
-        few[0].body, few[1].body, own.T_xy, matched_x=inside_x, matched_y=inside_y
+        shown_x.body, shown_y.body, own.T_xy, matched_x=inside_x, matched_y=inside_y
     )
     pictures = {
         "pair": data_url(pair, _SMALL),
-        "found": _painted(*few, own, inside_x),
+        "found": _painted(*both, own, inside_x),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
         curves = draw_error_curves({"the map": measured.errors})
         pictures["errors"] = data_url(curves, _LARGE)
-    if measured.reliability is not None:
-        chart = draw_reliability({"the vertices": measured.reliability})
-        pictures["reliability"] = data_url(chart, _LARGE)
     figures = {
         "error": measured.error,
         "there and back": measured.back,
@@ -135,14 +127,13 @@ def write_report(
     }
     if found.membership_x is not None:
         figures["not shared"] = 1 - np.asarray(found.membership_x)
-    index = whole[0].index
     evidence = found.certificate
     likely = float(evidence.confidence)
     record = {
         "title": f"{x.name} to {y.name}",
         "x": {"name": x.name, "vertices": n_x},
         "y": {"name": y.name, "vertices": n_y},
-        "shown": [len(side.index) for side in whole],
+        "shown": [len(side.index) for side in both],
         "verdict": {
             "words": verdict(likely),
             "level": level(likely),
@@ -156,14 +147,14 @@ def write_report(
         ],
         "figures": measured.rows,
         "truth": measured.truth_rows,
-        "candidates": _candidates(candidates, own, *few),
+        "candidates": _candidates(candidates, own, *both),
         "pictures": pictures,
         "scene": scene(
-            *whole,
+            *both,
             maps,
-            {name: v[index] for name, v in figures.items() if v is not None},
+            {name: v[shown_x.index] for name, v in figures.items() if v is not None},
             (x.numbers, y.numbers),
-            shown_matched(found, *whole),
+            matched,
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
         "versions": versions(date=timed),

@@ -18,7 +18,7 @@ from jfsf.apps.report._html import packed
 from jfsf.mesh import coarsen
 from jfsf.types import ArrayLike, Maps, Match, Mesh
 
-MOST = 50_000  # vertices of a shape; larger ones are shown by some of their vertices
+MOST = 12_000  # vertices of a shape; larger ones are shown by some of their vertices
 _TOP = 0.05  # of sqrt(area): where the scale of a figure ends, at least
 _NOT_KNOWN = 255  # a figure of a vertex that was not measured
 
@@ -62,16 +62,6 @@ def shown_matched(
     if found.matched_x is None or found.matched_y is None:
         return None
     return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
-
-
-def lifted_maps(
-    maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]
-) -> Maps:
-    """Maps between few vertices as maps between many: each like the nearest."""
-    (few_x, few_y), (x, y) = few, many
-    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
-    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
-    return Maps(T_xy, T_yx)
 
 
 def scene(
