@@ -1,13 +1,12 @@
 """The pages of a collection: shapes, pairs, triangles, and the sliders of a model."""
 
-import json
-import re
 from base64 import b64decode
 
 import numpy as np
 import pytest
 import trimesh
 from browser import needs_chromium, opened
+from test_report import record_of
 from typer.testing import CliRunner
 
 from jfsf.apps import model
@@ -25,13 +24,6 @@ from jfsf.types import Maps, Mesh
 
 SHAPES = tuple("abcd")
 NOTHING = Maps(np.zeros(1, np.int32), np.zeros(1, np.int32))
-
-
-def record_of(path):
-    """What the script of a page reads."""
-    found = re.search(r'id="record">(.*?)</script>', path.read_text(), re.DOTALL)
-    assert found
-    return json.loads(found[1])
 
 
 @pytest.fixture(scope="module")

@@ -119,49 +119,44 @@ def test_ground_truth(tmp_path):
         read_ground_truth(x, short)
 
 
-def test_the_confidence_of_vertices_is_written_and_read(tmp_path):
+OPTIONAL = {
+    "confidence_x": jnp.linspace(0, 1, 6, dtype="f4"),
+    "confidence_y": jnp.array([0.1, np.nan, 0.3, 1]),
+    "membership_x": jnp.linspace(0, 1, 6, dtype="f4"),
+    "membership_y": jnp.array([0.1, 0.9, 0.3, 1]),
+    "matched_x": jnp.arange(6) > 2,
+    "matched_y": jnp.arange(4) > 2,
+    "overlap_x": jnp.asarray(0.4),
+    "overlap_y": jnp.asarray(0.9),
+}
+
+
+def test_what_a_match_may_have_is_written_and_read(tmp_path):
     path = tmp_path / "match.npz"
     write_match(path, match())
-    assert read_match(path).confidence_x is None
-    known = {
-        "confidence_x": jnp.linspace(0, 1, 6, dtype="f4"),
-        "confidence_y": jnp.array([0.1, np.nan, 0.3, 1]),
-    }
-    write_match(path, match(**known))
+    assert all(getattr(read_match(path), name) is None for name in OPTIONAL)
+    write_match(path, match(**OPTIONAL))
     found = read_match(path)
-    for name, values in known.items():
+    for name, values in OPTIONAL.items():
         np.testing.assert_array_equal(getattr(found, name), values)
         assert getattr(found, name).dtype == values.dtype
-    for bad, sentence in (
-        (known["confidence_x"][1:], r"float32 \(5,\), expected probabilities \(6,\)"),
-        (jnp.arange(6), "expected probabilities"),
-        (2 * known["confidence_x"], "from 0 to 2"),
-    ):
-        write_match(path, match(confidence_x=bad))
-        with refused(sentence):
-            read_match(path)
 
 
-def test_the_region_of_parts_is_written_and_read(tmp_path):
-    path = tmp_path / "match.npz"
-    write_match(path, match())
-    read = read_match(path)
-    assert read.membership_x is None and read.overlap_x is None
-    known = {
-        "membership_x": jnp.linspace(0, 1, 6, dtype="f4"),
-        "membership_y": jnp.array([0.1, 0.9, 0.3, 1]),
-        "overlap_x": jnp.asarray(0.4),
-        "overlap_y": jnp.asarray(0.9),
-    }
-    write_match(path, match(**known))
-    read = read_match(path)
-    for name, values in known.items():
-        np.testing.assert_array_equal(getattr(read, name), values)
-    wrong = {"membership_x": 2 * known["membership_x"]}, {"overlap_x": jnp.ones(3)}
-    for bad, sentence in zip(wrong, ("memberships from 0", "a number"), strict=True):
-        write_match(path, match(**bad))
-        with refused(sentence):
-            read_match(path)
+@pytest.mark.parametrize(
+    "name, wrong, sentence",
+    [
+        ("confidence_x", np.zeros(5, "f4"), r"float32 \(5,\), .*probabilities \(6,\)"),
+        ("confidence_x", np.arange(6), "expected probabilities"),
+        ("confidence_x", np.arange(6) / 2.5, "from 0 to 2"),
+        ("membership_x", np.arange(6) / 2.5, "memberships from 0"),
+        ("matched_x", np.zeros(6), r"float64 \(6,\), expected bool \(6,\)"),
+        ("overlap_x", np.ones(3), "expected a number"),
+    ],
+)
+def test_what_a_match_cannot_have_is_refused(tmp_path, name, wrong, sentence):
+    write_match(tmp_path / "match.npz", match(**{name: wrong}))
+    with refused(rf"\[{name}\]: .*{sentence}"):
+        read_match(tmp_path / "match.npz")
 
 
 def test_match_round_trip(tmp_path):

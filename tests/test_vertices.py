@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import oracles_evidence as oracles
 import pytest
 
 from jfsf import testing
@@ -37,26 +38,14 @@ def bent(moved_x, moved_y):
 NOISY = bent(*(jnp.asarray(0.1 * RNG.normal(size=(N, 3))) for _ in range(2)))
 
 
-def normals_of(points, faces):
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    total = np.zeros_like(points)
-    for corner in faces.T:
-        np.add.at(total, corner, np.cross(b - a, c - a))
-    return total / np.linalg.norm(total, axis=1, keepdims=True)
-
-
 def strain_of(points, moved, faces):
-    """Face by face, by singular values of the gradient of the bending."""
+    """The root mean square, over the faces around, of the logarithms of stretches."""
+    areas, values = oracles.stretches(points, moved, faces)
+    logs = np.clip(np.log(values), -MOST_STRETCH, MOST_STRETCH)
     total, weight = np.zeros(len(points)), np.zeros(len(points))
-    for face in faces:
-        rest, now = (p[face[1:]] - p[face[0]] for p in (points, moved))
-        gradient = now.T @ np.linalg.pinv(rest.T)
-        logs = np.log(np.linalg.svd(gradient)[1][:2])
-        logs = np.clip(logs, -MOST_STRETCH, MOST_STRETCH)
-        area = np.linalg.norm(np.cross(*rest)) / 2
-        for corner in face:
-            total[corner] += area * (logs**2).sum()
-            weight[corner] += area
+    for face, area, both in zip(faces, areas, logs, strict=True):
+        total[face] += area * (both**2).sum()
+        weight[face] += area
     return np.sqrt(total / weight)
 
 
@@ -68,9 +57,9 @@ def expected(spec, other, moved, T, other_strain):
             *(spec.mass, spec.evals, spec.evecs),
         ),
     )
-    normal = normals_of(target, others)[T]
+    normal = oracles.normals(target, others)[T]
     apart = np.linalg.norm(moved - target[T], axis=1)
-    alike = (normals_of(moved, faces) * normal).sum(1)
+    alike = (oracles.normals(moved, faces) * normal).sum(1)
     misfit = 1 - alike * np.sign(mass @ alike) + apart / APART
     strain = (strain_of(points, moved, faces) + other_strain[T]) / 2
     columns = np.stack([strain, misfit], 1)
