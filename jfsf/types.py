@@ -244,9 +244,9 @@ class Certificate(NamedTuple):
 
         All numbers are nan, no vertex is empty, all is finite, without landmarks.
         """
-        known = {"empty": np.zeros((), np.int32), "finite": np.ones((), bool)}
-        figures = dict.fromkeys(FIGURES, np.full((), np.nan, dtype)) | known
-        return cls(**figures, landmarks=np.zeros(0, dtype))
+        figures: dict[str, Any] = dict.fromkeys(FIGURES, np.full((), np.nan, dtype))
+        figures |= {"empty": np.zeros((), np.int32), "finite": np.ones((), bool)}
+        return cls(**figures, landmarks=figures["gap"][None][:0])
 
 
 Certificate.__doc__ = f"{Certificate.__doc__}\n" + "\n".join(map(explained, FIGURES))

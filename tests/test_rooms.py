@@ -44,7 +44,7 @@ def imported(path: Path) -> list[str]:
 
 
 def place(path: Path) -> list[str]:
-    """The folders above a file below the package, then its name; none for `__init__`."""
+    """The folders above a file in the package, then its name; none for `__init__`."""
     parts = path.relative_to(PACKAGE).with_suffix("").parts
     return [part for part in parts if part not in ("__init__", "__main__")]
 

@@ -136,7 +136,7 @@ def read_match(path: str | Path) -> Match:
     for name in OVERLAP_KEYS:
         if name in arrays:
             fields[name] = to_figures(f"{path}[{name}]", arrays[name](), 0)
-    certificate = {
+    certificate: dict[str, Any] = {
         name: to_figures(f"{path}[{key}]", arrays[key](), int(name not in FIGURES))
         for key, name in keys.items()
     }

@@ -115,7 +115,7 @@ def write_match(
         # Names, not their numbers: a later version may have others.
         known = info.sources, info.confidence, info.won, STAGES, info.seconds
         values |= zip(INFO_KEYS, known, strict=True)
-    arrays = {name: np.asarray(value) for name, value in values.items()}
+    arrays: dict[str, Any] = {n: np.asarray(value) for n, value in values.items()}
     for name in ("T_xy", "T_yx"):
         if arrays[name].ndim != 1:
             raise ValueError(

@@ -1,7 +1,7 @@
 """The candidates of the search as maps of points, to look at."""
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -100,7 +100,7 @@ def _candidates(x, y, sign, self_map, *, settings):
     return candidates(x, y, orientation=sign, self_map=self_map, settings=settings)
 
 
-def _nearest(points: Float[np.ndarray, "p k"], others: Float[np.ndarray, "q k"]):
+def _nearest(points: Float[np.ndarray, "p k"], others: Float[np.ndarray, "q k"]) -> Any:
     """For each point the nearest of the others, some points at a time."""
     half = (others**2).sum(1) / 2
     parts = np.split(points, np.arange(_ROWS, len(points), _ROWS))
