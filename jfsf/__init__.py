@@ -6,6 +6,7 @@ New here? Begin with `jfsf.apps.guide.start`; `jfsf.apps.guide` lists all guides
 folders are its parts, in the order in which data goes through them. A file imports
 only from rooms above its own, and no other from `apps`:
 
+- `_figures`: what each figure of a certificate means
 - `types`: the records that travel between functions
 - `array`: precise products, top-k, both sides in one program
 - `solvers`: fixed points and least squares to a tolerance

@@ -7,7 +7,10 @@ This file is long because every field is explained.
 
 from typing import Any, NamedTuple
 
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
+
+from jfsf._figures import FIGURES, explained
 
 # Host records hold numpy arrays, traced ones hold jax arrays; both are "arrays" here.
 ArrayLike = Any
@@ -164,8 +167,10 @@ class Aligned(NamedTuple):
     """Embeddings of both shapes in one Euclidean space, which a converter compares.
 
     emb_x, emb_y: a row a vertex.
-    moved_x, moved_y: where the vertices of X lie when it is deformed onto Y, and those
-        of Y, in sqrt(area); None if the shapes were not deformed.
+    moved_x: where the vertices of X lie when it is deformed onto Y, in sqrt(area); None
+        if the shapes were not deformed.
+    moved_y: where the vertices of Y lie when it is deformed onto X, in sqrt(area); None
+        if the shapes were not deformed.
     """
 
     emb_x: Float[Array, "n_x d"]
@@ -178,7 +183,7 @@ class Bent(NamedTuple):
     """Positions of both shapes, each deformed onto the other, in sqrt(area).
 
     moved_x: where the vertices of X lie when it is deformed onto Y.
-    moved_y: where those of Y lie when it is deformed onto X.
+    moved_y: where the vertices of Y lie when it is deformed onto X.
     """
 
     moved_x: Float[ArrayLike, "n_x 3"]
@@ -199,66 +204,8 @@ class PreciseMap(NamedTuple):
 class Certificate(NamedTuple):
     """Evidence of how good a map is, computed without ground truth.
 
-    marginal_error: l1 gap of the plan's sums, as a fraction of all mass; nan if the
-        last converter made no plan.
-    empty: vertices of either shape that no mass reached; 0 without a plan.
-    coverage_xy, coverage_yx: share of the target's area that the map hits; from a shape
-        of fewer vertices, over the share of the target's that so many can hit.
-    bijectivity_x, bijectivity_y: mean spectral distance between a vertex and its image
-        there and back, relative to the mean distance of two random vertices.
-    orthogonality: |C^T C - I|_2, 0 for an area-preserving map.
-    orientation: correlation in [-1, 1]; about +0.9 for a map that preserves
-        orientation, -0.9 for a mirrored one; nan for point clouds without a surface
-        (`jfsf.mesh.reconstruct`).
-    gap: the energy of the search's second candidate over that of its first, minus 1
-        (`jfsf.initial.Candidates.energy`). Where an orientation is
-        asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
-        shapes equally well. inf if no second one differs, nan without a search. Of
-        parts, the log odds beside those of the next map that was refined.
-    mirror_gap: the energy of the search's best candidate of the other orientation over
-        that of the best of the orientation asked for, minus 1. Below 0 the mirror image
-        fits better, as far as the search can see. nan if no orientation was asked for
-        or is known, and without a search.
-    nn_agreement: share of X's vertices that nearest neighbour sends to the same vertex;
-        nan without a plan.
-    recall: share of the nearest neighbours that the last search among tiles found,
-        estimated; 1 where all points were compared, nan without a plan.
-    finite: whether every number the maps came from is finite.
-    energy: departure from an isometry, of the final functional map at samples
-        (`jfsf.initial.energies`); nan without samples.
-    log_stretch_std: standard deviation of the logarithm of its stretch: how unevenly it
-        stretches (`jfsf.initial.log_stretch_std`); likewise.
-    residual: distance left between shapes that were bent onto each other, in sqrt(area)
-        (`jfsf.matching.bending`); nan if they were not. Likewise
-    shear: how much triangles are sheared by it where they are sheared most,
-    area_std: how unevenly they grow, and
-    normal_gap: how far the normals of the bent shapes differ from those at the images.
-    spectrum_gap: the largest difference between the logarithms of the first eigenvalues
-        of both shapes (`jfsf.matching.spectrum_gap`), whatever the map; 0.1 for bodies
-        in other poses, 1 for bodies with other limbs.
-    region_cost: of parts, how badly one whole lies on the other where it was drawn onto
-        it: what is left apart, how much it bends, how little of the part it covers
-        (`jfsf.matching.parts.RegisterWeights`). Small is good; nan for shapes matched
-        as wholes.
-    log_odds: of a map that is right, by its own evidence (`jfsf.matching.log_odds`);
-        nan without a surface.
-    share: of the odds of the map in those of all distinct maps that were compared with
-        it (`jfsf.matching.share_among`): 0.5 if there is another one that fits as well.
-        nan if none were: the first map was likely enough, or only one was made.
-    rivals: how many other maps, all different, are as likely and rank as high
-        (`jfsf.matching.rivals_among`); of a shape with a symmetry they are as good as
-        this one. Those that were found: of a sphere there are more. nan if none were
-        compared.
-    mirrored: probability that the mirror image of the map is right, and one of the
-        shapes is mirrored (`jfsf.matching.mirror_probability`). nan if the mirror image
-        is in doubt itself, or was not tried, as where `mirror_gap` does not ask for it.
-    confidence: probability that the mean geodesic error is below 0.1 of sqrt(area),
-        from log_odds and share (`jfsf.matching.confidence`). With n rivals it is
-        1 / (1 + n) at most. Less if the map misses landmarks, if its mirror image fits
-        far better, and for shapes of different kinds (`spectrum_gap`), which it was not
-        fitted to; half where left and right cannot be told. nan for point clouds
-        without a surface. Of parts it is that of the region that both share
-        (`jfsf.matching.region_confidence`); nan if their units may differ.
+    `jfsf._figures.FIGURES` says of each number what it means, and why it may be nan.
+
     landmarks: spectral distance between the image of each landmark and its partner,
         relative to the mean distance of two random vertices; above
         `jfsf.matching.MISSED` the map misses it. Empty without landmarks.
@@ -296,8 +243,18 @@ class Certificate(NamedTuple):
         """What is a single number, by name: all but the landmarks."""
         return {name: getattr(self, name) for name in FIGURES}
 
+    @classmethod
+    def unknown(cls, dtype: Any = float) -> "Certificate":
+        """A certificate that says nothing, to be filled by `_replace`.
 
-FIGURES = tuple(name for name in Certificate._fields if name != "landmarks")
+        All numbers are nan, no vertex is empty, all is finite, without landmarks.
+        """
+        figures: dict[str, Any] = dict.fromkeys(FIGURES, np.full((), np.nan, dtype))
+        figures |= {"empty": np.zeros((), np.int32), "finite": np.ones((), bool)}
+        return cls(**figures, landmarks=figures["gap"][None][:0])
+
+
+Certificate.__doc__ = f"{Certificate.__doc__}\n" + "\n".join(map(explained, FIGURES))
 
 
 # Where starts come from, and the stages that are timed, in their order.
@@ -320,8 +277,8 @@ class MatchInfo(NamedTuple):
     source: for each attempt, in their order, the number in `SOURCES` of its start's.
     confidence: of each attempt; in [0, 1], or nan.
     won: the number of the attempt that is the match.
-    seconds: of each of `STAGES`, compiling included; nan for one that was not run. Its
-        share where a stage was run for several pairs at a time.
+    seconds: that each of `STAGES` took, compiling included; nan for one that was not
+        run. Where a stage was run for several pairs at a time, a pair's share of them.
     """
 
     source: Int[ArrayLike, " a"]
@@ -357,7 +314,8 @@ class Match(NamedTuple):
         both share, in [0, 1]; matched_x and matched_y are where it is above one half.
         It falls with the distance of the surfaces after bending, and across their
         rims. It is no probability. None if the shapes were matched as wholes.
-    overlap_x, overlap_y: the share of the area of each shape that is matched, likewise.
+    overlap_x, overlap_y: the share of the area of each shape that is matched; None if
+        the shapes were matched as wholes.
     info: which starts were attempted, and how long it took; None for a single attempt
         (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
         stack matches, leave it out (`_replace(info=None)`).

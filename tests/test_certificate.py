@@ -7,13 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import testing
+from jfsf._figures import FIGURES
 from jfsf.convert import nearest, sinkhorn
 from jfsf.matching import certify, confidence
-from jfsf.matching._bending import Bending
+from jfsf.matching._certificate import Bending
 from jfsf.matching._confidence import log_odds
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, functional_map, uniform
-from jfsf.types import Aligned, Maps
+from jfsf.types import Aligned, Certificate, Maps
 
 N, K = 162, 30
 SPEC = testing.blob_spectrum(0, K)
@@ -26,6 +27,21 @@ def evidence(spec_x, spec_y, C_yx):
     found = filtered(emb_x, emb_y, uniform(spec_x.mass), uniform(spec_y.mass))
     C = functional_map(found.T_xy, spec_x, spec_y)
     return certify(found, Aligned(emb_x, emb_y), C, (spec_x, spec_y))
+
+
+def test_every_figure_is_in_the_table_and_explained():
+    assert [*FIGURES, "landmarks"] == [*Certificate._fields]
+    assert [*Certificate.__annotations__] == [*Certificate._fields]
+    said = Certificate.__doc__ or ""
+    for name, figure in FIGURES.items():
+        assert f"    {name}: {figure.meaning[:20]}" in said
+        # It stands alone, in a table as in an editor.
+        assert not figure.meaning.endswith(".") and "likewise" not in said
+    nothing = Certificate.unknown(np.float32)
+    for name, value in nothing.figures().items():
+        assert bool(FIGURES[name].unknown) <= bool(np.isnan(value))
+        assert (value.dtype == np.float32) == (name not in ("empty", "finite"))
+    assert nothing.finite and nothing.empty == 0 and len(nothing.landmarks) == 0
 
 
 def test_the_identity_is_perfect():

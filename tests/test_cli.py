@@ -23,15 +23,15 @@ from scipy.spatial import KDTree
 from typer.testing import CliRunner
 
 from jfsf import __version__
+from jfsf._figures import FIGURES
 from jfsf.apps.cli import app
 from jfsf.apps.cli._report import certificate_table
 from jfsf.apps.cli._stages import stage_bar
 from jfsf.apps.cli._summary import doubtful_first
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import read_map, read_match, write_map
-from jfsf.apps.plot._colours import body_colours, frame
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.plot._colours import body_colours, texture_coordinates
+from jfsf.apps.plot._frames import frame
 from jfsf.apps.report._words import warnings_of
 from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
@@ -39,7 +39,7 @@ from jfsf.matching import match
 from jfsf.mesh import closest, read
 from jfsf.mesh._closest import surface_tree
 from jfsf.testing import blob
-from jfsf.types import FIGURES, Certificate, Mesh
+from jfsf.types import Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
 PAIR = ("man_walk", "man_up")
@@ -147,7 +147,7 @@ def test_match_writes_the_maps_a_picture_and_a_plain_certificate(folder, x, y):
 
 def test_match_exports_x_in_the_colours_of_y(folder, x, y):
     T_xy = read_match(folder / "map.npz").T_xy
-    colours = body_colours(read(y).vertices @ find_frame(read(y)).axes)[T_xy]
+    colours = body_colours(read(y).vertices)[T_xy]
     for name in ("x.ply", "x.glb"):
         np.testing.assert_allclose(read(folder / name).vertices, read(x).vertices)
         np.testing.assert_array_equal(read(folder / name).faces, read(x).faces)
@@ -319,7 +319,7 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
 @pytest.fixture
 def no_search(monkeypatch):
     """Reports without candidates: their search is tested elsewhere."""
-    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.candidate_maps", lambda *_, **__: [])
 
 
 def record_of(page):
@@ -396,7 +396,7 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     row = {"x": str(x), "y": str(y), "reason": "", "file": "a__b.npz"}
     row |= {"confidence": 0.9, "warnings": ["look"]}
     failed = row | {"reason": "no file", "file": "", "confidence": None}
-    listed = record_of(batch_index(out, [row, failed]))["pairs"]
+    listed = record_of(batch_index(out, [row, failed]))["rows"]
     assert listed[0]["lines"] == ["no file"] and listed[0]["page"] is None
     assert listed[1]["page"] == "report/a__b.html" and listed[1]["lines"] == ["look"]
     assert all((out / listed[1][name]).exists() for name in ("page", "picture"))
@@ -590,7 +590,7 @@ def test_demo_shows_sinkhorn_ahead(folder, shapes, monkeypatch):
 
     monkeypatch.setattr("jfsf.data.load", shapes.__getitem__)
     monkeypatch.setattr("jfsf.initial.search", search)
-    monkeypatch.setattr("jfsf.apps.report._page.considered", lambda *_, **__: [])
+    monkeypatch.setattr("jfsf.apps.report._page.candidate_maps", lambda *_, **__: [])
     result = run("demo", "--out", folder / "demo", "--report")
     assert result.exit_code == 0, result.output
     assert record_of(folder / "demo" / "man_walk_man_up.html")["truth"]

@@ -1,14 +1,12 @@
 """The pages of a collection: shapes, pairs, triangles, and the sliders of a model."""
 
-import json
-import re
 from base64 import b64decode
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
 from browser import needs_chromium, opened
+from test_report import record_of
 from typer.testing import CliRunner
 
 from jfsf.apps import model
@@ -16,83 +14,58 @@ from jfsf.apps.cli import app
 from jfsf.apps.collections._cycles import Triangle
 from jfsf.apps.collections._grow import Graph, Matched
 from jfsf.apps.collections._paths import Paths
-from jfsf.apps.plot._colours import frame
-from jfsf.apps.report import write_collection_page, write_model_page
-from jfsf.apps.report._collection import ShapeRow, shape_picture
-from jfsf.apps.report._graph import places
-from jfsf.apps.report._model import KNOTS, displacements
+from jfsf.apps.plot._frames import frame
+from jfsf.apps.report import write_model_page
+from jfsf.apps.report._collection import places, shape_picture, write_collection_page
+from jfsf.apps.report._index import Row
 from jfsf.data import load, names
 from jfsf.mesh import read
 from jfsf.types import Maps, Mesh
 
 SHAPES = tuple("abcd")
-WARNING = "<b>the shapes bend</b>"
 NOTHING = Maps(np.zeros(1, np.int32), np.zeros(1, np.int32))
 
 
-def record_of(path):
-    """What the script of a page reads."""
-    found = re.search(r'id="record">(.*?)</script>', path.read_text(), re.DOTALL)
-    assert found
-    return json.loads(found[1])
-
-
 @pytest.fixture(scope="module")
-def models():
-    """A model of each kind, of four shapes that bend a little."""
+def rods():
+    """The model of four shapes that bend a little."""
     rod = trimesh.creation.icosphere(subdivisions=2)
     points = np.asarray(rod.vertices) * [1, 1, 3]
     angle = np.linspace(-0.5, 0.5, len(SHAPES))[:, None] * points[:, 2]
     moved = [points[:, 0], points[:, 1] + points[:, 2] * np.sin(angle)]
     shapes = np.stack([np.broadcast_to(moved[0], angle.shape), moved[1]], -1)
     shapes = np.concatenate([shapes, (points[:, 2] * np.cos(angle))[..., None]], -1)
-    fit = model.fit_gradient_model, model.fit_model
-    return [one(shapes, rod.faces) for one in fit]
+    return model.fit_model(shapes, rod.faces)
 
 
 @pytest.fixture(scope="module")
-def model_page(models, tmp_path_factory):
+def model_page(rods, tmp_path_factory):
     path = tmp_path_factory.mktemp("model") / "model.html"
-    write_model_page(path, models, SHAPES, warning=WARNING, modes=2, up="z")
+    write_model_page(path, rods, SHAPES, modes=2, up="z")
     return path
 
 
-def test_displacements_are_those_of_the_model(models):
-    for kind, own in zip(("gradients", "positions"), models, strict=True):
-        found = displacements(own, 1, KNOTS[kind])
-        reach = KNOTS[kind][-1] * np.sqrt(own.variance[1])
-        far = model.shape_at(own, jnp.zeros(2).at[1].set(reach)) - own.mean
-        np.testing.assert_allclose(found[-1], far, atol=1e-4)
-        assert (kind == "positions") == np.allclose(found[0], -found[-1], atol=1e-9)
-        assert kind == "positions" or not found[3].any()  # the mean
-
-
-def test_the_page_of_a_model_holds_its_shapes(models, model_page):
+def test_the_page_of_a_model_holds_its_shapes(rods, model_page):
     record = record_of(model_page)
-    assert record["names"] == list(SHAPES) and record["warning"] == WARNING
-    assert [own["kind"] for own in record["models"]] == ["gradients", "positions"]
-    for own, page in zip(models, record["models"], strict=True):
-        mean = np.asarray(own.mean)
-        size = np.ptp(mean, axis=0).max()
-        shape = page["shape"]
-        points = np.frombuffer(b64decode(shape["points"]), "<u2").reshape(-1, 3) / 65535
-        points = size * (points + shape["low"])
-        mode = page["modes"][0]
-        at = np.frombuffer(b64decode(mode["at"][-1]), "<i2").reshape(-1, 3)
-        far = points + size * mode["unit"] * at
-        reach = 3 * np.sqrt(own.variance[:1])
-        true = np.asarray(model.shape_at(own, reach))
-        true = (true - (mean.min(0) + mean.max(0)) / 2) @ frame("z")
-        np.testing.assert_allclose(far, true, atol=1e-3 * size)
-        scores = np.asarray(own.scores)[:, :2] / np.sqrt(own.variance[:2])
-        np.testing.assert_allclose(page["scores"], scores, rtol=1e-4)
+    assert record["names"] == list(SHAPES) and len(record["modes"]) == 2
+    mean, shape = np.asarray(rods.mean), record["shape"]
+    size = np.ptp(mean, axis=0).max()
+    points = np.frombuffer(b64decode(shape["points"]), "<u2").reshape(-1, 3) / 65535
+    points = size * (points + shape["low"])
+    mode = record["modes"][0]
+    at = np.frombuffer(b64decode(mode["at"]), "<i2").reshape(-1, 3)
+    far = points + size * mode["unit"] * at
+    reach = record["reach"] * np.sqrt(rods.variance[:1])
+    true = np.asarray(model.shape_at(rods, reach))
+    true = (true - (mean.min(0) + mean.max(0)) / 2) @ frame("z")
+    np.testing.assert_allclose(far, true, atol=1e-3 * size)
+    scores = np.asarray(rods.scores)[:, :2] / np.sqrt(rods.variance[:2])
+    np.testing.assert_allclose(record["scores"], scores, rtol=1e-4)
 
 
-def test_models_that_do_not_fit_are_refused(models, tmp_path):
+def test_a_model_that_does_not_fit_is_refused(rods, tmp_path):
     with pytest.raises(ValueError, match="3 names for a model of 4 shapes"):
-        write_model_page(tmp_path / "a.html", models, SHAPES[1:])
-    with pytest.raises(ValueError, match="no model"):
-        write_model_page(tmp_path / "a.html", [], SHAPES)
+        write_model_page(tmp_path / "a.html", rods, SHAPES[1:])
     assert not list(tmp_path.iterdir())
 
 
@@ -104,7 +77,6 @@ def test_sliders_move_the_shape(model_page, tmp_path):
     )
     for page in opened(model_page, tmp_path / "profile"):
         assert page.run("return document.body.dataset.ready") == "yes"
-        assert page.one("#warning").text == WARNING and not page.all("b")
         assert len(page.all("#sliders input")) == 2
         mean = page.pixels("#canvas-x")
         page.driver.execute_script(move, 0, 2)
@@ -119,8 +91,6 @@ def test_sliders_move_the_shape(model_page, tmp_path):
             "const box = document.getElementById(arguments[0]);"
             "box.value = arguments[1]; box.onchange();"
         )
-        page.driver.execute_script(choose, "kind", "positions")
-        assert "straight line" in page.one("#about").text
         page.driver.execute_script(choose, "shape", "a")
         assert page.one("#sliders output").text != "0.00"
         found = "return performance.getEntriesByType('resource').map((e) => e.name)"
@@ -140,10 +110,10 @@ def graph():
 @pytest.fixture
 def index(tmp_path):
     rows = [
-        ShapeRow("a", "a.html", None, 0.99, ["near"]),
-        ShapeRow("b", None, None, 1.0, ["the template"]),
-        ShapeRow("c", "c.html", None, 0.8, []),
-        ShapeRow("d", None, None, float("nan"), ["<i>fits none</i>"], left_out=True),
+        Row("a", "a.html", None, 0.99, ["near"]),
+        Row("b", None, None, 1.0, ["the template"]),
+        Row("c", "c.html", None, 0.8, []),
+        Row("d", None, None, float("nan"), ["<i>fits none</i>"], failed=True),
     ]
     links = {"The model": "model.html"}
     write_collection_page(tmp_path / "i.html", rows, graph(), SHAPES, links=links)
@@ -152,8 +122,8 @@ def index(tmp_path):
 
 def test_the_index_lists_what_to_look_at_first(index):
     record = record_of(index)
-    assert [row["name"] for row in record["pairs"]] == ["d", "c", "a", "b"]
-    assert record["pairs"][0]["verdict"] == "left out"
+    assert [row["name"] for row in record["rows"]] == ["d", "c", "a", "b"]
+    assert record["rows"][0]["verdict"] == "left out"
     assert record["counts"] == "4 shapes, 3 joined, template b, 4 pairs matched"
     kinds = {(a, b): kind for a, b, kind, _ in record["graph"]["edges"]}
     assert kinds == {(0, 1): "way", (0, 2): "trusted", (1, 2): "way", (2, 3): "dropped"}

@@ -3,14 +3,12 @@
 The factors are fitted anew from time to time: nothing here depends on their values.
 """
 
-import json
-from importlib.resources import files
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import oracles_evidence as oracles
 import pytest
+from certificates import certificate
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logit
@@ -25,12 +23,13 @@ from jfsf.matching._confidence import (
     LEAST,
     MOST_SHARE,
     RANK_FACTORS,
-    column,
+    confidence_of,
     log_odds,
-    of_certificate,
+    mirror_probability,
     rank,
+    read_constants,
+    regressor,
 )
-from jfsf.matching._mirror import mirror_probability
 from jfsf.matching._rivals import rivals_among, share_among
 from jfsf.runtime._sizes import pad
 from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
@@ -78,9 +77,9 @@ def test_log_odds_follow_each_figure(name):
     assert np.isnan(unknown).all()
 
 
-def test_columns_are_finite():
-    assert column("orientation", -0.5) == -0.5
-    assert column("residual", 0.0) == column("residual", -1.0) == np.log(LEAST)
+def test_regressors_are_finite():
+    assert regressor("orientation", -0.5) == -0.5
+    assert regressor("residual", 0.0) == regressor("residual", -1.0) == np.log(LEAST)
 
 
 @given(
@@ -164,26 +163,17 @@ def test_there_is_no_confidence_without_evidence():
     assert np.isnan(confidence(jnp.nan)) and np.isnan(confidence(jnp.nan, 0.7))
 
 
-def certificate(z, share=np.nan, landmarks=(), region_cost=np.nan):
-    figures = dict.fromkeys(Certificate._fields, jnp.zeros(()))
-    known = {"log_odds": z, "share": share, "landmarks": landmarks}
-    known |= {"region_cost": region_cost}
-    known = {name: jnp.asarray(value, float) for name, value in known.items()}
-    return Certificate(**{**figures, **known})
-
-
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
-    text = (files("jfsf.matching") / "regions.json").read_text()
-    b = json.loads(text)["factors"]
+    b = read_constants("regions")["factors"]
     settings = EvidenceSettings(missed_weight=2)
 
     @jax.jit
     def likely(evidence):
         return region_confidence(evidence, settings=settings)
 
-    def of(*known, landmarks=()):
-        own = certificate(*known[:1], np.nan, landmarks, *known[1:])
+    def of(log_odds, cost, landmarks=()):
+        own = certificate(log_odds=log_odds, region_cost=cost, landmarks=landmarks)
         found = likely(jax.tree.map(lambda v: v.astype(dtype), own))
         assert found.dtype == dtype
         return float(found)
@@ -198,8 +188,9 @@ def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
 
 
 def test_landmarks_tell_left_from_right_and_may_be_missed():
-    of = lambda told, *given: of_certificate(
-        certificate(2.0, 0.6, *given), told, settings=EvidenceSettings(missed_weight=2)
+    evidence = lambda away: certificate(log_odds=2.0, share=0.6, landmarks=away)
+    of = lambda told, away=(): confidence_of(
+        evidence(away), told, settings=EvidenceSettings(missed_weight=2)
     )
     known = confidence(2.0, 0.6)
     np.testing.assert_allclose(of(True), known)
@@ -217,11 +208,10 @@ def standing(maps, ranks, pair=(SPEC, SPEC), missed=None):
     missed: for each, how far landmarks end from their partners.
     """
     worth = np.sign(RANK_FACTORS[NAME])
-    figures = dict.fromkeys(Certificate._fields, jnp.ones(()))
     matches = []
     for T, r, away in zip(maps, ranks, missed or [()] * len(maps), strict=True):
-        own = {NAME: jnp.exp(worth * r), "landmarks": jnp.asarray(away, float)}
-        evidence = Certificate(**{**figures, **own})
+        own = dict.fromkeys(RANK_FACTORS, 1.0) | {NAME: np.exp(worth * r)}
+        evidence = certificate(**own, landmarks=np.asarray(away, float))
         matches.append(Match(T, T, jnp.eye(3), evidence))
     return share_among(matches, pair)
 
@@ -290,7 +280,7 @@ def test_rivals_are_maps_that_differ_and_are_as_likely():
     def rivals(maps, likely, odds):
         found = share_among(
             matches := [
-                Match(T, T, jnp.eye(3), certificate(logit(p)))
+                Match(T, T, jnp.eye(3), certificate(log_odds=logit(p)))
                 for T, p in zip(maps, likely, strict=True)
             ],
             (SPEC, SPEC),

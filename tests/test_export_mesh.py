@@ -14,9 +14,7 @@ from PIL import Image
 
 from jfsf.apps.export import export_map, export_mesh
 from jfsf.apps.plot import coordinate_colours
-from jfsf.apps.plot._colours import body_colours
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.plot._colours import body_colours, texture_coordinates
 from jfsf.data import load
 from jfsf.mesh import MeshError, face_normals, read
 from jfsf.types import Mesh
@@ -26,9 +24,8 @@ X, Y = load("man_walk").mesh, load("man_up").mesh
 X = Mesh(np.vstack([X.vertices[:2], X.vertices]), X.faces + np.int32(2))
 N_X, N_Y = len(X.vertices), len(Y.vertices)
 T_XY = np.random.default_rng(0).integers(0, N_Y, N_X)
-BODY = Y.vertices @ find_frame(Y).axes
-COLOURS = body_colours(BODY)[T_XY]
-UV = 8 * texture_coordinates(BODY)[T_XY]
+COLOURS = body_colours(Y.vertices)[T_XY]
+UV = 8 * texture_coordinates(Y.vertices)[T_XY]
 BYTE = 0.51 / 255
 CASES = [(".ply", False), (".obj", False), (".obj", True), (".glb", False)]
 CASES += [(".glb", True)]

@@ -13,8 +13,6 @@ from pyFM.spectral import mesh_p2p_to_FM
 from jfsf import testing
 from jfsf.apps.interop import (
     from_pyfm,
-    mesh_from_pyfm,
-    mesh_to_pyfm,
     spectrum_from_pyfm,
     spectrum_to_pyfm,
     to_pyfm,
@@ -109,21 +107,8 @@ def test_pyfm_goes_on_with_our_map(spectra):
     assert model.zoomout_refine(nit=2).shape == (8, 7)
 
 
-def test_meshes_keep_every_vertex_and_face():
-    vertices = np.vstack([MESH_Y.vertices, MESH_Y.vertices[:2]])  # copies, no face
-    for mesh in (MESH_Y._replace(vertices=vertices), CLOUD):
-        found = mesh_to_pyfm(mesh)
-        assert found.is_point_cloud == (len(mesh.faces) == 0)
-        back = mesh_from_pyfm(found)
-        for ours, theirs in zip(mesh, back, strict=True):
-            np.testing.assert_array_equal(theirs, ours)
-            assert theirs.dtype == ours.dtype
-    back.vertices[:] = 0
-    assert found.vertices.any()
-
-
 def test_point_clouds_have_spectra_too():
-    cloud = mesh_to_pyfm(CLOUD).process(K_Y)
+    cloud = TriMesh(CLOUD.vertices).process(K_Y)
     spec = spectrum_from_pyfm(cloud)
     assert spec.faces.shape == (0, 3)
     np.testing.assert_allclose(spec.mass.sum(), 1)
@@ -161,7 +146,7 @@ def test_our_meshes_are_not_pyfms(spectra):
 
 
 def test_what_is_no_spectrum_is_refused(spectra):
-    raw = mesh_to_pyfm(MESH_Y)
+    raw = TriMesh(*MESH_Y)
     with pytest.raises(ValueError, match=r"call mesh.process\(k\)"):
         spectrum_from_pyfm(raw)
     with pytest.raises(ValueError, match="to_pyfm: the mesh has no eigenvectors"):
@@ -197,9 +182,9 @@ def test_what_is_no_spectrum_is_refused(spectra):
         spectrum_to_pyfm(spectra[1]._replace(mass=mass))
 
 
-def test_a_missing_package_says_how_to_install(monkeypatch):
+def test_a_missing_package_says_how_to_install(monkeypatch, spectra):
     monkeypatch.setitem(sys.modules, "pyFM.mesh", None)
     with pytest.raises(
         ImportError, match=r"needs pyfmaps.*pip install 'jfsf\[interop\]'"
     ):
-        mesh_to_pyfm(MESH_Y)
+        spectrum_to_pyfm(spectra[1])

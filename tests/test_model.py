@@ -1,7 +1,7 @@
 """Shape models: against numpy and scipy, laws, and shapes made of known modes."""
 
 import csv
-from functools import cache, partial
+from functools import cache
 
 import jax
 import jax.numpy as jnp
@@ -12,10 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from jfsf import testing
 from jfsf.apps import model as room
-from jfsf.apps.model import _quality as quality
-from jfsf.apps.model import _rotations as rotations
+from jfsf.apps.model._align import align_onto, nearest_rotation
 from jfsf.mesh import MeshError, read, surface_area, vertex_areas
-from jfsf.mesh._geometry import edges
 from jfsf.types import Mesh
 
 RNG = np.random.default_rng(0)
@@ -65,55 +63,11 @@ def fitted():
     return room.fit_model(POINTS, FACES)
 
 
-@cache
-def bar(angle):
-    """A tube along x whose middle is bent by an angle, to both sides alike."""
-    x = np.linspace(-4, 4, 33)
-    turn = angle * np.clip((x + 1.5) / 3, 0, 1)
-    fine = np.linspace(-4, 4, 3201)
-    bent = angle * np.clip((fine + 1.5) / 3, 0, 1)
-    step = fine[1] - fine[0]
-    path = np.cumsum(np.stack([np.cos(bent), np.sin(bent)], 1), 0)[::100] * step
-    around = np.linspace(0, 2 * np.pi, 6, endpoint=False)
-    across = 0.3 * np.cos(around)
-    points = np.stack(
-        [
-            path[:, :1] - np.sin(turn)[:, None] * across,
-            path[:, 1:] + np.cos(turn)[:, None] * across,
-            np.broadcast_to(0.3 * np.sin(around), (33, 6)),
-        ],
-        2,
-    ).reshape(-1, 3)
-    i, j = np.divmod(np.arange(32 * 6), 6)
-    a, b = 6 * i + j, 6 * i + (j + 1) % 6
-    sides = np.concatenate([np.stack([a, b, a + 6], 1), np.stack([b, b + 6, a + 6], 1)])
-    caps = [[0, k + 1, k] for k in range(1, 5)]
-    caps += [[192, 192 + k, 193 + k] for k in range(1, 5)]
-    return Mesh(points, np.concatenate([sides, caps]).astype(np.int32))
-
-
-def lengths(points, faces):
-    ends = edges(faces).ends
-    return np.linalg.norm(points[ends[:, 0]] - points[ends[:, 1]], axis=1)
-
-
 # Rotations
 
 
-def test_rotations_are_those_of_scipy():
-    angles = np.array([0, 1e-9, 0.1, 2, np.pi - 1e-6, np.pi])
-    axes = RNG.normal(size=(len(angles), 3))
-    vectors = angles[:, None] * axes / np.linalg.norm(axes, axis=1, keepdims=True)
-    found = jax.jit(rotations.rotations_of)(vectors)
-    truth = Rotation.from_rotvec(vectors).as_matrix()
-    np.testing.assert_allclose(found, truth, atol=1e-12)
-    back = np.array(jax.jit(rotations.rotation_vectors)(truth))
-    back[-1] *= np.sign(back[-1] @ vectors[-1])  # both ways round are 180 degrees
-    np.testing.assert_allclose(back, vectors, atol=1e-8)
-
-
 def test_the_nearest_rotation_is_that_of_scipy_and_never_mirrors():
-    nearest = jax.jit(rotations.nearest_rotation)
+    nearest = jax.jit(nearest_rotation)
     source, target = RNG.normal(size=(2, 30, 3))
     for sign in (1, -1):
         target = target * [sign, 1, 1]
@@ -125,7 +79,7 @@ def test_the_nearest_rotation_is_that_of_scipy_and_never_mirrors():
 def test_slopes_of_the_nearest_rotation(matrix):
     # The last has a singular value twice: there the SVD has no derivative.
     weights = np.random.default_rng(1).normal(size=(3, 3))
-    assert_slope(lambda m: jnp.sum(rotations.nearest_rotation(m) * weights), matrix)
+    assert_slope(lambda m: jnp.sum(nearest_rotation(m) * weights), matrix)
 
 
 # Alignment
@@ -138,7 +92,7 @@ def test_two_shapes_are_aligned_as_scipy_does():
     plain, moved, disparity = scipy.spatial.procrustes(both[0], both[-1])
     # The mean of all has the pose of the first but for rounding and the last's share.
     aligned = np.asarray(found.positions)[[0, -1]]
-    onto = np.asarray(room.align_onto(aligned[0], aligned[1], np.ones(N)))
+    onto = np.asarray(align_onto(aligned[0], aligned[1], np.ones(N)))
     unit = np.stack([aligned[0], onto]) - aligned.mean(1, keepdims=True)
     unit /= np.linalg.norm(unit, axis=(1, 2), keepdims=True)
     # scipy also shrinks the second by the cosine between both.
@@ -226,13 +180,7 @@ def test_missing_vertices_are_not_read():
     np.testing.assert_allclose(moved, known.positions, atol=1e-8)
 
 
-@pytest.mark.slow
-def test_slopes_of_alignment():
-    to = np.random.default_rng(1).normal(size=(N, 3))
-    assert_slope(lambda x: jnp.sum((room.align(x).mean - to) ** 2), MOVED)
-
-
-# Models of positions
+# Models
 
 
 def test_known_modes_are_recovered():
@@ -302,92 +250,10 @@ def test_vertices_without_a_face_move_with_the_others():
 
 @pytest.mark.slow
 def test_shapes_far_away_are_centred_without_loss():
-    away = room.centred(MOVED + 5.6e6)
+    away = MOVED + 5.6e6
+    away = away - away.mean(1, keepdims=True)
     model = room.fit_model(np.float32(away), FACES)
     np.testing.assert_allclose(model.variance, fitted().variance, rtol=1e-3, atol=1e-9)
-
-
-def test_batches_give_the_model_of_all():
-    known = fitted()
-    aligned = np.asarray(room.align(POINTS, weights=known.weights).positions)
-    batches = [aligned[:4], aligned[4:]]
-    fit = partial(room.fit_model_in_batches, faces=FACES, weights=known.weights)
-    found = fit(iter(batches))
-    for name in known._fields:
-        # The other modes have a variance of 1e-12.
-        first = (lambda a: a[:3]) if name == "modes" else lambda a: a
-        first = (lambda a: a[:, :3]) if name == "scores" else first
-        one, two = (np.asarray(first(getattr(m, name))) for m in (found, known))
-        np.testing.assert_allclose(one, two, atol=1e-6, err_msg=name)
-    few = fit(iter(batches), modes=2)
-    np.testing.assert_allclose(few.variance, known.variance[:2], rtol=1e-3)
-    np.testing.assert_allclose(few.total_variance, known.total_variance, rtol=1e-9)
-
-
-# Models of gradients
-
-
-def test_gradients_there_and_back():
-    (rest, faces), (moved, _) = bar(0.0), bar(2.0)
-    features = room.gradients_of(rest, moved, faces)
-    assert features.shape == (len(faces), 9)
-    back = np.asarray(room.from_gradients(rest, features, faces))
-    np.testing.assert_allclose(back, moved + (rest - moved).mean(0), atol=1e-6)
-    # A turn of the whole is the same in all faces, and stretches nothing.
-    vector = np.array([0.1, 0.2, 0.3])
-    turned = room.gradients_of(rest, Rotation.from_rotvec(vector).apply(rest), faces)
-    truth = np.concatenate([np.sqrt(2) * vector, np.zeros(6)])
-    np.testing.assert_allclose(turned, np.tile(truth, (len(faces), 1)), atol=1e-8)
-    # Twice as large: the stretch is 2, also across.
-    grown = room.gradients_of(rest, 2 * rest, faces)
-    truth = np.array([0, 0, 0, 1, 1, 1, 0, 0, 0.0])
-    np.testing.assert_allclose(grown, np.tile(truth, (len(faces), 1)), atol=1e-8)
-    # In half the digits.
-    rest, features = (np.asarray(a, np.float32) for a in (rest, features))
-    again = room.from_gradients(rest, features, faces)
-    assert again.dtype == np.float32
-    np.testing.assert_allclose(again, back, atol=1e-3)
-
-
-@cache
-def bent():
-    """Three poses of a bar, and its model of gradients."""
-    poses = jnp.stack([jnp.asarray(bar(angle).vertices) for angle in (0.0, 0.7, 2.0)])
-    return poses, room.fit_gradient_model(poses, bar(0.0).faces)
-
-
-def test_half_way_between_two_poses_lengths_stay():
-    (straight, faces), (curved, _) = bar(0.0), bar(2.0)
-    truth = (lengths(straight, faces) + lengths(curved, faces)) / 2
-    poses, model = bent()
-    by_gradients = room.shape_at(model, model.scores[jnp.array([0, 2])].mean(0))
-    worst = np.abs(lengths(np.asarray(by_gradients), faces) / truth - 1).max()
-    assert worst < 0.02
-    by_positions = plain_alignment(np.asarray(poses), np.ones(198))[[0, 2]].mean(0)
-    worst = np.abs(lengths(by_positions, faces) / truth - 1).max()
-    assert worst > 0.1
-
-
-def test_shapes_and_scores_of_gradients_are_inverse():
-    poses, model = bent()
-    found = jax.vmap(room.scores_of, (None, 0))(model, poses)
-    np.testing.assert_allclose(found, model.scores, atol=1e-6)
-    for pose, scores in zip(poses, model.scores, strict=True):
-        moved = room.moved_onto(model, pose)
-        np.testing.assert_allclose(room.shape_at(model, scores), moved, atol=1e-5)
-    zero = room.shape_at(model, jnp.zeros(2))
-    np.testing.assert_allclose(zero, model.mean, atol=1e-6)
-    loss = lambda scores: jnp.sum(room.shape_at(model, scores) ** 3)
-    assert_slope(loss, np.array([0.1, -0.2]))
-
-
-def test_shapes_that_bend_are_named():
-    poses, faces = bent()[0], bar(0.0).faces
-    angles = np.asarray(room.local_rotation(poses, faces))
-    assert angles.argmin() == 1 and angles[1] < 1e-6 and 0.2 < angles[2] < 1
-    text = room.bending_warning(poses, faces, most_turn=0.1)
-    assert text is not None and "bend" in text and "gradient" in text
-    assert room.bending_warning(poses, faces, most_turn=1.0) is None
 
 
 # What a model is worth
@@ -451,21 +317,11 @@ def test_specificity_against_numpy():
     np.testing.assert_allclose(found.standard_error, error, atol=1e-9)
 
 
-def test_models_of_gradients_are_measured_too():
-    # Traced only: to compile it takes as long as half of the other tests.
-    found = jax.eval_shape(
-        partial(quality._left_out, fit=room.fit_gradient_model),
-        *(bent()[0], bar(0.0).faces, jnp.arange(2)),
-    )
-    assert [figures.shape for figures in found] == [(3, 2), (3,)]
-
-
 # Files
 
 
-@pytest.mark.parametrize("make", [fitted, lambda: bent()[1]])
-def test_files(make, tmp_path):
-    model = make()
+def test_files(tmp_path):
+    model = fitted()
     room.write_model(tmp_path / "model.npz", model)
     back = room.read_model(tmp_path / "model.npz")
     assert type(back) is type(model)
@@ -551,23 +407,15 @@ HOLE[2, 5] = True
             "shape 0 has size .* lies 1e.05 from the origin, where float32",
         ),
         (
-            lambda: room.fit_gradient_model(np.float32(MOVED * 1e-8), FACES),
+            lambda: room.fit_model(np.float32(MOVED * 1e-8), FACES),
             "areas are squared in float32",
         ),
         (
-            lambda: room.bending_warning(np.float32(MOVED * 1e12), FACES),
+            lambda: room.generality(np.float32(MOVED * 1e12), FACES),
             "in another unit",
         ),
         (lambda: room.fit_model(POINTS, FACES, modes=S), "modes is 8"),
-        (lambda: room.fit_gradient_model(POINTS, FACES, modes=0), "modes is 0"),
-        (lambda: room.fit_model_in_batches([], FACES), "0 shapes"),
-        (lambda: room.fit_model_in_batches([MOVED[:1]], FACES), "1 shape,"),
-        (
-            lambda: room.fit_model_in_batches([MOVED[:4], MOVED[:, :9]], FACES),
-            "those before",
-        ),
-        (lambda: room.fit_model_in_batches([MOVED], FACES, modes=0), "modes is 0"),
-        (lambda: room.fit_model_in_batches([MOVED], FACES[:3]), "weight 0"),
+        (lambda: room.fit_model(POINTS, FACES, modes=0), "modes is 0"),
         (lambda: room.shape_at(fitted(), jnp.zeros(9)), "scores are"),
         (lambda: room.scores_of(fitted(), MOVED[0, :5]), "positions are"),
         (lambda: room.generality(MOVED[:2], FACES), "2 shapes"),

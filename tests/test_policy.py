@@ -15,11 +15,10 @@ from jfsf import EvidenceSettings, Settings
 from jfsf.initial import Start
 from jfsf.matching import _bending, _others, _pairs, _policy, _sources, confidence
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._confidence import of_certificate
-from jfsf.matching._mirror import mirror_probability
+from jfsf.matching._confidence import confidence_of, mirror_probability
 from jfsf.matching._pairs import PairState
 from jfsf.matching._rigid import Moved
-from jfsf.matching._rivals import Standing
+from jfsf.matching._rivals import Ranking
 from jfsf.types import STAGES, Certificate, Match
 
 HALF = Settings(retry_below=0.5)
@@ -52,7 +51,7 @@ def match_of(start, missed=0.0, landmarks=None, sign=1):
     figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
     figures |= {"rivals": np.nan, "mirrored": np.nan}
     evidence = Certificate(**figures)
-    known = of_certificate(evidence, sign != 0, settings=EvidenceSettings())
+    known = confidence_of(evidence, sign != 0, settings=EvidenceSettings())
     evidence = evidence._replace(confidence=known)
     return Match(np.zeros(2, int), np.zeros(2, int), start.C_yx, evidence)
 
@@ -155,7 +154,7 @@ def alike(monkeypatch):
         differ = ~np.eye(len(odds), dtype=bool)
         differ[0, found] = differ[found, 0] = False
         rank = np.nan_to_num(odds, nan=-np.inf)
-        return Standing(shares_of(expit(odds)), rank, differ, 1.0 * differ)
+        return Ranking(shares_of(expit(odds)), rank, differ, 1.0 * differ)
 
     monkeypatch.setattr(_pairs, "coarse_copy", lambda spec, settings: Copy(spec))
     monkeypatch.setattr(_bending, "bends_copies", lambda *_: False)

@@ -7,8 +7,7 @@ import pytest
 from browser import needs_chromium, opened
 from test_report import PAIR, record_of, write
 
-from jfsf.apps.report import write_index
-from jfsf.apps.report._index import Row
+from jfsf.apps.report._index import Row, write_index
 
 pytestmark = needs_chromium
 
@@ -137,10 +136,10 @@ def test_without_webgl_a_picture_stands_in(report, tmp_path):
 def test_names_of_files_are_text(tmp_path):
     name = "<img src=x onerror=alert(1)></script>{{style}}"
     path = tmp_path / "index.html"
-    row = Row(name, name, None, None, 0.5, [name])
+    row = Row(name, None, None, 0.5, [name])
     write_index(path, [row])
     for page in opened(path, tmp_path / "profile"):
-        assert page.one("#pairs span").text == f"{name} → {name}"
+        assert page.one("#pairs span").text == name
         assert page.all("img") == [] and page.errors() == []
 
 
@@ -148,9 +147,9 @@ def test_names_of_files_are_text(tmp_path):
 def test_index_lists_links_and_filters(tmp_path, report):
     (tmp_path / "a.html").write_text("<title>a</title>")
     rows = [
-        Row("cat", "dog", "a.html", None, 0.95, []),
-        Row("cat", "bad", None, None, float("nan"), ["has no faces"], failed=True),
-        Row("man", "ape", "a.html", None, 0.1, ["look at it"]),
+        Row("cat → dog", "a.html", None, 0.95, []),
+        Row("cat → bad", None, None, float("nan"), ["has no faces"], failed=True),
+        Row("man → ape", "a.html", None, 0.1, ["look at it"]),
     ]
     write_index(tmp_path / "index.html", rows)
     for phone in (False, True):

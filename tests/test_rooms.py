@@ -131,9 +131,10 @@ def test_a_long_file_says_why(path):
 
 def test_all_public_names_resolve_without_further_imports():
     # In a new process: here tests have imported everything.
+    rooms = [room for room in ORDER if not room.startswith("_")]
     code = (
         "import jfsf\n"
-        f"for room in {ORDER}: getattr(jfsf, room)\n"
+        f"for room in {rooms}: getattr(jfsf, room)\n"
         "jfsf.data.load, jfsf.batch.match_spectra, jfsf.convert.sinkhorn\n"
         "jfsf.basis, jfsf.apps.mapfiles.read_map, jfsf.evaluate.evaluate\n"
         "jfsf.apps.plot.draw_pair"

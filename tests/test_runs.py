@@ -556,7 +556,7 @@ def test_what_is_drawn_in_another_way_is_drawn_again(tmp_path, monkeypatch):
             path.touch()
             os.utime(path, ns=(now, now))
 
-    how = {"up": None, "base": None}
+    how = {"up": "y", "base": None}
     note_drawing(tmp_path, how)
     touch(truth, job.out, tmp_path / DRAWING)
     assert not ask()

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse as sp
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.apps.mapfiles import MapFileError, read_map, read_mat, write_mat
@@ -74,34 +74,6 @@ def test_what_scipy_saved_is_read(compressed, content):
 CONTENT = {"S": {"n": 3.0, "v": np.arange(5.0), "in": {"A": LEAVES[5]}}, "B": LEAVES[6]}
 
 
-@given(st.integers(0, 1500), st.integers(0, 255))
-@settings(max_examples=200)
-def test_a_damaged_byte_changes_numbers_or_is_refused(at, byte):
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "s.mat"
-        scipy.io.savemat(path, CONTENT)
-        whole = bytearray(path.read_bytes())
-        whole[at % len(whole)] = byte
-        path.write_bytes(whole)
-        try:
-            found = read(path)
-        except MapFileError as error:
-            assert str(path) in str(error)
-            return
-        # What is sparse can be used.
-        for value in found.values():
-            if isinstance(value, sp.csc_array):
-                assert value.sum(axis=0).ndim == 1
-
-
-def damaged(path, before, after, content=CONTENT):
-    scipy.io.savemat(path, content)
-    whole = path.read_bytes()
-    assert whole.count(before) == 1
-    path.write_bytes(whole.replace(before, after))
-    return path
-
-
 def integers(*values):
     return struct.pack(f"<{len(values)}i", *values)
 
@@ -109,18 +81,19 @@ def integers(*values):
 @pytest.mark.parametrize(
     ("before", "after"),
     [
-        # Rows and starts of the columns of B, and the length of a name in "in".
+        # Rows of B, and starts of its columns.
         (integers(0, 2) + integers(5, 16), integers(0, 9) + integers(5, 16)),
         (integers(0, 1, 1, 2), integers(0, 2, 1, 2)),
         (integers(0, 1, 1, 2), integers(0, 1, 1, 200)),
         (integers(0, 1, 1, 2), integers(0, -1, 1, 2)),
         (integers(0, 1, 1, 2), integers(0, 1, 1, 0)),
-        (struct.pack("<hhi", 5, 4, 2) + b"\1\0\2\0A\0", b"\5\0\4\0\0\0\0\0\1\0\2\0A\0"),
     ],
 )
-def test_damaged_indices_and_lengths_are_refused(tmp_path, before, after):
-    content = CONTENT
-    path = damaged(tmp_path / "s.mat", before, after, content)
+def test_damaged_indices_are_refused(tmp_path, before, after):
+    scipy.io.savemat(path := tmp_path / "s.mat", CONTENT)
+    whole = path.read_bytes()
+    assert whole.count(before) == 1
+    path.write_bytes(whole.replace(before, after))
     with pytest.raises(MapFileError, match=r"s\.mat: damaged, or no \.mat .*again"):
         read(path)
 
@@ -133,7 +106,7 @@ def test_a_struct_that_is_no_map_is_refused(tmp_path):
 
 
 def test_limits_are_arguments(tmp_path):
-    write_mat(tmp_path / "s.mat", {"S": {"v": np.zeros(1000)}})
-    with pytest.raises(MapFileError, match="S is cut short, or above 4000 bytes"):
-        read_mat(tmp_path / "s.mat", 4000)["S"]()
-    assert not read_mat(tmp_path / "s.mat", 9000)["S"]()["v"].any()
+    write_mat(tmp_path / "s.mat", {"v": np.zeros(1000)})
+    with pytest.raises(MapFileError, match=r"\[v\]: has 8000 bytes, above 4000"):
+        read_mat(tmp_path / "s.mat", 4000)["v"]()
+    assert not read_mat(tmp_path / "s.mat", 9000)["v"]().any()

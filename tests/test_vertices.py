@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import oracles_evidence as oracles
 import pytest
 
 from jfsf import testing
@@ -11,12 +12,12 @@ from jfsf.matching import vertex_confidence
 from jfsf.matching._vertices import (
     APART,
     EIGENPAIRS,
-    FACTORS,
-    LEAST,
+    OFFSETS,
     TIME,
     VERTEX_EVIDENCE,
+    VERTEX_FACTORS,
+    changed_vertex_confidence,
     vertex_evidence,
-    with_likely,
 )
 from jfsf.runtime._sizes import pad
 from jfsf.types import Aligned, Maps
@@ -37,26 +38,14 @@ def bent(moved_x, moved_y):
 NOISY = bent(*(jnp.asarray(0.1 * RNG.normal(size=(N, 3))) for _ in range(2)))
 
 
-def normals_of(points, faces):
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    total = np.zeros_like(points)
-    for corner in faces.T:
-        np.add.at(total, corner, np.cross(b - a, c - a))
-    return total / np.linalg.norm(total, axis=1, keepdims=True)
-
-
 def strain_of(points, moved, faces):
-    """Face by face, by singular values of the gradient of the bending."""
+    """The root mean square, over the faces around, of the logarithms of stretches."""
+    areas, values = oracles.stretches(points, moved, faces)
+    logs = np.clip(np.log(values), -MOST_STRETCH, MOST_STRETCH)
     total, weight = np.zeros(len(points)), np.zeros(len(points))
-    for face in faces:
-        rest, now = (p[face[1:]] - p[face[0]] for p in (points, moved))
-        gradient = now.T @ np.linalg.pinv(rest.T)
-        logs = np.log(np.linalg.svd(gradient)[1][:2])
-        logs = np.clip(logs, -MOST_STRETCH, MOST_STRETCH)
-        area = np.linalg.norm(np.cross(*rest)) / 2
-        for corner in face:
-            total[corner] += area * (logs**2).sum()
-            weight[corner] += area
+    for face, area, both in zip(faces, areas, logs, strict=True):
+        total[face] += area * (both**2).sum()
+        weight[face] += area
     return np.sqrt(total / weight)
 
 
@@ -68,14 +57,14 @@ def expected(spec, other, moved, T, other_strain):
             *(spec.mass, spec.evals, spec.evecs),
         ),
     )
-    normal = normals_of(target, others)[T]
+    normal = oracles.normals(target, others)[T]
     apart = np.linalg.norm(moved - target[T], axis=1)
-    alike = (normals_of(moved, faces) * normal).sum(1)
+    alike = (oracles.normals(moved, faces) * normal).sum(1)
     misfit = 1 - alike * np.sign(mass @ alike) + apart / APART
     strain = (strain_of(points, moved, faces) + other_strain[T]) / 2
     columns = np.stack([strain, misfit], 1)
     heat = evecs @ np.diag(np.exp(-TIME * evals)) @ evecs.T @ np.diag(mass)
-    return np.log(np.maximum(heat @ columns, 0) + [*LEAST.values()])
+    return np.log(np.maximum(heat @ columns, 0) + [*OFFSETS.values()])
 
 
 def test_evidence_against_numpy():
@@ -93,16 +82,18 @@ def test_evidence_against_numpy():
     np.testing.assert_allclose(found[1], y, atol=1e-6)
     # As the factors say, too.
     share = 0.8
-    logit = FACTORS["constant"] + FACTORS["likely"] * np.log(share / (1 - share))
-    logit = logit + x @ [FACTORS[name] for name in VERTEX_EVIDENCE]
+    logit = VERTEX_FACTORS["constant"] + VERTEX_FACTORS["likely"] * np.log(
+        share / (1 - share)
+    )
+    logit = logit + x @ [VERTEX_FACTORS[name] for name in VERTEX_EVIDENCE]
     found = vertex_confidence(MAPS, NOISY, PAIR, share)[0]
     np.testing.assert_allclose(found, 1 / (1 + np.exp(-logit)), atol=1e-6)
 
 
 def test_more_evidence_against_it_never_helps():
-    assert FACTORS.keys() == {"constant", *VERTEX_EVIDENCE, "likely"}
-    assert all(FACTORS[name] < -0.1 for name in VERTEX_EVIDENCE)
-    assert FACTORS["likely"] > 0.1
+    assert VERTEX_FACTORS.keys() == {"constant", *VERTEX_EVIDENCE, "likely"}
+    assert all(VERTEX_FACTORS[name] < -0.1 for name in VERTEX_EVIDENCE)
+    assert VERTEX_FACTORS["likely"] > 0.1
     sure = [
         np.asarray(vertex_confidence(MAPS, NOISY, PAIR, p)[0])
         for p in (0.0, 0.2, 0.5, 0.9, 1.0)
@@ -114,7 +105,9 @@ def test_more_evidence_against_it_never_helps():
 def test_it_follows_the_confidence_of_the_whole_map():
     for before, now in ((0.3, 0.8), (0.999, 0.5), (0.0, 1.0)):
         old, new = (vertex_confidence(MAPS, NOISY, PAIR, p)[0] for p in (before, now))
-        np.testing.assert_allclose(with_likely(old, before, now), new, rtol=1e-9)
+        np.testing.assert_allclose(
+            changed_vertex_confidence(old, before, now), new, rtol=1e-9
+        )
 
 
 def test_a_mirrored_bending_is_no_turn():

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from jfsf.apps.plot import (
     coordinate_colours,
-    draw_convergence,
     draw_error_curves,
-    draw_errors,
     draw_functional_map,
     draw_pair,
     draw_shape,
-    draw_texture,
     pull_back,
 )
 from jfsf.apps.plot._charts import Panel, draw_curves, draw_reliability
-from jfsf.apps.plot._colours import matched_colours
+from jfsf.apps.plot._colours import matched_colours, texture_coordinates
+from jfsf.apps.plot._frames import frame, frames_of_pair
 from jfsf.apps.plot._page import picture_of
-from jfsf.apps.plot._pictures import draw_maps, texture_coordinates
+from jfsf.apps.plot._pictures import draw_maps
 from jfsf.data import load
 from jfsf.evaluate import reliability
 from jfsf.types import Mesh
@@ -38,6 +38,7 @@ PYRAMID = Mesh(
     ),
 )
 T = np.array([4, 0, 2, 2], np.int32)  # TETRA to PYRAMID
+PLAIN = np.eye(3)
 PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -133,7 +134,7 @@ def test_picture_shows_the_maps_colours():
     # Constant map: X wears one colour, only lighter or darker; Y wears many.
     from matplotlib.collections import TriMesh
 
-    fig = draw_pair(TETRA, PYRAMID, np.full(4, 2), up="y")
+    fig = draw_pair(TETRA, PYRAMID, np.full(4, 2))
     x, y = (c for c in fig.axes[0].collections if isinstance(c, TriMesh))
     paint = coordinate_colours(PYRAMID.vertices)[2]
     ratio = np.asarray(x.get_facecolor())[:, :3] / paint
@@ -206,69 +207,79 @@ def faces_of(fig, i):
 @pytest.fixture
 def unlit(monkeypatch):
     """Colours as they are, without light."""
-    monkeypatch.setattr("jfsf.apps.plot._layout.lit", lambda colours, *_: colours)
+    monkeypatch.setattr("jfsf.apps.plot._panels.lit", lambda colours, *_: colours)
 
 
-@pytest.mark.slow
-def test_a_pair_in_other_axes_is_the_same_picture():
-    x, y = load("man_walk").mesh, load("man_up").mesh
-    T_xy = np.zeros(len(x.vertices), np.int32)
-    lying = y._replace(vertices=y.vertices[:, [2, 0, 1]])
-    with_y, with_z = (
-        picture_of(draw_pair(x, mesh, T_xy + 7), 40) for mesh in (y, lying)
-    )
-    assert with_y.shape == with_z.shape
-    assert np.mean(with_y != with_z) < 0.01
+def truth(name_x, name_y):
+    """Two bodies, y up and facing z, and the map between them."""
+    x, y = load(name_x), load(name_y)
+    points = x.mesh.vertices[x.template_to_vertex]
+    near = KDTree(points).query(x.mesh.vertices)[1]
+    return x.mesh, y.mesh, y.template_to_vertex[near]
 
 
-def test_texture_takes_the_colours_of_the_image(unlit):
-    # Left half red, right half blue, seen from the front.
-    image = np.zeros((4, 4, 3), np.uint8)
-    image[:, :2, 0] = image[:, 2:, 2] = 255
-    flat = Mesh(
-        np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]),
-        np.array([[0, 1, 2], [0, 2, 3]], np.int32),
-    )
-    fig = draw_texture(flat, flat, np.arange(4), image=image, up="y", turn=0.0)
-    x, y = faces_of(fig, 0), faces_of(fig, 1)
-    assert np.array_equal(x, y)
-    red, blue = (np.mean((y == c).all(1)) for c in ([1, 0, 0], [0, 0, 1]))
-    assert 0.4 < red < 0.6 and 0.4 < blue < 0.6 and red + blue == 1
-    # The map turns the square by a quarter: above red, below blue.
-    fig = draw_texture(flat, flat, np.array([1, 2, 3, 0]), image=image, up="y", turn=0)
-    assert not np.array_equal(faces_of(fig, 0), y)
+def turned(mesh, rotation):
+    return mesh._replace(vertices=rotation.apply(mesh.vertices))
 
 
-@pytest.mark.slow
-def test_checker_has_both_shades_and_as_many_squares(unlit):
-    flat = Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32))
-    light = draw_texture(flat, flat, np.arange(3), checks=1, up="y")
-    dark = draw_texture(flat, flat, np.arange(3), checks=8, up="y")
-    assert faces_of(dark, 1).sum() < faces_of(light, 1).sum()
-    constant = draw_texture(flat, flat, np.zeros(3, int), checks=8, up="y")
-    assert np.ptp(faces_of(constant, 0), axis=0).max() == 0
+def degrees(one, other):
+    """Of the rotation between two frames."""
+    return np.degrees(Rotation.from_matrix(one @ other.T).magnitude())
 
 
-def test_texture_refuses_what_it_cannot_draw():
-    cloud = TETRA._replace(faces=np.zeros((0, 3), np.int32))
-    with pytest.raises(ValueError, match="mesh_y has no faces"):
-        draw_texture(TETRA, cloud, np.arange(4))
-    with pytest.raises(ValueError, match=r"\(h, w, 3\); got \(2, 2\)"):
-        draw_texture(TETRA, TETRA, np.arange(4), image=np.zeros((2, 2)))
-    with pytest.raises(ValueError, match=r"in \[0, 1\]"):
-        draw_texture(TETRA, TETRA, np.arange(4), image=np.full((2, 2, 3), 2.0))
+TURNS = {
+    "z up": Rotation.from_euler("x", 90, degrees=True),
+    "-y up": Rotation.from_euler("z", 180, degrees=True),
+    "random": Rotation.random(rng=3),
+}
 
 
-def test_errors_share_one_scale(unlit):
-    small, large = np.array([0, 0.1, 0.2, np.nan]), np.array([0, 0.1, 0.4, 0.4])
-    fig = draw_errors(TETRA, {"small": small, "large": large}, top=0.4, up="y")
-    one, two = faces_of(fig, 0), faces_of(fig, 1)
-    assert np.array_equal(one[:2], two[:2]) and not np.array_equal(one[2], two[2])
-    assert np.array_equal(one[3], [0.6] * 3)
-    texts = [t.get_text() for t in fig.axes[0].texts]
-    assert texts == ["small", "large", "0", "0.4"]
-    with pytest.raises(ValueError, match="no errors"):
-        draw_errors(TETRA, {})
+@pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
+def test_y_is_turned_onto_x_whatever_the_axes_of_its_file(turn):
+    x, y, T_xy = truth("man_walk", "man_up")
+    plain = frames_of_pair(x, y, T_xy)
+    assert np.array_equal(plain[0], PLAIN) and degrees(*plain) < 30
+    axes_x, axes_y = frames_of_pair(x, turned(y, turn), T_xy)
+    assert np.array_equal(axes_x, plain[0])
+    assert degrees(axes_y, turn.apply(plain[1].T).T) < 1e-3
+    # And X by the axis that is said to be up.
+    lying = TURNS["z up"]
+    axes_x, axes_y = frames_of_pair(turned(x, lying), turned(y, turn), T_xy, up="z")
+    assert np.allclose(axes_x, lying.apply(np.eye(3)).T, atol=1e-12)
+    assert degrees(axes_y, turn.apply(plain[1].T).T) < 1e-3
+
+
+def test_only_what_is_matched_turns_y():
+    x, y, T_xy = truth("man_walk", "man_up")
+    turn, matched = TURNS["random"], x.vertices[:, 1] > np.median(x.vertices[:, 1])
+    wrong = np.where(matched, T_xy, 0)
+    axes_y = frames_of_pair(x, turned(y, turn), wrong, matched_x=matched)[1]
+    assert degrees(axes_y, turn.as_matrix()) < 30
+    none = frames_of_pair(x, y, T_xy, matched_x=matched & False)
+    assert np.array_equal(none[1], PLAIN)
+    with pytest.raises(ValueError, match="what is matched is int64"):
+        frames_of_pair(x, y, T_xy, matched_x=matched.astype(int))
+
+
+def test_a_mirrored_map_never_reflects_y():
+    x = load("man_up").mesh
+    mirrored = Mesh(x.vertices * [-1, 1, 1], x.faces[:, ::-1])
+    axes_y = frames_of_pair(x, mirrored, np.arange(len(x.vertices)))[1]
+    assert np.isclose(np.linalg.det(axes_y), 1)
+
+
+def test_where_no_rotation_explains_the_map_y_stands_as_its_file_says():
+    x, y, T_xy = truth("man_walk", "man_up")
+    chance = np.random.default_rng(0).permutation(T_xy)
+    for T in (chance, T_xy * 0):
+        assert np.array_equal(frames_of_pair(x, turned(y, TURNS["z up"]), T)[1], PLAIN)
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "z", "-x", "-y", "-z"])
+def test_axes_by_name_are_rotations_with_that_axis_up(axis):
+    axes = frame(axis)
+    assert np.allclose(axes.T @ axes, PLAIN) and np.linalg.det(axes) > 0
+    assert axes["xyz".index(axis[-1]), 1] == (-1 if axis[0] == "-" else 1)
 
 
 def test_a_shape_wears_its_own_colours_or_grey(unlit):
@@ -298,16 +309,6 @@ def test_reliability_has_a_point_for_each_bin_that_is_not_empty():
     assert np.array_equal(diagonal.get_xdata(), diagonal.get_ydata())
     np.testing.assert_allclose(line.get_data(), [[0.1, 0.95], [0.5, 1]])
     assert line.get_label() == "a (off by 0.283)"
-
-
-def test_convergence_has_a_point_for_each_value(tmp_path):
-    fig = draw_convergence({"one": [3, 2, 1], "two": [3, 1]}, log="y")
-    one, two = fig.axes[0].lines
-    assert np.array_equal(one.get_data(), [[1, 2, 3], [3, 2, 1]])
-    assert np.array_equal(two.get_xdata(), [1, 2])
-    assert fig.axes[0].get_yscale() == "log"
-    draw_convergence({"one": [3, 2]}, steps=[20, 40], path=tmp_path / "c.png")
-    assert (tmp_path / "c.png").read_bytes().startswith(PNG)
 
 
 def test_a_label_keeps_its_colour_in_all_panels():

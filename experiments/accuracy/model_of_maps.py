@@ -28,7 +28,7 @@ from experiments.accuracy.collection import shapes_of
 from jfsf.apps import model
 from jfsf.apps.cli._collection_jobs import kept
 from jfsf.apps.mapfiles import read_match
-from jfsf.apps.model import Distances
+from jfsf.apps.model._quality import Distances
 from jfsf.convert import nearest
 from jfsf.spectral import embeddings, truncate
 from jfsf.types import Mesh

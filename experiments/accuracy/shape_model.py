@@ -1,16 +1,14 @@
 """Shape models of the embedded bodies, from their true correspondence.
 
 All twelve are put in the triangulation of one of them by the ground truth
-(`datasets.posed`). Of them a model of positions and one of deformation gradients are
-fitted, and measured as the field does (Davies 2002; Styner et al. 2003): compactness,
-generality and specificity, by the number of modes, in metres, and as a `share` of
-sqrt(area). `length_change` says what a model does to limbs: the mean over edges of how
-far the mean shape's lengths are from the mean lengths, relative to these.
+(`datasets.posed`). Their model is measured as the field does (Davies 2002; Styner et
+al. 2003): compactness, generality and specificity, by the number of modes, in metres,
+and as a `share` of sqrt(area). `length_change` says what the model does to limbs: the
+mean over edges of how far the mean shape's lengths are from the mean lengths, relative
+to these.
 
     python -m experiments.accuracy.shape_model
 """
-
-from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +18,9 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from jfsf import data
 from jfsf.apps import model
+from jfsf.apps.model._quality import Distances
 from jfsf.mesh._geometry import edges
 
-FITS = {"positions": model.fit_model, "gradients": model.fit_gradient_model}
 COUNTS = (0, 1, 2, 3, 5, 8, 10)  # numbers of modes
 
 
@@ -34,25 +32,20 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     args = command_line.parse(parser)
     shapes, faces = in_one_mesh(args.template)
-    angles = model.local_rotation(jnp.asarray(shapes), faces)
     settings = {
         "template": args.template,
         "scale": args.scale,
         "samples": args.samples,
         "seed": args.seed,
     }
-    rows = {}
-    for kind, fit in FITS.items():
-        rows[kind] = measure(shapes, faces, partial(fit, scale=args.scale), args)
-        print(kind, rows[kind], flush=True)
+    figures = measure(shapes, faces, args)
+    print(figures)
     results_file.write(
         args.out,
         settings=settings,
         shapes=list(data.names()),
         vertices=shapes.shape[1],
-        local_rotation=listed(angles),
-        warning=model.bending_warning(jnp.asarray(shapes), faces),
-        models=rows,
+        models={"positions": figures},
     )
 
 
@@ -65,26 +58,26 @@ def in_one_mesh(template: str) -> tuple[np.ndarray, np.ndarray]:
     return shapes, x.mesh.faces
 
 
-def measure(shapes: np.ndarray, faces: np.ndarray, fit, args) -> dict:
-    """The figures of one kind of model."""
+def measure(shapes: np.ndarray, faces: np.ndarray, args) -> dict:
+    """The figures of the model."""
     positions = jnp.asarray(shapes)
-    fitted = fit(positions, faces)
+    fitted = model.fit_model(positions, faces, scale=args.scale)
     compact = model.compactness(fitted)
-    general = model.generality(positions, faces, fit=fit, counts=COUNTS)
+    general = model.generality(positions, faces, scale=args.scale, counts=COUNTS)
     special = model.specificity(
         *(fitted, positions, jax.random.key(args.seed)),
         samples=args.samples,
         counts=COUNTS[1:],
     )
     return {
-        "compactness": listed(compact.share),
+        "compactness": [rounded(share) for share in compact.share],
         "generality": table(general),
         "specificity": table(special),
         "length_change": length_change(np.asarray(fitted.mean), shapes, faces),
     }
 
 
-def table(distances: model.Distances) -> list[dict]:
+def table(distances: Distances) -> list[dict]:
     """A row for each number of modes; distances in metres."""
     rows = zip(*distances, strict=True)
     return [
@@ -106,11 +99,6 @@ def length_change(mean: np.ndarray, shapes: np.ndarray, faces: np.ndarray) -> fl
     )
     usual = np.mean([length(shape) for shape in shapes], 0)
     return rounded(np.abs(length(mean) / usual - 1).mean())
-
-
-def listed(values) -> list[float]:
-    """Rounded numbers."""
-    return [rounded(value) for value in values]
 
 
 def rounded(value) -> float:

@@ -40,7 +40,7 @@ from experiments import command_line
 from experiments.accuracy import protocol
 from jfsf.apps.report._words import LIKELY
 from jfsf.evaluate import reliability
-from jfsf.matching._confidence import column
+from jfsf.matching._confidence import regressor
 from jfsf.storage._atomic import write_text
 
 RESULTS = command_line.RESULTS
@@ -63,7 +63,7 @@ TOGETHER = {"shrec07_more": "shrec07"}
 class Attempts(NamedTuple):
     """Attempts of many pairs, (a,) each.
 
-    columns: (a, e) evidence, as `jfsf.matching.column` reads it.
+    columns: (a, e) evidence, as `jfsf.matching._confidence.regressor` reads it.
     right, weight: whether each is, and what it counts.
     """
 
@@ -327,7 +327,7 @@ def _matches(pairs: list[dict[str, Any]]) -> Matches:
 
 
 def _columns(figures: dict[str, Any], names: Iterable[str]) -> list[float]:
-    return [float(column(name, figures[name], np)) for name in names]
+    return [float(regressor(name, figures[name], np)) for name in names]
 
 
 def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:

@@ -30,7 +30,7 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.accuracy.situations import bodies, bones, plain
 from jfsf.matching import Settings, _sources
-from jfsf.matching._mirror import mirror_columns
+from jfsf.matching._confidence import mirror_regressors
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 
@@ -124,7 +124,9 @@ def columns(rows: list[dict]) -> np.ndarray:
     """(n, 3) what the factors weigh, of the pairs that were compared."""
     known = [row for row in rows if row["share"] is not None]
     share, ratio = (np.array([r[k] for r in known]) for k in ("share", "energy_ratio"))
-    return np.concatenate([np.ones((len(known), 1)), mirror_columns(share, ratio)], 1)
+    return np.concatenate(
+        [np.ones((len(known), 1)), mirror_regressors(share, ratio)], 1
+    )
 
 
 def fit(rows: dict[str, list[dict]], without: str = "-") -> dict[str, float]:

@@ -25,11 +25,15 @@ class Figures(NamedTuple):
 
     error: (p,) float64, one a point of the ground truth; see `geodesic_error`. Measured
         on Y. (0,) without ground truth.
-    error_mean, error_median, error_max: over those points, but for
-    error_left_out: so many, whose vertex of Y belongs to no face. Their error is nan.
+    error_mean: mean of `error` over the points whose error is not nan.
+    error_median: median of `error` over the points whose error is not nan.
+    error_max: largest `error` of the points whose error is not nan.
+    error_left_out: number of points whose vertex of Y belongs to no face; their error
+        is nan.
     bijectivity_x: mean distance on X from x to T_yx[T_xy[x]]; see `bijectivity`.
-    bijectivity_y: mean distance on Y from y to T_xy[T_yx[y]]. Both without vertices
-        that belong to no face.
+        Vertices that belong to no face are left out.
+    bijectivity_y: mean distance on Y from y to T_xy[T_yx[y]]; see `bijectivity`.
+        Vertices that belong to no face are left out.
     coverage_xy: share of Y's area that T_xy hits, in [0, 1].
     coverage_yx: share of X's area that T_yx hits, in [0, 1].
     smoothness: mean Dirichlet energy on X of Y's coordinates pulled back by T_xy.
@@ -111,7 +115,7 @@ def evaluate(
     def report(name: str) -> Progress | None:
         return None if progress is None else partial(progress, name)
 
-    found: dict[str, Any] = {}
+    figures: dict[str, Any] = {}
     if truth is not None and "error" in wanted:
         if len(truth) != 2:
             raise ValueError(
@@ -122,13 +126,13 @@ def evaluate(
         error = geodesic_error(
             T_xy, mesh_y, *points, exact=exact, progress=report("error")
         )
-        found["error"] = error
-        known = error[~np.isnan(error)]
-        if len(known):
-            found["error_mean"] = known.mean()
-            found["error_median"] = np.median(known)
-            found["error_max"] = known.max()
-            found["error_left_out"] = len(error) - len(known)
+        figures["error"] = error
+        measured = error[~np.isnan(error)]
+        if len(measured):
+            figures["error_mean"] = measured.mean()
+            figures["error_median"] = np.median(measured)
+            figures["error_max"] = measured.max()
+            figures["error_left_out"] = len(error) - len(measured)
         elif len(error):
             raise ValueError(
                 f"evaluate: all {len(error)} points of the ground truth are vertices "
@@ -143,20 +147,20 @@ def evaluate(
             away = bijectivity(
                 forward, back, mesh, at=at, exact=exact, progress=report(name)
             )
-            known = away[~np.isnan(away)]
-            found[name] = known.mean() if len(known) else np.nan
+            measured = away[~np.isnan(away)]
+            figures[name] = measured.mean() if len(measured) else np.nan
     if "coverage_xy" in wanted:
         _, mass_y = operators_y or operators(mesh_y)
-        found["coverage_xy"] = coverage(T_xy, mass_y)
+        figures["coverage_xy"] = coverage(T_xy, mass_y)
     if wanted & {"coverage_yx", "smoothness"}:
         stiffness_x, mass_x = operators_x or operators(mesh_x)
         if "coverage_yx" in wanted:
-            found["coverage_yx"] = coverage(T_yx, mass_x)
+            figures["coverage_yx"] = coverage(T_yx, mass_x)
         if "smoothness" in wanted:
-            found["smoothness"] = smoothness(T_xy, mesh_y.vertices, stiffness_x)
+            figures["smoothness"] = smoothness(T_xy, mesh_y.vertices, stiffness_x)
     if C_yx is not None and "orthogonality" in wanted:
-        found["orthogonality"] = orthogonality(C_yx)
+        figures["orthogonality"] = orthogonality(C_yx)
     if C_yx is not None and "zoomout_energy" in wanted:
-        found["zoomout_energy"] = zoomout_energy(C_yx)
-    error = found.pop("error", np.zeros(0))
-    return Figures(error, **{name: float(value) for name, value in found.items()})
+        figures["zoomout_energy"] = zoomout_energy(C_yx)
+    error = figures.pop("error", np.zeros(0))
+    return Figures(error, **{name: float(value) for name, value in figures.items()})

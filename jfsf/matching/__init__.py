@@ -29,15 +29,13 @@ Read in this order. Settings and the pure attempt:
 
 How likely a map is right, from evidence that needs no ground truth:
 
-- `_bending`: how well shapes bent onto each other coincide, and at what cost
 - `_kept_landmarks`: whether a map agrees with landmarks, and features without those it
   misses
-- `_confidence`: the probability that a map is right
-- `_mirror`: how likely its mirror image is right
-- `_rivals`: how a map stands among others that fit nearly as well
-- `_regions`: the probability that the region of two parts is right
+- `_confidence`: the probability that a map is right, that its mirror image is, and that
+  the region of two parts is
+- `_rivals`: how a map compares with others that fit nearly as well
 - `_vertices`: the probability that a vertex is mapped right
-- `_certificate`: all the evidence that `match` returns
+- `_certificate`: all the evidence that `match` returns, and the cost of bending
 
 Two shapes and a start to a match:
 
@@ -68,9 +66,9 @@ Two meshes:
 from jfsf.matching._attempt import attempt, match_spectra, shape_samples
 from jfsf.matching._certificate import certify
 from jfsf.matching._coarse import carried
-from jfsf.matching._confidence import confidence
+from jfsf.matching._confidence import confidence, region_confidence
+from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._match import alternatives, attempted_pair, match, symmetry
-from jfsf.matching._regions import region_confidence
 from jfsf.matching._rivals import map_distances
 from jfsf.matching._settings import EvidenceSettings, Settings
 from jfsf.matching._shapes import basis, check_matchable
@@ -78,6 +76,7 @@ from jfsf.matching._vertices import vertex_confidence
 from jfsf.matching._warm_up import warm_up
 
 __all__ = [
+    "MISSED",
     "EvidenceSettings",
     "Settings",
     "alternatives",

@@ -1,26 +1,37 @@
-"""Evidence of how good a map is, from the map and the spectra alone."""
+"""Evidence of how good a map is, from the map, the spectra and the bent shapes alone.
+
+What each figure means is in `jfsf._figures`.
+"""
+
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
+from jfsf.array._sides import map_sides
 from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
+from jfsf.geometry import normals
+from jfsf.geometry._stretches import log_stretches
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import SearchSamples
-from jfsf.matching._bending import Bending, bending
-from jfsf.matching._confidence import LEAST, log_odds, of_certificate
+from jfsf.matching._confidence import LEAST, confidence_of, log_odds
 from jfsf.matching._kept_landmarks import Landmarks, landmark_distances
-from jfsf.matching._settings import Settings
+from jfsf.matching._settings import EvidenceSettings, Settings
 from jfsf.spectral import orientation_score
 from jfsf.spectral._orientation import brackets
 from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 
 # Eigenvalues that are compared: later ones differ less, whatever the shapes.
-PITCHES = 10
+EIGENVALUES = 10
+# Of the area, the part of the triangles that is sheared most says most: a wrong map
+# that is an isometry nearly everywhere tears a belt at a waist, or the root of a limb.
+MOST_SHEARED = 0.01
 
 
 @jit(static_argnames="settings")
@@ -44,80 +55,66 @@ def certify(
         pair: the spectra of X and Y; faces wound outward, or none.
         samples: both shapes at samples, for energy and log_stretch_std.
         sign: of the wanted orientation, 0 for any; for the confidence.
-        landmarks: vertices of X and their partners on Y; for the confidence too.
+        landmarks: vertices of X and their partners on Y; for the confidence.
         settings: `evidence`, `search`, `distance_pairs`, `features`.
 
     Returns:
         The certificate; its gaps are nan, as those of a map without a search.
     """
     (spec_x, spec_y), (T_xy, T_yx), dtype = pair, maps_of(maps), C_yx.dtype
-    unknown = jnp.full((), jnp.nan, dtype)
+    pairs = settings.distance_pairs
     numbers = [C_yx, aligned.emb_x, aligned.emb_y]
-    error = agree = recall = unknown
-    empty = jnp.zeros((), jnp.int32)
+    known: dict[str, Any] = {}
     if isinstance(maps, Filtered):
         real_x = spec_x.mass > 0
         # The first neighbour of a row is the nearest.
         nearest = maps.kernel.idx_xy[:, 0]
         agree = jnp.sum(real_x & (nearest == T_xy)) / jnp.sum(real_x)
-        error, empty = maps.marginal_error, maps.empty_x + maps.empty_y
-        recall = maps.recall.astype(dtype)
+        known |= {
+            "marginal_error": maps.marginal_error,
+            "empty": maps.empty_x + maps.empty_y,
+            "nn_agreement": agree.astype(dtype),
+            "recall": maps.recall.astype(dtype),
+        }
         numbers += [maps.f, maps.g]
-    finite = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
+    known["finite"] = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
     k = min(settings.features.oriented_functions, *C_yx.shape)
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
-    energy, stretch = _at_samples(C_yx, samples, settings)
-    bent = Bending(unknown, unknown, unknown, unknown)
+    if samples is not None:
+        energy, stretch = _at_samples(C_yx, samples, settings)
+        known |= {"energy": energy, "log_stretch_std": stretch}
     if aligned.moved_x is not None and aligned.moved_y is not None:
         moved = aligned.moved_x, aligned.moved_y
         rounding = settings.evidence.rounding
         bent = bending(maps_of(maps), *moved, *pair, rounding=rounding)
-        bent = Bending(*(figure.astype(dtype) for figure in bent))
-    pairs = settings.distance_pairs
-    missed = jnp.zeros(0, dtype)
+        known |= {name: v.astype(dtype) for name, v in bent._asdict().items()}
     if landmarks is not None:
         at_x, at_y = landmarks
-        missed = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
-        missed = missed.astype(dtype)
-    evidence = Certificate(
-        marginal_error=error,
-        empty=empty,
+        away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
+        known["landmarks"] = away.astype(dtype)
+    evidence = Certificate.unknown(dtype)._replace(
         coverage_xy=_reached(T_xy, spec_x.mass, spec_y.mass),
         coverage_yx=_reached(T_yx, spec_y.mass, spec_x.mass),
         bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, pairs),
         bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, pairs),
         orthogonality=orthogonality(C_yx),
         orientation=score,
-        gap=unknown,
-        mirror_gap=unknown,
-        nn_agreement=agree.astype(dtype),
-        recall=recall,
-        finite=finite,
-        energy=energy,
-        log_stretch_std=stretch,
-        **bent._asdict(),
         spectrum_gap=spectrum_gap(spec_x, spec_y).astype(dtype),
-        region_cost=unknown,
-        log_odds=unknown,
-        share=unknown,
-        rivals=unknown,
-        mirrored=unknown,
-        confidence=unknown,
-        landmarks=missed,
+        **known,
     )
     agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
     odds = log_odds(**{**evidence.figures(), "orientation": agrees})
     evidence = evidence._replace(log_odds=odds.astype(dtype))
     told = jnp.asarray(sign) != 0
-    likely = of_certificate(evidence, told, settings=settings.evidence)
+    likely = confidence_of(evidence, told, settings=settings.evidence)
     return evidence._replace(confidence=likely.astype(dtype))
 
 
 def spectrum_gap(spec_x: Spectrum, spec_y: Spectrum) -> Float[Array, ""]:
-    """How unlike two shapes are, by the pitches of their first eigenfunctions.
+    """How unlike two shapes are, by their first eigenvalues.
 
-        max_i |log(lambda_i of X / lambda_i of Y)|,  i = 1 .. `PITCHES`
+        max_i |log(lambda_i of X / lambda_i of Y)|,  i = 1 .. `EIGENVALUES`
 
     Args:
         spec_x, spec_y: of shapes of unit area.
@@ -125,17 +122,96 @@ def spectrum_gap(spec_x: Spectrum, spec_y: Spectrum) -> Float[Array, ""]:
     Returns:
         0 or more; log 2 for shapes of which one has half the eigenvalue somewhere.
     """
-    x, y = (jnp.log(s.evals[1 : 1 + PITCHES] + LEAST) for s in (spec_x, spec_y))
+    x, y = (jnp.log(s.evals[1 : 1 + EIGENVALUES] + LEAST) for s in (spec_x, spec_y))
     k = min(len(x), len(y))
     return jnp.max(jnp.abs(x[:k] - y[:k]))
 
 
-def _at_samples(
-    C_yx, samples: tuple[SearchSamples, SearchSamples] | None, settings: Settings
-):
+class Bending(NamedTuple):
+    """What is left when a wrong map is bent away, as means over both shapes.
+
+    residual: distance between the bent shapes along the normal, in sqrt(area).
+    shear: of triangles, all but `MOST_SHEARED` of the area is sheared less.
+    area_std: standard deviation of the logarithm by which triangles grow.
+    normal_gap: how far normals differ; 0 for none.
+    """
+
+    residual: Float[Array, ""]
+    shear: Float[Array, ""]
+    area_std: Float[Array, ""]
+    normal_gap: Float[Array, ""]
+
+
+@jit(static_argnames="rounding")
+def bending(
+    maps: Filtered | Maps,
+    moved_x: Float[Array, "n_x 3"],
+    moved_y: Float[Array, "n_y 3"],
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    *,
+    rounding: float = EvidenceSettings().rounding,
+) -> Bending:
+    """How two shapes lie that were bent onto each other. All in sqrt(area).
+
+    A wrong map asks for more than a surface that resists stretching gives: the shapes
+    stay apart, or are sheared where the map turns. With a_i the share of a vertex in
+    the area of X, p_i its position bent onto Y and m_i its normal there, y_j and n_j
+    position and normal of its image at rest, j = T_xy[i]:
+
+        residual_xy = max(0, sum_i a_i |n_j . (p_i - y_j)| - c h),
+        normal_gap_xy = 1 - |sum_i a_i m_i . n_j|,
+
+    h = sqrt(area of Y / its vertices) and c = `rounding`, for what rounding to vertices
+    leaves. With s_1 <= s_2 the stretches of a triangle of X (`log_stretches`), and
+    t = log(s_1 s_2) / 2, over triangles by their area at rest:
+
+        shear_xy = quantile 1 - `MOST_SHEARED` of log(s_2 / s_1),
+        area_std_xy = standard deviation of t.
+
+    Each figure is the mean over both directions.
+
+    Args:
+        maps: between the vertices.
+        moved_x, moved_y: positions of X deformed onto Y, and of Y deformed onto X.
+        spec_x, spec_y: both at rest.
+        rounding: see `jfsf.matching.EvidenceSettings`.
+
+    Returns:
+        Numbers of 0 or more; nan if one of them has no faces, or those of padding only.
+    """
+    if len(spec_x.faces) == 0 or len(spec_y.faces) == 0:
+        return Bending(*[jnp.full((), jnp.nan, moved_x.dtype)] * 4)
+
+    def one_way(spec, bent, target, T):
+        outward = normals(target.vertices, target.faces)[T]
+        share = spec.mass / spec.mass.sum()
+        gap = jnp.abs(jnp.sum((bent - target.vertices[T]) * outward, 1))
+        real = jnp.sum((target.mass > 0).astype(share.dtype))
+        spacing = jnp.sqrt(safe_divide(target.mass.sum(), real))
+        residual = jnp.maximum(matmul(share, gap) - rounding * spacing, 0)
+        alike = jnp.sum(normals(bent, spec.faces) * outward, 1)
+        normal_gap = 1 - jnp.abs(matmul(share, alike))
+        area, smaller, larger = log_stretches(spec.vertices, bent, spec.faces)
+        area = area / area.sum()
+        growth = (smaller + larger) / 2
+        mean = matmul(area, growth)
+        variance = matmul(area, (growth - mean) ** 2)
+        shear = _quantile(larger - smaller, area, 1 - MOST_SHEARED)
+        return jnp.stack([residual, shear, jnp.sqrt(variance), normal_gap])
+
+    both = map_sides(
+        one_way,
+        (spec_x, moved_x, spec_y, maps.T_xy),
+        (spec_y, moved_y, spec_x, maps.T_yx),
+    )
+    surfaces = jnp.any(spec_x.faces) & jnp.any(spec_y.faces)
+    mean = jnp.where(surfaces, jnp.mean(jnp.stack(both), 0), jnp.nan)
+    return Bending(*mean)
+
+
+def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples], settings: Settings):
     """Energy and `log_stretch_std` of the leading functions."""
-    if samples is None:
-        return (jnp.full((), jnp.nan, C_yx.dtype),) * 2
     x, y = samples
     search_pair = SamplePair(x.search_points, y.search_points, False)
     ranking_pair = SamplePair(x.ranking_points, y.ranking_points, False)
@@ -158,3 +234,11 @@ def _there_and_back(returned, spec: Spectrum, pairs: int):
     points = biharmonic(spec, pairs)
     moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
     return matmul(spec.mass, moved) / rms_distance(points, spec.mass)
+
+
+def _quantile(values, weight, share: float):
+    """The value below which this share of the weight lies; weights sum to 1."""
+    order = jnp.argsort(values)
+    below = jnp.cumsum(weight[order])
+    at = jnp.searchsorted(below, jnp.asarray(share, below.dtype) * below[-1])
+    return values[order[jnp.minimum(at, len(values) - 1)]]

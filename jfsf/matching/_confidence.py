@@ -4,7 +4,7 @@ Regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their facto
 in confidence.json beside this file, with the data they were fitted to and the scores on
 data that they were not (experiments/calibration.py).
 
-Of a map alone, with the evidence e_f of `Certificate`, as `column` reads it:
+Of a map alone, with the evidence e_f of `Certificate`, as `regressor` reads it:
 
     p = 1 / (1 + exp(-z)),  z = b_constant + sum_f b_f e_f
 
@@ -26,6 +26,22 @@ far better: with t the probability of this one (`mirror_probability`), it has 1 
 most. And nothing is known of shapes that differ more than those which the constants
 were fitted to: with g the `spectrum_gap`, it has 1/2 + 1/2 / (1 + exp(a (g - u))) at
 most.
+
+The mirror image of a map is right with the probability
+
+    t = 1 / (1 + exp(-(m_constant + m_margin log(s / (1 - s)) + m_energy log(E / E')))),
+
+s being the share of the mirror image in the odds of both, and E and E' the energies
+(`Certificate.energy`) of map and mirror image, on coarse copies: a regression of "one
+of the shapes is mirrored" (mirror.json, by experiments/fit_mirror.py). Shapes that are
+symmetric, such as bodies, fit as well either way: t is near 0.
+
+The region that two parts share, and the map in it, are right with the probability
+
+    p = 1 / (1 + exp(-(r_constant + r_log_odds z + r_region_cost c))),
+
+z being the log odds of the map between the regions and c its `region_cost`
+(regions.json, by experiments/fit_parts.py).
 """
 
 import json
@@ -34,13 +50,16 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float
+from scipy.special import expit, logit
 
-from jfsf.types import Certificate
+from jfsf.matching._settings import EvidenceSettings
+from jfsf.types import ArrayLike, Certificate
 
 # Added before a logarithm is taken: smaller numbers say nothing.
 LEAST = 1e-3
-# The form in which a figure of the certificate is read.
+# Figures of the certificate that are read without a logarithm.
 _AS_IT_IS = ("orientation", "nn_agreement")
 # a and u above. Of 228 pairs with a right map, of which 31 are creatures with other
 # limbs, the largest gaps are 1.09, 1.07, 0.99; a torus, a rod, an ellipsoid or a bent
@@ -50,23 +69,28 @@ STEEP, UNLIKE = 30.0, 1.12
 MOST_SHARE = 0.999
 
 
-def read_constants() -> dict[str, Any]:
-    """All that experiments/calibration.py has written."""
-    return json.loads(
-        (files("jfsf.matching") / "confidence.json").read_text(encoding="utf-8")
-    )
+# Of the mirror image: above, it is more likely right than the map.
+MIRRORED = 0.5
 
 
-_CONSTANTS = read_constants()
+def read_constants(name: str) -> dict[str, Any]:
+    """What a script has fitted and written to the file NAME.json beside this one."""
+    file = files("jfsf.matching") / f"{name}.json"
+    return json.loads(file.read_text(encoding="utf-8"))
+
+
+_CONSTANTS = read_constants("confidence")
 FACTORS: dict[str, float] = _CONSTANTS["alone"]
 RANK_FACTORS: dict[str, float] = _CONSTANTS["rank"]
 COMPARED: dict[str, float] = _CONSTANTS["compared"]
+MIRROR_FACTORS: dict[str, float] = read_constants("mirror")["factors"]
+REGION_FACTORS: dict[str, float] = read_constants("regions")["factors"]
 
 
-def column(name: str, value: Any, xp: Any = jnp) -> Any:
-    """A figure of the certificate as the regression reads it.
+def regressor(name: str, value: Any, xp: Any = jnp) -> Any:
+    """A figure of the certificate as the regressions read it.
 
-    Orientation and `nn_agreement` as they are, of others log(value + `LEAST`).
+    Orientation and `nn_agreement` are read as they are, others as log(value + `LEAST`).
 
     Args:
         name, value: of the figure.
@@ -97,14 +121,14 @@ def rank(xp: Any = jnp, **figures: Float[Array, "..."] | float) -> Any:
     """r of a map among others of the same pair; more is better.
 
     Args:
-        xp: as `column`.
+        xp: numpy on the host, to compute in float64.
         figures: of the certificate, by name, more than are needed.
     """
     return xp.asarray(_weighed(RANK_FACTORS, figures, xp))
 
 
 def _weighed(factors: dict[str, float], figures: dict[str, Any], xp: Any = jnp):
-    return sum(b * column(name, figures[name], xp) for name, b in factors.items())
+    return sum(b * regressor(name, figures[name], xp) for name, b in factors.items())
 
 
 def confidence(
@@ -121,16 +145,16 @@ def confidence(
     """Probability that the mean geodesic error is below 0.1 of sqrt(area).
 
     Args:
-        log_odds: see there.
+        log_odds: of the map alone, by its own evidence.
         share: of the odds of all distinct maps that were compared, see
-            `jfsf.matching.share_among`; nan if none were.
+            `share_among`; nan if none were.
         missed: share of the landmarks that the map misses.
         left_and_right: whether these can be told. If not, a map and its mirror image
             are equally likely, and the probability is half of it.
-        rivals: how many other maps are as likely, see `jfsf.matching.rivals_among`.
+        rivals: how many other maps are as likely, see `rivals_among`.
         mirrored: probability that the mirror image is the right map, see
-            `jfsf.matching.mirror_probability`; nan if it was not tried.
-        spectrum_gap: how unlike the shapes are, see there.
+            `mirror_probability`; nan if it was not tried.
+        spectrum_gap: how unlike the shapes are, see `Certificate`.
         missed_weight: see `jfsf.matching.EvidenceSettings`.
 
     Returns:
@@ -153,19 +177,21 @@ def confidence(
     return jnp.where(left_and_right, likely, likely / 2)
 
 
-def missed_share(evidence: Certificate, *, settings: Any) -> Float[Array, ""]:
+def missed_share(
+    evidence: Certificate, *, settings: EvidenceSettings
+) -> Float[Array, ""]:
     """Share of the landmarks that a map misses; 0 without any.
 
     Args:
         evidence: `landmarks` are read.
-        settings: `jfsf.matching.EvidenceSettings`.
+        settings: `missed` is read.
     """
     missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
     return jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
 
 
-def of_certificate(
-    evidence: Certificate, left_and_right: Any, *, settings: Any
+def confidence_of(
+    evidence: Certificate, left_and_right: Any, *, settings: EvidenceSettings
 ) -> Float[Array, ""]:
     """The confidence of a map with this evidence.
 
@@ -173,7 +199,7 @@ def of_certificate(
         evidence: `log_odds`, `share`, `rivals`, `mirrored`, `spectrum_gap` and
             `landmarks` are read.
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
-        settings: `jfsf.matching.EvidenceSettings`.
+        settings: `missed` and `missed_weight` are read.
     """
     missed = missed_share(evidence, settings=settings)
     told = left_and_right | (evidence.landmarks.size > 0)
@@ -187,3 +213,47 @@ def of_certificate(
         evidence.spectrum_gap,
         missed_weight=settings.missed_weight,
     )
+
+
+def region_confidence(
+    evidence: Certificate, *, settings: EvidenceSettings
+) -> Float[Array, ""]:
+    """Probability that the region of two parts is right, to the power of 1 + w m.
+
+    m is the share of the landmarks that are missed, and w is `missed_weight`.
+
+    Args:
+        evidence: `log_odds`, `region_cost` and `landmarks` are read.
+        settings: `missed` and `missed_weight` are read.
+
+    Returns:
+        In [0, 1]; nan of shapes that were matched as wholes.
+    """
+    b = REGION_FACTORS
+    z = b["constant"] + b["log_odds"] * evidence.log_odds
+    z += b["region_cost"] * evidence.region_cost
+    missed = missed_share(evidence, settings=settings)
+    return jax.nn.sigmoid(z) ** (1 + settings.missed_weight * missed)
+
+
+def mirror_regressors(
+    share: ArrayLike, energy_ratio: ArrayLike
+) -> Float[np.ndarray, "... 2"]:
+    """log(s / (1 - s)) and log(E / E'), as the regression reads them.
+
+    s counts as 0.999 at most, and as 0.001 at least.
+    """
+    share = np.clip(share, 1 - MOST_SHARE, MOST_SHARE)
+    return np.stack([logit(share), np.log(energy_ratio)], -1)
+
+
+def mirror_probability(share: float, energy_ratio: float) -> float:
+    """Probability that the mirror image of a map is the right one.
+
+    Args:
+        share: s, of the mirror image in the odds of both, in [0, 1].
+        energy_ratio: E / E', of the map over that of the mirror image, positive.
+    """
+    b = MIRROR_FACTORS
+    margin, energy = mirror_regressors(share, energy_ratio)
+    return float(expit(b["constant"] + b["margin"] * margin + b["energy"] * energy))

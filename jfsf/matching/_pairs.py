@@ -10,9 +10,9 @@ from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._attempt import SamplesPair
 from jfsf.matching._coarse import CoarseCopy, coarse_copy
-from jfsf.matching._confidence import of_certificate
+from jfsf.matching._confidence import confidence_of
 from jfsf.matching._settings import Settings
-from jfsf.matching._vertices import with_likely
+from jfsf.matching._vertices import changed_vertex_confidence
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
 
 
@@ -153,10 +153,12 @@ class PairState:
             **{name: jnp.asarray(value, dtype) for name, value in known.items()}
         )
         told = bool(self.inputs.sign != 0)
-        likely = of_certificate(evidence, told, settings=settings.evidence)
+        likely = confidence_of(evidence, told, settings=settings.evidence)
         evidence = evidence._replace(confidence=likely)
         x, y = (
-            side if side is None else with_likely(side, before.confidence, likely)
+            side
+            if side is None
+            else changed_vertex_confidence(side, before.confidence, likely)
             for side in (match.confidence_x, match.confidence_y)
         )
         return match._replace(certificate=evidence, confidence_x=x, confidence_y=y)

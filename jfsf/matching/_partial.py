@@ -17,8 +17,8 @@ from jfsf.matching._arguments import (
     checked_landmarks,
 )
 from jfsf.matching._attempted import Host, match_shapes
+from jfsf.matching._confidence import region_confidence
 from jfsf.matching._kept_landmarks import landmark_distances
-from jfsf.matching._regions import region_confidence
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.matching.parts._match import match_parts

@@ -12,17 +12,19 @@ from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic, rms_distance
 from jfsf.types import Match, Spectrum
 
 
-class Standing(NamedTuple):
-    """Of matches of one pair, (m,) each.
+class Ranking(NamedTuple):
+    """How the m matches of one pair compare.
 
-    differ: (m, m), whether two of them do.
-    apart: (m, m), by how much (`map_distances`).
+    share: (m,) of the odds of each match in those of all that differ from it.
+    rank: (m,) of each match; more is better.
+    differ: (m, m) whether two matches differ.
+    distance: (m, m) the mean distance of the images of two matches (`map_distances`).
     """
 
     share: np.ndarray  # type: ignore
     rank: np.ndarray  # type: ignore
     differ: np.ndarray  # type: ignore
-    apart: np.ndarray  # type: ignore
+    distance: np.ndarray  # type: ignore
 
 
 def share_among(
@@ -30,7 +32,7 @@ def share_among(
     pair: tuple[Spectrum, Spectrum],
     *,
     settings: Settings = Settings(),
-) -> Standing:
+) -> Ranking:
     """Share of the odds of each match in those of all distinct ones.
 
         share_i = o_i / (o_i + sum_j o_j),  o = exp(c r),  r the rank,
@@ -49,10 +51,10 @@ def share_among(
         Shares in [0, 1], 1 where nothing differs and nan where the rank is unknown;
         ranks; and which matches differ, and by how much.
     """
-    apart = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
-    differ = apart > settings.evidence.distinct
-    standing = ranks(matches, settings=settings)
-    odds = COMPARED["scale"] * standing
+    distance = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
+    differ = distance > settings.evidence.distinct
+    rank_of = ranks(matches, settings=settings)
+    odds = COMPARED["scale"] * rank_of
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
         rivals: list[int] = []
@@ -62,11 +64,11 @@ def share_among(
         known = np.isfinite(own) and len(rivals)
         margin = own - logsumexp(odds[rivals]) if known else np.inf
         shares.append(expit(margin) if np.isfinite(own) else np.nan)
-    return Standing(np.array(shares), standing, differ, apart)
+    return Ranking(np.array(shares), rank_of, differ, distance)
 
 
 def ranks(matches: Sequence[Match], *, settings: Settings = Settings()) -> np.ndarray:
-    """The rank of each match of one pair (`jfsf.matching.rank`), (m,).
+    """The rank of each match of one pair (`jfsf.matching._confidence.rank`), (m,).
 
     -inf where it is unknown. One that misses landmarks ranks lower, by
     `EvidenceSettings.missed_rank` if it misses all.
@@ -80,7 +82,7 @@ def ranks(matches: Sequence[Match], *, settings: Settings = Settings()) -> np.nd
 
 
 def rivals_among(
-    matches: Sequence[Match], standing: Standing, *, settings: Settings = Settings()
+    matches: Sequence[Match], ranking: Ranking, *, settings: Settings = Settings()
 ) -> np.ndarray:
     """How many other maps each match cannot be told from, (m,).
 
@@ -92,19 +94,19 @@ def rivals_among(
 
     Args:
         matches: of one pair.
-        standing: of these (`share_among`).
+        ranking: of these (`share_among`).
         settings: `evidence`, `retry_below`.
     """
     log_odds = [float(match.certificate.log_odds) for match in matches]
     likely = expit(np.nan_to_num(log_odds, nan=-np.inf)) >= settings.retry_below
-    odds = COMPARED["scale"] * standing.rank
+    odds = COMPARED["scale"] * ranking.rank
     order, numbers = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
         chosen = [i]
         for j in order:
             tie = odds[j] >= own - settings.evidence.tie
             known = likely[i] and likely[j] and tie
-            if known and standing.apart[j, chosen].min() >= settings.evidence.rival:
+            if known and ranking.distance[j, chosen].min() >= settings.evidence.rival:
                 chosen.append(int(j))
         numbers.append(len(chosen) - 1)
     return np.array(numbers, float)

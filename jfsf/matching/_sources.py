@@ -12,9 +12,8 @@ from jfsf.initial._start import nonisometric_starts, search_starts
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._attempt import given_start
 from jfsf.matching._coarse import padded_copies
-from jfsf.matching._confidence import COMPARED
+from jfsf.matching._confidence import COMPARED, mirror_probability
 from jfsf.matching._disks import is_disk
-from jfsf.matching._mirror import mirror_probability
 from jfsf.matching._others import (
     disk_starts,
     has_others,

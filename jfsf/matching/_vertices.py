@@ -12,9 +12,6 @@ vertex_constants.json beside this file, with the data that they were fitted to a
 scores on data that they were not (experiments/calibrate_vertices.py).
 """
 
-import json
-from importlib.resources import files
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -25,12 +22,13 @@ from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.geometry import normals
 from jfsf.geometry._stretches import log_stretches, root
+from jfsf.matching._confidence import read_constants
 from jfsf.types import Aligned, Filtered, Maps, Spectrum
 
-# The pieces of evidence. The number is added before the logarithm is taken: what is
+# The pieces of evidence. The offset is added before the logarithm is taken: what is
 # smaller says nothing.
-LEAST = {"strain": 0.03, "misfit": 0.02}
-VERTEX_EVIDENCE = tuple(LEAST)
+OFFSETS = {"strain": 0.03, "misfit": 0.02}
+VERTEX_EVIDENCE = tuple(OFFSETS)
 # Heat that flows for this time, in units of the area, spreads evidence over some 0.08
 # of sqrt(area), with as many eigenfunctions.
 TIME, EIGENPAIRS = 0.003, 60
@@ -41,15 +39,8 @@ WITHIN = 0.05  # of sqrt(area): a vertex whose error is less is right
 SURE = 0.99  # the confidence of a whole map counts up to here, and down to 1 - SURE
 
 
-def read_factors() -> dict[str, float]:
-    """The factors b by name: constant, those of `VERTEX_EVIDENCE`, and likely."""
-    text = (files("jfsf.matching") / "vertex_constants.json").read_text(
-        encoding="utf-8"
-    )
-    return json.loads(text)["factors"]
-
-
-FACTORS = read_factors()
+# The factors b by name: constant, those of `VERTEX_EVIDENCE`, and likely.
+VERTEX_FACTORS: dict[str, float] = read_constants("vertex_constants")["factors"]
 
 
 @jit
@@ -74,8 +65,10 @@ def vertex_confidence(
         were not bent or one of them has no faces, and where `likely` is nan.
     """
     share = jnp.clip(jnp.asarray(likely), 1 - SURE, SURE)
-    constant = FACTORS["constant"] + FACTORS["likely"] * jnp.log(share / (1 - share))
-    weights = [FACTORS[name] for name in VERTEX_EVIDENCE]
+    constant = VERTEX_FACTORS["constant"] + VERTEX_FACTORS["likely"] * jnp.log(
+        share / (1 - share)
+    )
+    weights = [VERTEX_FACTORS[name] for name in VERTEX_EVIDENCE]
 
     def side(evidence, mass):
         dtype = evidence.dtype
@@ -87,19 +80,22 @@ def vertex_confidence(
     return x, y
 
 
-def with_likely(
+def changed_vertex_confidence(
     confidence: Float[Array, " n"],
     before: Float[Array, ""] | float,
-    likely: Float[Array, ""] | float,
+    now: Float[Array, ""] | float,
 ) -> Float[Array, " n"]:
     """The confidence of vertices where that of the whole map has changed.
 
     Args:
         confidence: of the vertices, by `vertex_confidence`.
-        before, likely: of the whole map, then and now.
+        before, now: the confidence of the whole map, that was used then and its new
+            value.
     """
-    old, new = (jnp.clip(jnp.asarray(c), 1 - SURE, SURE) for c in (before, likely))
-    change = FACTORS["likely"] * (jnp.log(new / (1 - new)) - jnp.log(old / (1 - old)))
+    old, new = (jnp.clip(jnp.asarray(c), 1 - SURE, SURE) for c in (before, now))
+    change = VERTEX_FACTORS["likely"] * (
+        jnp.log(new / (1 - new)) - jnp.log(old / (1 - old))
+    )
     odds = jnp.exp(change.astype(confidence.dtype))
     return confidence * odds / (1 - confidence + confidence * odds)
 
@@ -110,7 +106,7 @@ def vertex_evidence(
 ) -> tuple[Float[Array, "n_x f"], Float[Array, "n_y f"]]:
     """What is known of each vertex, a column for each of `VERTEX_EVIDENCE`.
 
-    With a vertex i of X, its image j and the other direction likewise:
+    For a vertex i of X with the image j (and for a vertex of Y with its image in X):
 
     - strain: of the bending of X at i and of Y at j, the mean of both. That of a vertex
       is the root mean square, over the faces around it, of the length of the vector of
@@ -119,9 +115,9 @@ def vertex_evidence(
       X is bent onto Y, m and y those of j at rest; n . -m where the map mirrors
 
     Each is smoothed by the heat kernel of the shape; the column is the logarithm of it
-    plus `LEAST`. The plan's entropy, the way there and back, the distance along the
-    normal alone and the roughness of the map were tried beside these, and add nothing
-    on sets that the factors were not fitted to.
+    plus its offset (`OFFSETS`). The plan's entropy, the way there and back, the
+    distance along the normal alone and the roughness of the map were tried beside
+    these, and add nothing on sets that the factors were not fitted to.
 
     Args:
         maps, aligned, pair: as `vertex_confidence`.
@@ -156,8 +152,8 @@ def _evidence(spec, other, moved, T, strain, other_strain):
     mirrors = matmul(spec.mass, jnp.where(spec.mass > 0, alike, 0)) < 0
     misfit = 1 - jnp.where(mirrors, -alike, alike) + apart / APART
     columns = jnp.stack([(strain + other_strain[T]) / 2, misfit], 1)
-    least = jnp.asarray(list(LEAST.values()), columns.dtype)
-    return jnp.log(jnp.maximum(_smoothed(columns, spec), 0) + least[None])
+    offset = jnp.asarray(list(OFFSETS.values()), columns.dtype)
+    return jnp.log(jnp.maximum(_smoothed(columns, spec), 0) + offset[None])
 
 
 def _smoothed(columns, spec: Spectrum):

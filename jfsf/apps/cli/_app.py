@@ -24,6 +24,7 @@ from jfsf.apps.cli._exports import (
     ByPlaceOption,
     CheckerOption,
     Looks,
+    Up,
     UpAxis,
     draw,
     seen,
@@ -262,7 +263,7 @@ def match(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
     ] = False,
-    up: UpAxis = None,
+    up: UpAxis = Up.y,
 ) -> None:
     """Map two meshes to each other, both ways.
 
@@ -281,7 +282,7 @@ def match(
         need_matplotlib()
     exports = export or []
     can_export(exports, checker, (x, y))
-    looks = Looks(None if up is None else up.value, checker, by_place)
+    looks = Looks(up.value, checker, by_place)
     if components:
         options = {"--register": warped, "--report": report, "--partial": partial}
         options |= {"--gt-x": gt_x, "--gt-y": gt_y, "--base": base}

@@ -22,6 +22,7 @@ from jfsf.apps.cli._exports import (
     ByPlaceOption,
     CheckerOption,
     Looks,
+    Up,
     UpAxis,
 )
 from jfsf.apps.cli._files import (
@@ -139,7 +140,7 @@ def batch(
             help="Leave the cache folder alone: each pair makes its spectra anew.",
         ),
     ] = False,
-    up: UpAxis = None,
+    up: UpAxis = Up.y,
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
@@ -188,7 +189,7 @@ def batch(
         )
         for pair in listed
     ]
-    looks = Looks(None if up is None else up.value, checker, by_place)
+    looks = Looks(up.value, checker, by_place)
     wanted = {"report": report, "png": png, "suffixes": suffixes}
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:

@@ -91,7 +91,7 @@ def write_carried(
 
 def carried_files(out: Path, name: str) -> list[Path]:
     """The files of what was carried to a shape, landmarks included, that are there."""
-    from jfsf.apps.landmarks._read import SUFFIXES
+    from jfsf.apps.landmarks._files import SUFFIXES
     from jfsf.apps.transfer._files import FORMATS
 
     columns = dict.fromkeys(("labels", "values"), FORMATS)

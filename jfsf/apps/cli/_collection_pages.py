@@ -4,9 +4,10 @@ import math
 from pathlib import Path
 
 from jfsf.apps.cli._pages import INDEX, pages_of
-from jfsf.apps.report import write_collection_page, write_model_page
-from jfsf.apps.report._collection import ShapeRow, shape_picture
+from jfsf.apps.report import write_model_page
+from jfsf.apps.report._collection import shape_picture, write_collection_page
 from jfsf.apps.report._html import thumbnail
+from jfsf.apps.report._index import Row
 from jfsf.types import Maps, Mesh
 
 PICTURES = "pictures"
@@ -26,10 +27,10 @@ def write_picture(out: Path, name: str, template: Mesh, mesh: Mesh, maps: Maps) 
     thumbnail(shape_picture(mesh, template, maps.T_xy, maps.T_yx), path)
 
 
-def write_model_pages(out: Path, models, names, warning: str | None) -> Path:
+def write_model_pages(out: Path, model, names) -> Path:
     """Write the page of the model."""
     path = out / MODEL_PAGE
-    write_model_page(path, models, names, warning=warning)
+    write_model_page(path, model, names)
     return path
 
 
@@ -59,7 +60,7 @@ def write_index_page(out: Path, rows, shapes, graph) -> Path:
                 page = pages_of(out / "maps" / f"{name}.npz")[0]
         likely = math.nan if row["confidence"] is None else row["confidence"]
         at, drawn = (p and p.relative_to(out).as_posix() for p in (page, picture))
-        listed.append(ShapeRow(name, at, drawn, likely, lines, bool(row["reason"])))
+        listed.append(Row(name, at, drawn, likely, lines, bool(row["reason"])))
     links = {"The model": MODEL_PAGE, "Table": "summary.csv"}
     links = {text: to for text, to in links.items() if (out / to).exists()}
     write_collection_page(out / INDEX, listed, graph, names, links=links)

@@ -72,35 +72,20 @@ def write_model_of(
     out: Path, rows, faces, *, scale: bool, report: bool
 ) -> tuple[list[Path], list]:
     """Write the model of the joined shapes; the files, and what to say of it."""
-    from jfsf.apps.model import (
-        bending_warning,
-        centred,
-        fit_gradient_model,
-        fit_model,
-        write_model,
-        write_modes,
-        write_scores,
-    )
+    from jfsf.apps.model import fit_model, write_model, write_modes, write_scores
 
     names = sorted(row["name"] for row in rows if not row["reason"])
     if len(names) < 2:
         return [], ["a model needs two shapes or more, and there is none"]
     shapes = np.stack([np.load(registered(out, n))["vertices"] for n in names])
-    positions = centred(shapes)
-    model = fit_model(positions, faces, scale=scale)
+    centred = shapes - shapes.mean(1, keepdims=True)
+    model = fit_model(centred, faces, scale=scale)
     write_model(out / "model.npz", model)
     write_scores(out / "scores.csv", names, model)
     written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
-    models: list[Any] = [model]
-    if said := bending_warning(positions, faces):
-        bent = out / "gradient_model.npz"
-        models.insert(0, fit_gradient_model(positions, faces, scale=scale))
-        write_model(bent, models[0])
-        written.append(bent)
-        said += f": {bent.name} has them"
     if report:
-        written.append(write_model_pages(out, models, names, said))
-    return written, [said] if said else []
+        written.append(write_model_pages(out, model, names))
+    return written, []
 
 
 def write_landmarks_of(
@@ -125,7 +110,7 @@ def write_landmarks_of(
         if not row["reason"]:
             vertices = np.load(registered(out, row["name"]))["vertices"]
             points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
-            own = Landmarks(landmarks.names, points, None, found.system)
+            own = Landmarks(landmarks.names, points, None, landmarks.system)
             write_landmarks(folder / f"{row['name']}{suffix}", own)
     return [folder]
 

@@ -24,9 +24,9 @@ class Up(StrEnum):
 
 
 UpAxis = Annotated[
-    Up | None,
+    Up,
     typer.Option(
-        help="Axis that points up in both files, for the picture. Found when absent."
+        help="Axis of the file of X that points up, for pictures, the page and colours."
     ),
 ]
 CheckerOption = Annotated[
@@ -47,12 +47,12 @@ ByPlaceOption = Annotated[
 class Looks(NamedTuple):
     """How pairs are drawn and exported.
 
-    up: the axis that points up in both files; found when None.
+    up: the axis that points up in the file of X.
     checker: whether a checker is exported too.
     by_place: whether Y is coloured by place even if its file has colours.
     """
 
-    up: Any = None
+    up: Any = "y"
     checker: bool = False
     by_place: bool = False
 

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from jfsf.apps.cli._files import can_write, kept_points, need_matplotlib
-from jfsf.apps.report import Side, write_index, write_report
+from jfsf.apps.report import Side, write_report
 from jfsf.apps.report._html import thumbnail
-from jfsf.apps.report._index import Row
+from jfsf.apps.report._index import Row, write_index
 from jfsf.mesh._read import stem_of
 
 FOLDER = "report"  # of a batch: pages and pictures of its pairs
@@ -78,8 +78,7 @@ def batch_index(folder: Path, rows: list[dict[str, Any]]) -> Path:
         likely = row["confidence"]
         listed.append(
             Row(
-                Path(row["x"]).name,
-                Path(row["y"]).name,
+                f"{Path(row['x']).name} → {Path(row['y']).name}",
                 page,
                 picture,
                 math.nan if likely is None else likely,

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
+from jfsf._figures import FIGURES
 from jfsf.apps.cli._notes import WARNING
 from jfsf.apps.cli._words import in_options
 from jfsf.apps.report._words import warnings_of
-from jfsf.types import FIGURES, STAGES
+from jfsf.types import STAGES
 
 
 def summary_row(

@@ -201,7 +201,7 @@ def transfer(
 
 
 def _written(out: Path, textured: bool) -> list[Path]:
-    from jfsf.apps.export._textured import textured_files
+    from jfsf.apps.export._export import textured_files
 
     return textured_files(out) if textured else [out]
 
@@ -245,9 +245,9 @@ def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
 
 def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
     from jfsf.apps.landmarks import read_landmarks, write_landmarks
+    from jfsf.apps.landmarks._files import FORMATS
+    from jfsf.apps.landmarks._files import SUFFIXES as KNOWN
     from jfsf.apps.landmarks._place import on_surface
-    from jfsf.apps.landmarks._read import FORMATS
-    from jfsf.apps.landmarks._read import SUFFIXES as KNOWN
     from jfsf.apps.transfer import landmarks
 
     if out.suffix.lower() not in KNOWN:

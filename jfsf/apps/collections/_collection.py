@@ -20,7 +20,7 @@ from jfsf.apps.collections._pairs import Edge
 from jfsf.apps.collections._paths import map_along
 from jfsf.apps.collections._reasons import reason
 from jfsf.apps.collections._sketch import sketch
-from jfsf.apps.model import ShapeModel, centred, fit_model
+from jfsf.apps.model import ShapeModel, fit_model
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.matching import basis, check_matchable, match
 from jfsf.mesh import MeshError, closest, mirror_image
@@ -106,7 +106,9 @@ class Collection(NamedTuple):
             ValueError: fewer than two shapes were joined.
         """
         faces = self.meshes[self.template].faces
-        return fit_model(centred(self.registered), faces, modes=modes, scale=scale)
+        shapes = self.registered
+        centred = shapes - shapes.mean(1, keepdims=True)
+        return fit_model(centred, faces, modes=modes, scale=scale)
 
 
 def collection(

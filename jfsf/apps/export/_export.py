@@ -1,26 +1,29 @@
-"""Write a mesh, or the map from it, in the format of the suffix."""
+"""Write a mesh, the map from it, or an image on it, in the format of the suffix."""
 
 import os
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jfsf.apps.export._glb import glb_bytes
-from jfsf.apps.export._obj import obj_files
-from jfsf.apps.export._paint import painted
-from jfsf.apps.export._ply import ply_bytes
-from jfsf.apps.export._texture import checker as checker_png
-from jfsf.apps.plot import pull_back
-from jfsf.apps.plot._colours import Up, body_colours, frame, matched_colours
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._upright import find_frame
+from jfsf.apps.export._formats import beside, glb_bytes, obj_files, ply_bytes
+from jfsf.apps.export._formats import checker as checker_png
+from jfsf.apps.export._painted import Painted, painted
+from jfsf.apps.plot._colours import (
+    body_colours,
+    matched_colours,
+    pull_back,
+    texture_coordinates,
+)
+from jfsf.apps.plot._frames import Up, frame
+from jfsf.mesh import MeshError, vertex_normals
+from jfsf.mesh._values import checked_mesh
 from jfsf.storage._atomic import write_atomically
 from jfsf.types import ArrayLike, Mesh
 
-FORMATS = (".ply", ".obj", ".glb")
+FORMATS = ".ply", ".obj", ".glb"
+TEXTURED = ".obj", ".glb"
 TILES = 16  # squares of the checker along the longer side of Y
 
 
@@ -30,7 +33,7 @@ def export_map(
     mesh_y: Mesh,
     T_xy: Int[ArrayLike, " n_x"],
     *,
-    up: Up | None = None,
+    up: Up = "y",
     checker: bool = False,
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
     confidence: Float[ArrayLike, " n_x"] | None = None,
@@ -48,8 +51,9 @@ def export_map(
         path: `.ply`, `.obj` or `.glb`; see `export_mesh`.
         mesh_x, mesh_y: meshes or point clouds.
         T_xy: the vertex of Y for each vertex of X.
-        up: the axis that points up in Y's file; found in its shape alone when
-            absent, so the colours may differ from those of a picture of the pair.
+        up: the axis that points up in Y's file. Y is coloured alone, so that both can
+            be written one by one; in a picture it is turned onto X first, and if it
+            stands otherwise in its file, colours differ from those.
         checker: carry a checker from Y to X too, as texture (OBJ and GLB). Viewers
             multiply it with the colours, or show it alone.
         uv_y: texture coordinates of Y for it; by default a projection from the front,
@@ -59,41 +63,36 @@ def export_map(
         colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
             (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
             place.
-        membership: likewise, `Match.membership_x`, for other programs to read: written
-            as the confidence is, under the name `membership`.
+        membership: of each vertex of X, `Match.membership_x` of a match of parts;
+            written under this name, for other programs to read.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
         OSError: the folder cannot be written.
     """
-    if np.shape(T_xy) != (n_x := len(mesh_x.vertices),):
+    n_x, n_y = len(mesh_x.vertices), len(mesh_y.vertices)
+    if np.shape(T_xy) != (n_x,):
         raise ValueError(
             f"export_map: X has {n_x} vertices, T_xy has shape {np.shape(T_xy)}"
         )
     T_xy = np.asarray(T_xy)
 
-    @cache
-    def body():
-        # Of Y alone, so that X and Y can be written one by one.
-        axes = frame(up) if up else find_frame(mesh_y).axes
-        return np.asarray(mesh_y.vertices, float) @ axes
-
+    body = np.asarray(mesh_y.vertices, float) @ frame(up)
     if colours_y is None:
-        colours_y = body_colours(body())
-    elif np.shape(colours_y) != np.shape(mesh_y.vertices):
+        colours_y = body_colours(body)
+    elif np.shape(colours_y) != (n_y, 3):
         raise ValueError(
-            f"export_map: Y has {len(mesh_y.vertices)} vertices, colours_y has shape "
+            f"export_map: Y has {n_y} vertices, colours_y has shape "
             f"{np.shape(colours_y)}"
         )
     colours = matched_colours(pull_back(np.asarray(colours_y), T_xy), matched_x)
     uv = None
     if checker or uv_y is not None:
         if uv_y is None:
-            uv_y = texture_coordinates(body()) * (TILES / 2)
-        if np.shape(uv_y) != (len(mesh_y.vertices), 2):
+            uv_y = texture_coordinates(body) * (TILES / 2)
+        if np.shape(uv_y) != (n_y, 2):
             raise ValueError(
-                f"export_map: Y has {len(mesh_y.vertices)} vertices, uv_y has shape "
-                f"{np.shape(uv_y)}"
+                f"export_map: Y has {n_y} vertices, uv_y has shape {np.shape(uv_y)}"
             )
         uv = pull_back(uv_y, T_xy)
     values = None if membership is None else {"membership": membership}
@@ -127,7 +126,7 @@ def export_mesh(
             `confidence` of PLY, the attribute `_CONFIDENCE` of GLB. OBJ has no
             attributes, so there it is left out.
         values: other numbers, (n,) each, by names of lower case letters, for other
-            programs likewise. MeshLab shows `quality` of a PLY in colours.
+            programs to read. MeshLab shows `quality` of a PLY in colours.
 
     Raises:
         ValueError: another suffix; colours, uv, confidence or values that are not one
@@ -144,11 +143,58 @@ def export_mesh(
     if suffix == ".ply":
         files = {path: ply_bytes(shape)}
     elif suffix == ".obj":
-        files = obj_files(path, shape, texture)
+        files = obj_files(path, shape, texture, tail="_checker")
     else:
         files = {path: glb_bytes(path.stem, shape, texture)}
-    for name, data in files.items():
-        write_atomically(name, lambda file, data=data: file.write(data))
+    _write(files)
+
+
+def export_textured(
+    path: str | os.PathLike[str],
+    mesh: Mesh,
+    uv: Float[ArrayLike, "m 3 2"],
+    png: bytes,
+) -> None:
+    """Write a mesh with a texture.
+
+    Each file appears complete or not at all, the OBJ after those that it names.
+
+    Args:
+        path: `.obj`, doubles, with STEM.mtl and STEM.png beside it: vertex i stays
+            vertex i. `.glb`, float32, all in one: that format splits vertices where
+            texture coordinates differ, so the order of the vertices is another.
+        mesh: in its own unit and axes, with m faces.
+        uv: texture coordinates of the corners of its faces: u to the right, v up.
+        png: the file of the image.
+
+    Raises:
+        ValueError: another suffix, or uv that is not finite rows of the corners.
+        MeshError: no mesh, or one without faces.
+        OSError: the folder cannot be written.
+    """
+    path = Path(path)
+    textured_files(path)
+    vertices, faces = checked_mesh(mesh, "export_textured")
+    if not len(faces):
+        raise MeshError("export_textured: the mesh has no faces; triangulate it")
+    uv = np.asarray(uv, np.float64)
+    if uv.shape != (len(faces), 3, 2) or not np.isfinite(uv).all():
+        raise ValueError(
+            f"export_textured: uv has shape {uv.shape}; pass finite rows, two numbers "
+            f"a corner: {(len(faces), 3, 2)}"
+        )
+    # A row for each pair of a vertex and its texture coordinates.
+    corners = np.column_stack([faces.ravel(), uv.reshape(-1, 2)])
+    rows, corner = np.unique(corners, axis=0, return_inverse=True)
+    corner = corner.reshape(-1, 3)
+    if path.suffix.lower() == ".glb":
+        vertex = rows[:, 0].astype(int)
+        split = Painted(vertices[vertex].astype(float), corner, None, rows[:, 1:], {})
+        normals = vertex_normals(vertices, faces)[vertex]
+        _write({path: glb_bytes(path.stem, split, png, normals)})
+    else:
+        shape = Painted(vertices, faces, None, rows[:, 1:], {})
+        _write(obj_files(path, shape, png, corner))
 
 
 def check_path(path: Path, *, checker: bool = False) -> None:
@@ -160,3 +206,24 @@ def check_path(path: Path, *, checker: bool = False) -> None:
         )
     if checker and suffix == ".ply":
         raise ValueError(f"{path}: PLY has no texture here; export .obj or .glb")
+
+
+def textured_files(path: Path) -> list[Path]:
+    """What `export_textured` writes: the file, and those beside it.
+
+    Raises:
+        ValueError: another suffix than `TEXTURED`.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in TEXTURED:
+        raise ValueError(
+            f"{path}: a mesh with a texture is written as {', '.join(TEXTURED)}, not "
+            f"{suffix!r}"
+        )
+    return [path] if suffix == ".glb" else [path, *beside(path)]
+
+
+def _write(files: Mapping[Path, bytes]) -> None:
+    """Each completely or not at all, in this order."""
+    for name, data in files.items():
+        write_atomically(name, lambda file, data=data: file.write(data))

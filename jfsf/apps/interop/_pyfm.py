@@ -22,16 +22,14 @@ from jfsf.apps.interop._bases import (
     Bases,
     Correspondence,
     at_unit_area,
-    checked_map,
     factors_of,
+    zero_based_map,
 )
-from jfsf.apps.interop._packages import need
-from jfsf.mesh._values import checked_mesh
 from jfsf.spectral import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # pyFM has no types of its own.
-TriMesh = Any
+AnyTriMesh = Any
 
 
 class PyfmMaps(NamedTuple):
@@ -47,8 +45,8 @@ class PyfmMaps(NamedTuple):
 
 def to_pyfm(
     *,
-    mesh1: TriMesh,
-    mesh2: TriMesh,
+    mesh1: AnyTriMesh,
+    mesh2: AnyTriMesh,
     T_xy: ArrayLike | None = None,
     C_yx: ArrayLike | None = None,
 ) -> PyfmMaps:
@@ -56,7 +54,7 @@ def to_pyfm(
 
     Args:
         mesh1: Y as pyFM's TriMesh, of any area; with eigenvectors if C_yx is given.
-        mesh2: X, likewise.
+        mesh2: X as pyFM's TriMesh, of any area; with eigenvectors if C_yx is given.
         T_xy: (n_x,), the vertex of Y for each vertex of X.
         C_yx: (k_x, k_y), in the bases of `spectrum_from_pyfm` of the meshes.
 
@@ -66,7 +64,7 @@ def to_pyfm(
     p2p_21 = FM_12 = None
     sizes = _sizes("to_pyfm", mesh2, mesh1)
     if T_xy is not None:
-        p2p_21 = checked_map("to_pyfm: T_xy", T_xy, *sizes)
+        p2p_21 = zero_based_map("to_pyfm: T_xy", T_xy, *sizes)
     if C_yx is not None:
         FM_12 = _bases("to_pyfm", mesh1, mesh2).to_other(C_yx)
     return PyfmMaps(p2p_21, FM_12)
@@ -74,8 +72,8 @@ def to_pyfm(
 
 def from_pyfm(
     *,
-    mesh1: TriMesh,
-    mesh2: TriMesh,
+    mesh1: AnyTriMesh,
+    mesh2: AnyTriMesh,
     p2p_21: ArrayLike | None = None,
     FM_12: ArrayLike | None = None,
 ) -> Correspondence:
@@ -92,56 +90,43 @@ def from_pyfm(
     T_xy = C_yx = None
     sizes = _sizes("from_pyfm", mesh2, mesh1)
     if p2p_21 is not None:
-        T_xy = checked_map("from_pyfm: p2p_21", p2p_21, *sizes)
+        T_xy = zero_based_map("from_pyfm: p2p_21", p2p_21, *sizes)
     if FM_12 is not None:
         C_yx = _bases("from_pyfm", mesh1, mesh2).from_other(FM_12)
     return Correspondence(T_xy, C_yx)
 
 
-def mesh_to_pyfm(mesh: Mesh) -> TriMesh:
-    """pyFM's TriMesh of a mesh or point cloud, in its own units, without a spectrum.
-
-    Raises:
-        ImportError: pyfmaps is missing; the message says how to install it.
-        MeshError: no mesh.
-    """
-    pyfm = need("pyFM.mesh", "pyfmaps")
-    vertices, faces = checked_mesh(mesh, "mesh_to_pyfm")
-    return pyfm.TriMesh(vertices, faces if len(faces) else None)
-
-
-def mesh_from_pyfm(mesh: TriMesh) -> Mesh:
-    """The vertices and faces of pyFM's TriMesh, copied, in its units."""
-    faces = np.zeros((0, 3), np.int32) if mesh.faces is None else mesh.faces
-    return Mesh(np.array(mesh.vertices, np.float64), np.array(faces, np.int32))
-
-
-def spectrum_to_pyfm(spec: Spectrum) -> TriMesh:
+def spectrum_to_pyfm(spec: Spectrum) -> AnyTriMesh:
     """pyFM's TriMesh of area 1 with these eigenpairs, areas and positions.
 
     C_yx and FM_12 are then the same matrix. The stiffness is that of
     `jfsf.spectral.operators`, computed again from the positions.
 
     Raises:
-        ImportError: pyfmaps is missing.
+        ImportError: pyfmaps is missing; the message says how to install it.
         ValueError: a padded spectrum.
     """
+    try:
+        from pyFM.mesh import TriMesh
+    except ImportError as missing:
+        raise ImportError(
+            f"spectrum_to_pyfm needs pyfmaps ({missing}): pip install 'jfsf[interop]'"
+        ) from missing
     evals, evecs, mass, faces, vertices = (np.asarray(a) for a in spec)
     if not (mass > 0).all():
         raise ValueError(
             f"spectrum_to_pyfm: {(mass <= 0).sum()} of {len(mass)} vertices are "
             "padding; cut them off"
         )
-    mesh = Mesh(vertices.astype(np.float64), faces)
-    found = mesh_to_pyfm(mesh)
-    found.stiffness = operators(mesh)[0]
-    mass = mass.astype(np.float64)
-    found.mass = sp.dia_matrix((mass[None], [0]), (len(mass), len(mass)))
-    found.eigenvalues, found.eigenvectors = evals, evecs
-    return found
+    vertices, mass = vertices.astype(np.float64), mass.astype(np.float64)
+    mesh = TriMesh(vertices, faces if len(faces) else None)
+    mesh.stiffness = operators(Mesh(vertices, faces))[0]
+    mesh.mass = sp.dia_matrix((mass[None], [0]), (len(mass), len(mass)))
+    mesh.eigenvalues, mesh.eigenvectors = evals, evecs
+    return mesh
 
 
-def spectrum_from_pyfm(mesh: TriMesh) -> Spectrum:
+def spectrum_from_pyfm(mesh: AnyTriMesh) -> Spectrum:
     """The eigenpairs of pyFM's TriMesh, scaled to area 1; numpy arrays.
 
     The faces stay as they are wound; `match` wants them outward (`jfsf.mesh.orient`).
@@ -152,9 +137,9 @@ def spectrum_from_pyfm(mesh: TriMesh) -> Spectrum:
     """
     name = "spectrum_from_pyfm"
     mass = _lumped(name, mesh)
-    return at_unit_area(
-        name, mesh_from_pyfm(mesh), mesh.eigenvalues, mesh.eigenvectors, mass
-    ).spectrum
+    faces = np.zeros((0, 3), np.int32) if mesh.faces is None else mesh.faces
+    own = Mesh(np.array(mesh.vertices, np.float64), np.array(faces, np.int32))
+    return at_unit_area(name, own, mesh.eigenvalues, mesh.eigenvectors, mass).spectrum
 
 
 def _sizes(name, *meshes):
@@ -162,7 +147,7 @@ def _sizes(name, *meshes):
         if not hasattr(mesh, "n_vertices"):
             raise ValueError(
                 f"{name}: a mesh is {type(mesh).__name__}, expected pyFM's TriMesh; "
-                "see mesh_to_pyfm and spectrum_to_pyfm"
+                "see spectrum_to_pyfm"
             )
     return [mesh.n_vertices for mesh in meshes]
 

@@ -1,31 +1,28 @@
-"""Landmarks on a mesh: the vertices or the points of the surface that they are at.
-
-A file of 3D Slicer may be in RAS where the mesh was saved in LPS, or the other way. The
-points are tried as they are, and with x and y reversed. What is chosen is a guess by
-distance, and is said.
-"""
+"""Landmarks on a mesh, as its vertices or points of its surface; carried by a map."""
 
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 
-from jfsf.apps.landmarks._nearest import at_vertices, nearest_points
 from jfsf.apps.landmarks._record import Landmarks, checked, titled
+from jfsf.mesh import closest
+from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._geometry import face_areas
 from jfsf.mesh._values import check_values
 from jfsf.types import ArrayLike, Mesh
 
-# Distances from the surface, in diagonals of the bounding box of the mesh. Landmarks by
-# hand, or of a copy with other vertices, are within 0.01; those in other units or axes
-# seldom within 0.05.
-FAR, NEAR = 0.05, 0.01
-# So far outside of the box that no axes are tried.
-HOPELESS = 1e6
-# The other axes are taken if the farthest landmark is this much nearer to the surface.
-CLEARLY = 4
-_OTHER = {"LPS": "RAS", "RAS": "LPS"}
+# Distance from the surface beyond which a landmark is refused, in diagonals of the
+# bounding box of the mesh. Landmarks by hand, or of a copy with other vertices, are
+# within 0.01; those in other units or axes seldom within 0.05.
+FAR = 0.05
+# Images of two corners of a triangle that are farther apart than this share of the
+# diagonal of X's bounding box, and than the corners are this many times over, are a
+# tear of the map: their mean would be between two places.
+TORN, STRETCHED = 0.1, 4
 
 
-class OnSurface(NamedTuple):
+class Placed(NamedTuple):
     """Landmarks as points of a mesh.
 
     corners: (l, 3) int64, the vertices of the triangle that each lies on; three times
@@ -33,17 +30,12 @@ class OnSurface(NamedTuple):
     weights: (l, 3) barycentric coordinates, of sum 1.
     points: (l, 3) float64, in the coordinates of the mesh.
     distances: (l,) from the landmark to that point, in units of the mesh.
-    system: what the coordinates of the mesh are, as far as the file tells: "LPS", "RAS"
-        or None.
-    said: what was noticed, a sentence each.
     """
 
     corners: ArrayLike
     weights: ArrayLike
     points: ArrayLike
     distances: ArrayLike
-    system: str | None
-    said: list[str]
 
 
 class AtVertices(NamedTuple):
@@ -74,28 +66,20 @@ def to_vertices(landmarks: Landmarks, mesh: Mesh) -> AtVertices:
     Raises:
         ValueError: as `on_surface`.
     """
-    found = on_surface(landmarks, mesh)
+    placed = on_surface(landmarks, mesh)
     landmarks = checked(landmarks, "to_vertices")
     if landmarks.vertices is not None:
-        return AtVertices(landmarks.vertices, found.distances, found.said)
-    # Where the landmarks are in the coordinates of the mesh.
-    points = np.asarray(landmarks.points)
-    if found.system != landmarks.system:
-        points = _reversed(points)
-    corners = np.asarray(mesh.vertices, np.float64)[found.corners]
-    away = np.linalg.norm(corners - points[:, None], axis=2)
+        return AtVertices(landmarks.vertices, placed.distances, [])
+    corners = np.asarray(mesh.vertices, np.float64)[placed.corners]
+    away = np.linalg.norm(corners - np.asarray(landmarks.points)[:, None], axis=2)
     best = away.argmin(1)[:, None]
-    vertices = np.take_along_axis(found.corners, best, 1)[:, 0]
-    said = found.said + _shared(landmarks.names, vertices)
+    vertices = np.take_along_axis(placed.corners, best, 1)[:, 0]
+    said = _shared(landmarks.names, vertices)
     return AtVertices(vertices, np.take_along_axis(away, best, 1)[:, 0], said)
 
 
-def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
+def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
     """The point of the surface that is nearest to each landmark.
-
-    If the file names a coordinate system, and the landmarks are clearly nearer to the
-    mesh with x and y reversed, from LPS to RAS or back, they are reversed, and that is
-    said.
 
     Args:
         landmarks: points in the coordinates of the mesh; or vertices.
@@ -130,54 +114,35 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> OnSurface:
                 f"{titled(names, lost[0])} is vertex {landmarks.vertices[lost[0]]}, "
                 "which has no finite place; leave the landmark out"
             )
-        found = at_vertices(mesh, landmarks.vertices)
-        return OnSurface(*found, landmarks.system, [])
+        return _at_vertices(mesh, landmarks.vertices)
     if not names:
-        return OnSurface(
-            *at_vertices(mesh, np.zeros(0, np.int64)), landmarks.system, []
-        )
+        return _at_vertices(mesh, np.zeros(0, np.int64))
     diagonal = float(np.linalg.norm(np.ptp(vertices.astype(np.float64), axis=0)))
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     with np.errstate(over="ignore"):
         outside = np.maximum(low - landmarks.points, landmarks.points - high).max(1)
-    # Squares of such distances may be infinite.
-    _refuse_far(names, outside, diagonal, HOPELESS)
-    found, system, said = _placed(landmarks, mesh, diagonal)
-    _refuse_far(names, found.distances, diagonal, FAR)
-    return OnSurface(*found, system, said)
+    # First those outside of the box: squares of their distances may be infinite.
+    _refuse_far(landmarks, outside, diagonal)
+    placed = _nearest(mesh, landmarks.points)
+    _refuse_far(landmarks, placed.distances, diagonal)
+    return placed
 
 
-def _refuse_far(names: tuple[str, ...], away: ArrayLike, diagonal: float, most: float):
+def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
     worst = int(away.argmax())
-    if away[worst] > most * diagonal:
+    if away[worst] > FAR * diagonal:
+        system = ""
+        if landmarks.system:
+            system = (
+                f" The file is in {landmarks.system}; if the mesh is not, reverse the "
+                "signs of x and y."
+            )
         raise ValueError(
-            f"{titled(names, worst)} is {away[worst]:.4g} from the mesh, more than "
-            f"{FAR:.0%} of the diagonal of its bounding box ({diagonal:.4g}); are both "
-            "in the same units and axes, and is the file of another mesh, or of one "
-            "that was moved?"
+            f"{titled(landmarks.names, worst)} is {away[worst]:.4g} from the mesh, "
+            f"more than {FAR:.0%} of the diagonal of its bounding box "
+            f"({diagonal:.4g}); are both in the same units and axes, and is the file "
+            f"of another mesh, or of one that was moved?{system}"
         )
-
-
-def _placed(landmarks: Landmarks, mesh: Mesh, diagonal: float):
-    """The nearest points, the system of the mesh, and what to say."""
-    found = nearest_points(mesh, landmarks.points)
-    system = landmarks.system
-    away = found.distances.max()
-    if system is None or away <= NEAR * diagonal:
-        return found, system, []
-    other = nearest_points(mesh, _reversed(landmarks.points))
-    if other.distances.max() > min(FAR * diagonal, away / CLEARLY):
-        return found, system, []
-    said = (
-        f"the landmarks are in {system}; with x and y reversed they are within "
-        f"{other.distances.max():.4g} of the mesh, else {away:.4g} away: the mesh was "
-        f"taken to be in {_OTHER[system]}"
-    )
-    return other, _OTHER[system], [said]
-
-
-def _reversed(points: ArrayLike) -> ArrayLike:
-    return np.asarray(points) * [-1.0, -1.0, 1.0]
 
 
 def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
@@ -189,3 +154,97 @@ def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
         f"{vertices[i]}: the mesh is coarse there"
         for i in map(int, np.flatnonzero(first != np.arange(len(names))))
     ]
+
+
+def carry_landmarks(
+    landmarks: Landmarks, mesh_y: Mesh, mesh_x: Mesh, T_yx: ArrayLike
+) -> Landmarks:
+    """Landmarks of Y, carried to X.
+
+    Each is a point of a triangle of Y (`on_surface`). The images of the three corners
+    on X are averaged with its barycentric coordinates, and the nearest point of the
+    surface of X is taken. Where the map tears a triangle apart, only the images near
+    that of the nearest corner count. To carry landmarks of X to Y, exchange the meshes
+    and give `T_xy`.
+
+    Args:
+        landmarks: on Y: points in its coordinates, or vertices of it.
+        mesh_y: where they are; n_y vertices.
+        mesh_x: where they go; n_x vertices. Of a point cloud the nearest vertex is
+            taken.
+        T_yx: (n_y,) the vertex of X for each vertex of Y, as `Match.T_yx`.
+
+    Returns:
+        Points on X, in its coordinates, with the names and the order of the landmarks.
+        The system is that of the landmarks: both meshes are taken to have the same
+        axes.
+
+    Raises:
+        ValueError: as `on_surface`; or T_yx is no map from Y to X.
+    """
+    placed = on_surface(landmarks, mesh_y)
+    vertices, faces = np.asarray(mesh_x.vertices), np.asarray(mesh_x.faces)
+    check_values(vertices, faces, "carry_landmarks: mesh_x")
+    vertices = vertices.astype(np.float64)
+    T_yx, n_y = np.asarray(T_yx), len(mesh_y.vertices)
+    if T_yx.shape != (n_y,) or T_yx.dtype.kind not in "iu":
+        raise ValueError(
+            f"carry_landmarks: T_yx is {T_yx.dtype} {T_yx.shape}, expected whole "
+            f"numbers ({n_y},): the vertex of X for each of Y"
+        )
+    if len(T_yx) and not 0 <= T_yx.min() <= T_yx.max() < len(vertices):
+        raise ValueError(
+            f"carry_landmarks: T_yx names vertices {T_yx.min()} to {T_yx.max()}, and X "
+            f"has {len(vertices)}, from 0 on; does it run the other way?"
+        )
+    if not landmarks.names:
+        return Landmarks((), np.zeros((0, 3)), None, landmarks.system)
+    images = vertices[T_yx[placed.corners]]
+    near = _together(images, placed, vertices, np.asarray(mesh_y.vertices, np.float64))
+    weights = np.where(near, placed.weights, 0)
+    weights /= weights.sum(1, keepdims=True)
+    on_x = _nearest(mesh_x, (weights[:, :, None] * images).sum(1)).points
+    return landmarks._replace(points=on_x, vertices=None)
+
+
+def _together(images, placed, vertices_x, vertices_y):
+    """Whether the image of each corner (l, 3) is where that of the nearest one is."""
+    heaviest = placed.weights.argmax(1)[:, None, None]
+    corners = vertices_y[placed.corners]
+    on_x, on_y = (
+        np.linalg.norm(a - np.take_along_axis(a, heaviest, 1), axis=2)
+        for a in (images, corners)
+    )
+    size_x, size_y = (
+        np.linalg.norm(np.ptp(v, axis=0)) for v in (vertices_x, vertices_y)
+    )
+    return (on_x <= TORN * size_x) | (on_x * size_y <= STRETCHED * on_y * size_x)
+
+
+def _nearest(mesh: Mesh, points: ArrayLike) -> Placed:
+    """The point of the mesh nearest to each point, exactly (`jfsf.mesh.closest`).
+
+    Args:
+        mesh: n vertices, m faces. Of a point cloud, and of a mesh without area, the
+            nearest vertices are found.
+        points: (l, 3), finite.
+    """
+    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    points = np.asarray(points, np.float64)
+    faces = faces[face_areas(vertices, faces) > 0]
+    if len(faces) == 0:
+        distances, at = KDTree(vertices).query(points)
+        return _at_vertices(mesh, at)._replace(distances=distances)
+    found = closest(surface_tree(Mesh(vertices, faces)), points)
+    corners = faces[found.face].astype(np.int64)
+    return Placed(corners, found.barycentric, found.position, found.distance)
+
+
+def _at_vertices(mesh: Mesh, vertices: ArrayLike) -> Placed:
+    """Vertices of a mesh as its points, at distance 0."""
+    vertices = np.asarray(vertices, np.int64)
+    weights = np.zeros((len(vertices), 3))
+    weights[:, 0] = 1
+    points = np.asarray(mesh.vertices, np.float64)[vertices]
+    corners = np.repeat(vertices[:, None], 3, axis=1)
+    return Placed(corners, weights, points, np.zeros(len(vertices)))

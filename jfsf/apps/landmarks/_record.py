@@ -1,23 +1,17 @@
 """The record of landmarks, and what all of its readers and writers share."""
 
-import codecs
 import re
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from jfsf.types import ArrayLike
 
-# Of a name in every format: one line of text that XML can hold.
+# What no name holds, in any format: it is one line of text that XML can hold.
 _NOT_IN_NAMES = re.compile("[\x00-\x1f\x7f-\x9f\ud800-\udfff\ufffe\uffff]+")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _WHOLE = re.compile("[0-9]{1,18}")
-_SYSTEMS = {"lps": "LPS", "1": "LPS", "ras": "RAS", "0": "RAS"}
-_MARKS = {
-    codecs.BOM_UTF8: "utf-8-sig",
-    codecs.BOM_UTF16_LE: "utf-16",
-    codecs.BOM_UTF16_BE: "utf-16",
-}
 
 
 class Landmarks(NamedTuple):
@@ -38,6 +32,43 @@ class Landmarks(NamedTuple):
     vertices: ArrayLike | None = None
     system: str | None = None
     said: tuple[str, ...] = ()
+
+
+def collected(
+    rows: Iterable[tuple[str, Sequence[float] | int | None]],
+    path: object,
+    system: str | None = None,
+) -> Landmarks:
+    """The landmarks of a file, but those without a position, which `said` names.
+
+    Args:
+        rows: name, and the point or the vertex; None for a landmark without a position.
+        path: opens the message.
+        system: of the file.
+
+    Raises:
+        ValueError: none has a position.
+    """
+    names, places, without = [], [], []
+    for name, place in rows:
+        # One line, without control characters and blanks around it.
+        name = _NOT_IN_NAMES.sub(" ", name).strip()
+        if place is None:
+            without.append(repr(name) if name else "one without a name")
+        else:
+            names.append(name)
+            places.append(place)
+    if not names:
+        raise ValueError(f"{path}: has no landmark with a position; place some")
+    said = ()
+    if without:
+        have = "landmark has" if len(without) == 1 else "landmarks have"
+        left_out = f"{have} no position and were left out: {', '.join(without)}"
+        said = (f"{len(without)} {left_out}",)
+    points, vertices = np.array(places), None
+    if points.ndim == 1:
+        points, vertices = None, points.astype(np.int64)
+    return Landmarks(tuple(names), points, vertices, system, said)
 
 
 def checked(landmarks: Landmarks, function: str) -> Landmarks:
@@ -79,25 +110,19 @@ def checked(landmarks: Landmarks, function: str) -> Landmarks:
     return Landmarks(names, None, vertices.astype(np.int64), system, said)
 
 
+def check_names(landmarks: Landmarks, path: object) -> None:
+    """ValueError if a name would not be the same when it is read."""
+    for name in landmarks.names:
+        if _NOT_IN_NAMES.sub(" ", name).strip() != name:
+            raise ValueError(
+                f"{path}: the name {name!r} has line ends, control characters or "
+                "blanks around it; rename that landmark"
+            )
+
+
 def titled(names: tuple[str, ...], at: int) -> str:
     """A landmark in a message: its name, or its number from 1 on."""
     return f"landmark {names[at]!r}" if names[at] else f"landmark {at + 1}"
-
-
-def clean_name(name: str) -> str:
-    """A name on one line, without control characters and blanks around it."""
-    return _NOT_IN_NAMES.sub(" ", name).strip()
-
-
-def decoded(data: bytes) -> str:
-    """Text of a file: UTF-8, UTF-16 with its mark, or else that of old Windows."""
-    for mark, codec in _MARKS.items():
-        if data.startswith(mark):
-            return data.decode(codec, errors="replace")
-    try:
-        return data.decode()
-    except UnicodeDecodeError:
-        return data.decode("cp1252", errors="replace")
 
 
 def numbered_lines(text: str) -> list[tuple[int, str]]:
@@ -110,43 +135,23 @@ def numbered_lines(text: str) -> list[tuple[int, str]]:
     return [(i, line.strip(" ")) for i, line in enumerate(lines, 1) if line.strip()]
 
 
-def to_number(cell: str, decimal_comma: bool = False) -> float | None:
-    """The number in a cell, which may be infinite; None if it holds another thing."""
-    cell = cell.strip()
-    if decimal_comma:
-        cell = cell.replace(",", ".")
-    # float() takes 1_0 for 10.
-    return float(cell) if _NUMBER.fullmatch(cell) else None
+def is_number(cell: str) -> bool:
+    """Whether a cell holds a number; float() would take 1_0 for 10, and nan."""
+    return _NUMBER.fullmatch(cell.strip()) is not None
+
+
+def to_point(cells: Sequence[str]) -> list[float] | None:
+    """The point in three cells; None if they are no finite numbers."""
+    if len(cells) != 3 or not all(map(is_number, cells)):
+        return None
+    point = [float(cell) for cell in cells]
+    return point if np.isfinite(point).all() else None
 
 
 def to_vertex(cell: str) -> int | None:
     """The vertex in a cell, counted from 0; None if it holds another thing."""
     cell = cell.strip()
     return int(cell) if _WHOLE.fullmatch(cell) else None
-
-
-def to_system(word: str, path: object) -> str:
-    """ "LPS" or "RAS" of a file's own word for its axes.
-
-    Raises:
-        ValueError: another system.
-    """
-    found = _SYSTEMS.get(word.strip().lower())
-    if found is None:
-        raise ValueError(
-            f"{path}: its coordinate system is {word.strip()[:20]!r}; save the "
-            "landmarks in LPS or RAS"
-        )
-    return found
-
-
-def skipped(names: list[str]) -> tuple[str, ...]:
-    """What to say of landmarks without a position."""
-    if not names:
-        return ()
-    words = ", ".join(repr(name) if name else "one without a name" for name in names)
-    have = "landmark has" if len(names) == 1 else "landmarks have"
-    return (f"{len(names)} {have} no position and were left out: {words}",)
 
 
 def quoted(name: str) -> str:

@@ -2,23 +2,23 @@
 
 A line holds name, x, y and z; or x, y and z; or a name and a vertex; or a vertex. A
 line of titles may say in which columns these are. Between them stand tabs, semicolons,
-commas or blanks; where it is no comma, numbers may have a decimal comma. ShapeWorks'
-.particles hold x, y and z.
+commas or blanks. ShapeWorks' .particles hold x, y and z.
 """
 
 import csv
 import re
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jfsf.apps.landmarks._record import (
     Landmarks,
-    clean_name,
+    collected,
+    is_number,
     numbered_lines,
     quoted,
-    skipped,
-    to_number,
+    to_point,
     to_vertex,
 )
 
@@ -28,36 +28,35 @@ EXPECTED = (
 )
 _COMMENT = re.compile(r"\s*#(?!\d)")  # but #1 is the name of a landmark
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
-_DECIMAL_COMMA = re.compile(r"[-+]?\d+(?:,\d+)?(?:[eE][-+]?\d+)?", re.ASCII)
 # Titles in small letters, without units in brackets; the first of a list that is there.
-_NAMES = [
-    "name",
-    "label",
-    "landmark",
-    "landmarks",
-    "point",
-    "title",
-    "id",
-    "no",
-    "nr",
-    "",
-]
+_NAMES = ["name", "label", "landmark", "id", ""]
+_VERTICES = ["vertex", "index"]
 _AXES = {"xyz": None, "ras": "RAS", "lps": "LPS"}  # Slicer's table has the last two
-# As ParaView names the coordinates.
-_AXES_OF_PARAVIEW = {
-    f"points{mark}{i}": axis for mark in ":_" for i, axis in enumerate("xyz")
-}
-_VERTICES = ["vertex", "vertices", "vertex_id", "vertex id", "index", "idx", "v"]
-_MISSING = {"", "na", "n/a", "nan", "none", "null"}
+_MISSING = {"", "na", "nan"}
 
 
 class _Columns(NamedTuple):
-    """Where a row has what: its name, its numbers, its mark for a position; -1: not."""
+    """Which columns of a table hold what.
+
+    name: the column of the name; -1 if there is none.
+    numbers: those of x, y and z, or of the vertex.
+    defined: that of Slicer's mark for a position; -1 if there is none.
+    system: "LPS" or "RAS", if the titles say so.
+    """
 
     name: int
     numbers: list[int]
     defined: int = -1
     system: str | None = None
+
+
+# Without titles, by the number of cells in the first line.
+_BY_WIDTH = {
+    1: _Columns(-1, [0]),
+    2: _Columns(0, [1]),
+    3: _Columns(-1, [0, 1, 2]),
+    4: _Columns(0, [1, 2, 3]),
+}
 
 
 def read_table(text: str, path: object) -> Landmarks:
@@ -75,40 +74,33 @@ def read_table(text: str, path: object) -> Landmarks:
         raise ValueError(f"{path}: holds no landmark; {EXPECTED}")
     separator = _separator(lines[0][1])
     rows = [_cells(line, separator, f"{path}: line {n}") for n, line in lines]
-    columns = _titles(rows[0])
-    if columns is not None:
-        rows, lines = rows[1:], lines[1:]
-    elif separator == " ":
-        rows = [_joined(cells) for cells in rows]
-    names, values, without = [], [], []
+    if (columns := _titles(rows[0])) is not None:
+        lines, rows = lines[1:], rows[1:]
+    else:
+        # A separator may end a line.
+        blank = len(rows[0]) > 1 and not rows[0][-1].strip()
+        columns = _BY_WIDTH.get(len(rows[0]) - blank)
+        width = 0 if columns is None else max(columns.numbers) + 1
+        rows = [[] if any(map(str.strip, row[width:])) else row for row in rows]
+    system = columns.system if columns else None
+    return collected(_rows(lines, rows, columns, path), path, system)
+
+
+def _rows(lines, rows, columns: _Columns | None, path) -> Iterator[tuple[str, Any]]:
     for (number, line), cells in zip(lines, rows, strict=True):
-        at = columns or _by_width(cells, rows[0])
-        if at is None or max(at.numbers) >= len(cells):
-            raise ValueError(f"{path}: line {number} is {line[:60]!r}; {EXPECTED}")
-        has_name = 0 <= at.name < len(cells)
-        name = clean_name(cells[at.name]) if has_name else ""
-        found = [cells[i].strip() for i in at.numbers]
-        undefined = 0 <= at.defined < len(cells) and cells[at.defined].strip() == "0"
-        if undefined or all(cell.lower() in _MISSING for cell in found):
-            without.append(name)
+        wrong = ValueError(f"{path}: line {number} is {line[:60]!r}; {EXPECTED}")
+        if columns is None or max(columns.numbers) >= len(cells):
+            raise wrong
+        cell = lambda at, cells=cells: cells[at] if 0 <= at < len(cells) else ""
+        numbers = [cells[at] for at in columns.numbers]
+        missing = all(number.strip().lower() in _MISSING for number in numbers)
+        if missing or cell(columns.defined).strip() == "0":
+            yield cell(columns.name), None
             continue
-        if len(found) == 1:
-            value = [to_vertex(found[0])]
-        else:
-            value = [to_number(cell, separator != ",") for cell in found]
-        if None in value or not np.isfinite(value).all():  # type: ignore
-            raise ValueError(f"{path}: line {number} is {line[:60]!r}; {EXPECTED}")
-        names.append(name)
-        values.append(value)
-    if not names:
-        raise ValueError(f"{path}: has no landmark with a position; {EXPECTED}")
-    said = skipped(without)
-    if len(values[0]) == 1:
-        return Landmarks(
-            tuple(names), None, np.array(values, np.int64)[:, 0], said=said
-        )
-    system = None if columns is None else columns.system
-    return Landmarks(tuple(names), np.array(values, np.float64), None, system, said)
+        place = to_vertex(numbers[0]) if len(numbers) == 1 else to_point(numbers)
+        if place is None:
+            raise wrong
+        yield cell(columns.name), place
 
 
 def table_text(landmarks: Landmarks, separator: str) -> str:
@@ -142,15 +134,7 @@ def particles_text(landmarks: Landmarks) -> str:
 
 def _separator(line: str) -> str:
     line = _QUOTED.sub('""', line)
-    for separator in "\t;":
-        if separator in line:
-            return separator
-    words = line.split()
-    # As in: nose 1,5 2 3,5
-    commas_in_numbers = len(words) > 2 and all(
-        map(_DECIMAL_COMMA.fullmatch, words[-3:])
-    )
-    return "," if "," in line and not commas_in_numbers else " "
+    return next((mark for mark in "\t;," if mark in line), " ")
 
 
 def _cells(line: str, separator: str, where: str) -> list[str]:
@@ -158,44 +142,20 @@ def _cells(line: str, separator: str, where: str) -> list[str]:
         (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{where}: {error}; {EXPECTED}") from None
+    if separator == " " and len(cells) > 4:  # a name of several words
+        return [" ".join(cells[:-3]), *cells[-3:]]
     return cells
 
 
 def _titles(cells: list[str]) -> _Columns | None:
     """The columns, if the cells are titles."""
-    if any(to_number(cell, True) is not None for cell in cells):
+    if any(map(is_number, cells)):
         return None
     titles = [re.sub(r"[\[(].*", "", cell).strip().lower() for cell in cells]
-    titles = [_AXES_OF_PARAVIEW.get(title, title) for title in titles]
-    place = lambda known: next((titles.index(t) for t in known if t in titles), -1)
+    place = lambda words: next((titles.index(t) for t in words if t in titles), -1)
     name, defined = place(_NAMES), place(["defined"])
     for axes, system in _AXES.items():
         if set(axes) <= set(titles):
             return _Columns(name, [titles.index(a) for a in axes], defined, system)
     vertex = place(_VERTICES)
     return None if vertex < 0 else _Columns(name, [vertex], defined)
-
-
-def _joined(cells: list[str]) -> list[str]:
-    """A name of several words as one cell."""
-    if len(cells) > 4 and any(to_number(cell, True) is None for cell in cells[:-3]):
-        return [" ".join(cells[:-3]), *cells[-3:]]
-    return cells
-
-
-def _by_width(cells: list[str], first: list[str]) -> _Columns | None:
-    """The columns without titles: as the first row has them."""
-    width = len(first) - (len(first) > 1 and not first[-1].strip())
-    # A separator may end a line.
-    if len(cells) < width or any(cell.strip() for cell in cells[width:]):
-        return None
-    numbers = [to_number(cell, True) is not None for cell in first]
-    if width == 4 and numbers[:4] == [True, True, True, False]:
-        return _Columns(3, [0, 1, 2])
-    by_width = {
-        1: _Columns(-1, [0]),
-        2: _Columns(0, [1]),
-        3: _Columns(-1, [0, 1, 2]),
-        4: _Columns(0, [1, 2, 3]),
-    }
-    return by_width.get(width)

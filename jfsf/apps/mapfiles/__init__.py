@@ -11,10 +11,7 @@ for the left-right mirror image.
 
 Read in this order:
 
-- `_formats`: suffixes, first indices, keys of a match
-- `_indices`: entries of a map -> 0-based indices, checked
-- `_numbers`: functional maps and figures, checked
-- `_matlab`: MATLAB files -> their numbers and structs
+- `_formats`: suffixes, first indices, keys of a match; checks of what is read
 - `_arrays`: a file -> its arrays, as they are stored
 - `_read`: read maps, ground truth and matches
 - `_stored`: all that a map file holds about a pair of meshes

@@ -1,19 +1,27 @@
 """A map file of any format -> its arrays, as they are stored."""
 
 import io
+import math
 import warnings
 import zipfile
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import scipy.io
+import scipy.sparse
 
 from jfsf.apps.mapfiles._formats import Arrays, MapFileError
-from jfsf.apps.mapfiles._matlab import parse_mat
 from jfsf.storage._npz import read_npz_array
 
 MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched
+_CONTAINERS = (
+    "struct",
+    "sparse",
+    "cell",
+)  # classes whose shape says nothing of their size
 
 
 def read_text(path: Path) -> np.ndarray:
@@ -72,33 +80,65 @@ def read_npz(path: Path) -> Arrays:
 
 
 def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
-    """The variables of a MATLAB file, saved with -v7 or older.
+    """The variables of a MATLAB file, saved with -v7 or older, by `scipy.io`.
 
     Each is a function of no arguments that reads it: a full matrix as numpy's, a sparse
     one as scipy's, a struct as a dict, and what holds no real numbers as an array of
     None.
 
+    scipy trusts the types that a file declares: of files without compression a damaged
+    byte there can end the process.
+
     Raises:
         MapFileError: missing, empty, damaged, or saved with -v7.3. Reading a variable
-            raises it too, if that is damaged or has more than `most_bytes`, by default
-            `MOST_BYTES`.
+            raises it too, if that is damaged, or a full matrix of more than
+            `most_bytes`, by default `MOST_BYTES`.
     """
-    most_bytes = MOST_BYTES if most_bytes is None else most_bytes
+    limit = MOST_BYTES if most_bytes is None else most_bytes
     data = _read_bytes(path := Path(path))
     opened = partial(_refusing, path, ".mat", "save it again with -v7")
 
-    def read(values):
+    def read(name, shape, kind):
+        number = {"double": "f8", "single": "f4"}.get(kind, kind)
+        size = math.prod(shape) * np.dtype(number if "int" in kind else "f8").itemsize
+        if kind not in _CONTAINERS and size > limit:
+            raise MapFileError(
+                f"{path}[{name}]: has {size} bytes, above {limit}; write a file "
+                "without it"
+            )
         with opened():
-            return values()
+            return _plain(
+                scipy.io.loadmat(io.BytesIO(data), variable_names=[name])[name]
+            )
 
     with opened():
         try:
-            arrays = parse_mat(data, most_bytes)
+            listed = scipy.io.whosmat(io.BytesIO(data))
         except NotImplementedError:
             raise MapFileError(
                 f"{path}: saved with MATLAB's -v7.3; save it again with -v7"
             ) from None
-    return {name: partial(read, values) for name, values in arrays.items()}
+        # Names that begin with underscores are MATLAB's own.
+        return {
+            name: partial(read, name, shape, kind)
+            for name, shape, kind in listed
+            if name[:1].isalpha()
+        }
+
+
+def _plain(value: Any) -> Any:
+    """A variable of `scipy.io.loadmat` as `read_mat` gives it."""
+    if scipy.sparse.issparse(value) and value.dtype.kind in "iufb":
+        found = scipy.sparse.csc_array(value)
+        # The full check does not see this where the last start is 0.
+        if (np.diff(found.indptr) < 0).any():
+            raise ValueError("a sparse matrix has columns that end before they start")
+        found.check_format()
+        return found
+    if type(value) is np.ndarray and value.dtype.names and value.size == 1:
+        return {name: _plain(value[name].item()) for name in value.dtype.names}
+    number = type(value) is np.ndarray and value.dtype.kind in "iuf"
+    return value if number else np.array(None)
 
 
 @contextmanager

@@ -5,23 +5,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jfsf._figures import FIGURES, OLDEST
 from jfsf.apps.mapfiles._arrays import read_mat, read_npz, read_text
 from jfsf.apps.mapfiles._formats import (
-    CERTIFICATE_KEYS,
+    CERTIFICATE,
     INFO_KEYS,
-    LATER_KEYS,
     MATCH_KEYS,
-    MATCHED_KEYS,
-    MEMBERSHIP_KEYS,
     NOTES_KEY,
     OVERLAP_KEYS,
     VERTEX_KEYS,
     Arrays,
     MapFileError,
     first_index,
+    to_figures,
+    to_functional_map,
+    to_indices,
+    to_vertex_values,
 )
-from jfsf.apps.mapfiles._indices import to_indices
-from jfsf.apps.mapfiles._numbers import to_figures, to_functional_map
 from jfsf.types import SOURCES, STAGES, Certificate, Match, MatchInfo
 
 
@@ -111,42 +111,38 @@ def read_match(path: str | Path) -> Match:
     if path.suffix.lower() != ".npz":
         raise MapFileError(f"{path}: a match is a .npz, not {path.suffix!r}")
     arrays = read_arrays(path)
-    needed = *MATCH_KEYS, *CERTIFICATE_KEYS
-    missing = [name for name in needed if name not in (*arrays, *LATER_KEYS)]
-    if missing:
+    later = [name for name, figure in FIGURES.items() if figure.since != OLDEST]
+    for name in later:
+        before = CERTIFICATE + (FIGURES[name].formerly or name)
+        unknown = lambda: np.asarray(np.nan)
+        arrays.setdefault(CERTIFICATE + name, arrays.get(before, unknown))
+    keys = {CERTIFICATE + name: name for name in Certificate._fields}
+    if missing := [name for name in (*MATCH_KEYS, *keys) if name not in arrays]:
+        own = set(arrays) - {CERTIFICATE + name for name in later}
         raise MapFileError(
-            f"{path}: lacks {', '.join(missing)}; it holds {_names(arrays)}; write it "
+            f"{path}: lacks {', '.join(missing)}; it holds {_names(own)}; write it "
             "with write_match"
         )
     fields: dict[str, Any] = {name: arrays[name]() for name in MATCH_KEYS}
-    sizes = {name: fields[name].size for name in ("T_xy", "T_yx")}
-    for name, other in (("T_xy", "T_yx"), ("T_yx", "T_xy")):
-        fields[name] = to_indices(
-            f"{path}[{name}]", fields[name], None, sizes[other], 0
-        )
-    for keys, checked in (
-        (MATCHED_KEYS, _matched),
-        (VERTEX_KEYS, _confidence),
-        (MEMBERSHIP_KEYS, _membership),
-    ):
-        for name, map_name in zip(keys, ("T_xy", "T_yx"), strict=True):
-            if name in arrays:
-                where, values = f"{path}[{name}]", arrays[name]()
-                fields[name] = checked(where, values, sizes[map_name])
+    sizes = {"x": fields["T_xy"].size, "y": fields["T_yx"].size}
+    for name, other in (("T_xy", "y"), ("T_yx", "x")):
+        where = f"{path}[{name}]"
+        fields[name] = to_indices(where, fields[name], None, sizes[other], 0)
+    fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
+    for name, kind in VERTEX_KEYS.items():
+        if name in arrays:
+            values = arrays[name](), sizes[name[-1]]
+            fields[name] = to_vertex_values(f"{path}[{name}]", *values, kind)
     for name in OVERLAP_KEYS:
         if name in arrays:
             fields[name] = to_figures(f"{path}[{name}]", arrays[name](), 0)
-    fields["C_yx"] = to_functional_map(f"{path}[C_yx]", fields["C_yx"])
-    for key, before in LATER_KEYS.items():
-        unknown = lambda: np.asarray(np.nan)
-        arrays.setdefault(key, arrays.get(before or key, unknown))
-    certificate: list[Any] = [
-        to_figures(f"{path}[{key}]", arrays[key](), int(name == "landmarks"))
-        for key, name in zip(CERTIFICATE_KEYS, Certificate._fields, strict=True)
-    ]
+    certificate: dict[str, Any] = {
+        name: to_figures(f"{path}[{key}]", arrays[key](), int(name not in FIGURES))
+        for key, name in keys.items()
+    }
     if all(key in arrays for key in INFO_KEYS):
         fields["info"] = _info(path, arrays)
-    return Match(**fields, certificate=Certificate(*certificate))
+    return Match(**fields, certificate=Certificate(**certificate))
 
 
 def read_notes(path: str | Path) -> list[str]:
@@ -191,37 +187,6 @@ def _info(path: Path, arrays: Arrays) -> MatchInfo | None:
         won,
         np.array([took.get(stage, np.nan) for stage in STAGES]),
     )
-
-
-def _matched(where: str, values, n: int) -> np.ndarray:
-    if values.dtype != bool or values.shape != (n,):
-        raise MapFileError(
-            f"{where}: is {values.dtype} {values.shape}, expected bool ({n},); write "
-            "it with write_match"
-        )
-    return values
-
-
-def _confidence(where: str, values, n: int) -> np.ndarray:
-    return _from_0_to_1(where, values, n, "probabilities")
-
-
-def _membership(where: str, values, n: int) -> np.ndarray:
-    return _from_0_to_1(where, values, n, "memberships")
-
-
-def _from_0_to_1(where: str, values, n: int, kind: str) -> np.ndarray:
-    if values.dtype.kind != "f" or values.shape != (n,):
-        raise MapFileError(
-            f"{where}: is {values.dtype} {values.shape}, expected {kind} ({n},); write "
-            "it with write_match"
-        )
-    if ((values < 0) | (values > 1)).any():
-        raise MapFileError(
-            f"{where}: runs from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}, "
-            f"and {kind} from 0 to 1; match the pair again"
-        )
-    return values
 
 
 def read_arrays(path: Path) -> Arrays:

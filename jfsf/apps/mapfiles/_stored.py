@@ -5,9 +5,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.apps.mapfiles._formats import Arrays, MapFileError
-from jfsf.apps.mapfiles._indices import to_indices
-from jfsf.apps.mapfiles._numbers import to_functional_map
+from jfsf.apps.mapfiles._formats import (
+    Arrays,
+    MapFileError,
+    to_functional_map,
+    to_indices,
+)
 from jfsf.apps.mapfiles._read import choose_key, read_arrays, read_map
 
 LARGEST = 1e15  # its square is finite in float32

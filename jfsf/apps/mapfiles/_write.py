@@ -8,18 +8,16 @@ import numpy as np
 import scipy.io
 
 from jfsf.apps.mapfiles._formats import (
-    CERTIFICATE_KEYS,
+    CERTIFICATE,
     INFO_KEYS,
+    INT_MAX,
     MATCH_KEYS,
-    MATCHED_KEYS,
-    MEMBERSHIP_KEYS,
     NOTES_KEY,
     OVERLAP_KEYS,
     VERTEX_KEYS,
     MapFileError,
     first_index,
 )
-from jfsf.apps.mapfiles._indices import INT_MAX
 from jfsf.storage._atomic import write_atomically
 from jfsf.types import STAGES, ArrayLike, Match
 
@@ -86,10 +84,11 @@ def write_match(
     """Write a Match as `.npz`: T_xy, T_yx (int32, 0-based), C_yx, certificate_*.
 
     Where the match has `info`, the file has info_sources and info_stages (names),
-    info_confidence, info_won and info_seconds; likewise confidence_x and confidence_y,
-    a probability a vertex. A partial match has matched_x and matched_y (bool),
-    membership_x and membership_y (a number in [0, 1] a vertex), and overlap_x and
-    overlap_y (shares of the areas). The file appears complete or not at all.
+    info_confidence, info_won and info_seconds. Where it has them, confidence_x and
+    confidence_y hold a probability a vertex. A partial match has matched_x and
+    matched_y (bool), membership_x and membership_y (a number in [0, 1] a vertex), and
+    overlap_x and overlap_y (shares of the areas). The file appears complete or not at
+    all.
 
     Args:
         path: `.npz`.
@@ -107,26 +106,22 @@ def write_match(
     path = Path(path)
     if path.suffix.lower() != ".npz":
         raise MapFileError(f"{path}: a match is written as .npz, not {path.suffix!r}")
-    arrays: dict[str, Any] = {
-        name: np.asarray(value)
-        for name, value in [
-            *((name, getattr(match, name)) for name in MATCH_KEYS),
-            *zip(CERTIFICATE_KEYS, match.certificate, strict=True),
-        ]
-    }
+    values = {name: getattr(match, name) for name in MATCH_KEYS}
+    values |= {CERTIFICATE + n: v for n, v in match.certificate._asdict().items()}
+    for name in (*VERTEX_KEYS, *OVERLAP_KEYS):
+        if (value := getattr(match, name)) is not None:
+            values[name] = value
+    if (info := match.info) is not None:
+        # Names, not their numbers: a later version may have others.
+        known = info.sources, info.confidence, info.won, STAGES, info.seconds
+        values |= zip(INFO_KEYS, known, strict=True)
+    arrays: dict[str, Any] = {n: np.asarray(value) for n, value in values.items()}
     for name in ("T_xy", "T_yx"):
         if arrays[name].ndim != 1:
             raise ValueError(
                 f"write_match: {name} is {arrays[name].shape}, expected one match (n,)"
             )
         arrays[name] = arrays[name].astype(np.int32)
-    for name in (*MATCHED_KEYS, *VERTEX_KEYS, *MEMBERSHIP_KEYS, *OVERLAP_KEYS):
-        if (values := getattr(match, name)) is not None:
-            arrays[name] = np.asarray(values)
-    if (info := match.info) is not None:
-        # Names, not their numbers: a later version may have others.
-        values = info.sources, info.confidence, info.won, STAGES, info.seconds
-        arrays |= zip(INFO_KEYS, map(np.asarray, values), strict=True)
     for name, index in (("index_x", index_x), ("index_y", index_y)):
         if index is not None:
             arrays[name] = np.asarray(index)

@@ -15,12 +15,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.apps.model._checks import check_mask, check_shapes, check_weights
-from jfsf.apps.model._rotations import nearest_rotation
-from jfsf.array import einsum
+from jfsf.apps.model._checks import check_shapes, check_weights
+from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
-from jfsf.geometry._stretches import root as square_root
+from jfsf.geometry._stretches import root
 from jfsf.types import ArrayLike
 
 MOST_STEPS = 100  # two shapes need one; twelve bodies in all poses about 20
@@ -32,7 +31,9 @@ class AlignedShapes(NamedTuple):
     """Shapes moved onto their mean: scale * shape @ rotation.T + translation.
 
     positions: of all vertices; those of the mean where a shape misses one.
-    rotation, translation, scale: of each shape.
+    rotation: of each shape.
+    translation: of each shape.
+    scale: factor of each shape.
     mean: of the positions, over the shapes that have the vertex.
     size: root of the mean squared distance of a vertex from the centroid, under the
         weights, which all shapes have in common; 0 without `scale`.
@@ -59,9 +60,6 @@ def align(
     has its pose. So to move any other shape changes nothing, and another order of the
     shapes moves all of them together.
 
-    Derivatives are those of the exact fixed point; with both `scale` and `missing` they
-    leave out that the scale depends on the mean.
-
     Args:
         shapes: positions of vertices that correspond, in one unit.
         scale: also make all shapes equally large, as in geometric morphometrics: their
@@ -76,13 +74,11 @@ def align(
     Raises:
         ValueError: fewer than two shapes, arrays that do not fit each other, or
             positions or weights that are not finite; or shapes so far from the origin,
-            so small or so large that their precision is too coarse (`centred`).
+            so small or so large that their precision is too coarse.
     """
-    shapes = check_shapes("align", shapes, missing, least=2)
-    s, n, _ = shapes.shape
-    weights = check_weights("align", weights, n, shapes.dtype)
-    known = check_mask("align", missing, (s, n))
-    return align_checked(shapes, weights, known, jnp.asarray(scale))
+    shapes, present = check_shapes("align", shapes, missing, least=2)
+    weights = check_weights("align", weights, shapes)
+    return align_checked(shapes, weights, present, jnp.asarray(scale))
 
 
 @jit
@@ -103,44 +99,43 @@ def align_onto(
         size: `AlignedShapes.size`, to which the shape is scaled; 0 keeps its scale.
     """
     share = (weights / weights.sum())[None]
-    found = _fit(shape[None], mean, share, share[0])
-    own = _size(shape, share[0])
-    scale = jnp.where(size > 0, safe_divide(jnp.asarray(size, own.dtype), own), 1)
-    return _moved(found, scale[None])[0]
+    fit = _fit(shape[None], mean, share, share[0])
+    shape_size = _size(shape, share[0])
+    size = jnp.asarray(size, shape_size.dtype)
+    scale = jnp.where(size > 0, safe_divide(size, shape_size), 1)
+    return _moved(fit, scale[None])[0]
 
 
 @jit
 def align_checked(
     shapes: Float[Array, "s n 3"],
     weights: Float[Array, " n"],
-    known: Bool[Array, "s n"],
+    present: Bool[Array, "s n"],
     scaled: Bool[Array, ""],
 ) -> AlignedShapes:
-    """`align`, traced: what is known and whether to scale are arrays."""
-    from jfsf.solvers import fixed_point
-
+    """`align`, traced: which vertices there are and whether to scale are arrays."""
     share = weights / weights.sum()
-    shapes = jnp.where(known[..., None], shapes, 0)
-    mass = jnp.where(known, share[None], 0)
-    count = known.sum(0).astype(shapes.dtype)
-    # The steps are down the gradient of the sum of squares, preconditioned by mass and
-    # count: in these coordinates the Jacobian is symmetric, as `fixed_point` asks.
-    root = jnp.sqrt(share * count)[:, None]
-    args = _Problem(shapes, known, mass, share, root, scaled)
-    # First onto the first shape, by the vertices that both have.
-    first = _fit(shapes, shapes[0], jnp.where(known[:1], mass, 0), share)
-    mean = _mean(_moved(first, _scales(first, scaled)), known)
-    start = (mean - first.at[:1]) * root  # far from the origin floats are coarse
+    shapes = jnp.where(present[..., None], shapes, 0)
+    mass = jnp.where(present, share[None], 0)
     tol = ROUNDINGS * float(jnp.finfo(shapes.dtype).eps)
-    found = fixed_point(
-        _update,
-        _Repeat(jnp.asarray(tol, shapes.dtype)),
-        jax.lax.stop_gradient(start),
-        args,
-        max_steps=MOST_STEPS,
-        linear_tol=100 * tol,
-    )
-    fit = _fit(shapes, _at_mean(found.value, root), mass, share)
+
+    def step(state):
+        mean, _, number = state
+        fit = _fit(shapes, mean, mass, share)
+        new = _mean(_moved(fit, _scales(fit, scaled)), present)
+        return new, jnp.max(jnp.abs(new - mean)) / jnp.max(jnp.abs(new)), number + 1
+
+    def moves(state):
+        _, change, number = state
+        return (change > tol) & (number < MOST_STEPS)
+
+    # First onto the first shape, by the vertices that both have.
+    first = _fit(shapes, shapes[0], jnp.where(present[:1], mass, 0), share)
+    mean = _mean(_moved(first, _scales(first, scaled)), present)
+    mean = mean - first.at[:1]  # far from the origin floats are coarse
+    start = mean, jnp.asarray(jnp.inf, mean.dtype), 0
+    mean, _, _ = jax.lax.while_loop(moves, step, start)
+    fit = _fit(shapes, mean, mass, share)
     scale = _scales(fit, scaled)
     # All are turned back together, so that the first keeps its pose.
     back = fit.rotation[0]
@@ -148,30 +143,20 @@ def align_checked(
     rotation = einsum("ba,sbc->sac", back, fit.rotation)
     fit = fit._replace(rotation=rotation, at=at)
     positions = _moved(fit, scale)
-    mean = jnp.where((count > 0)[:, None], _mean(positions, known), jnp.nan)
-    positions = jnp.where(known[..., None], positions, mean[None])
+    mean = jnp.where(present.any(0)[:, None], _mean(positions, present), jnp.nan)
+    positions = jnp.where(present[..., None], positions, mean[None])
     moved = scale[:, None] * einsum("sab,sb->sa", rotation, fit.centre)
     size = jnp.where(scaled, jnp.exp(jnp.mean(-fit.log_growth)), 0)
     return AlignedShapes(positions, rotation, at - moved, scale, mean, size)
-
-
-class _Problem(NamedTuple):
-    """What the mean depends on; root: its unknowns over its positions."""
-
-    shapes: Array
-    known: Array
-    mass: Array
-    share: Array
-    root: Array
-    scaled: Array
 
 
 class _Fit(NamedTuple):
     """Each shape moved onto the mean.
 
     offsets: of its vertices from its centroid.
-    centre, at: the centroid before and after.
-    rotation: of each.
+    centre: its centroid before.
+    at: its centroid after.
+    rotation: of each shape.
     log_growth: the logarithm of what makes its size 1, were it complete.
     """
 
@@ -180,16 +165,6 @@ class _Fit(NamedTuple):
     at: Array
     rotation: Array
     log_growth: Array
-
-
-def _update(y, args):
-    fit = _fit(args.shapes, _at_mean(y, args.root), args.mass, args.share)
-    return _mean(_moved(fit, _scales(fit, args.scaled)), args.known) * args.root
-
-
-def _at_mean(y, root):
-    # A vertex without weight moves nothing, wherever it is.
-    return safe_divide(y, root)
 
 
 def _fit(shapes, mean, mass, whole):
@@ -211,7 +186,7 @@ def _fit(shapes, mean, mass, whole):
 
 def _size(points, share):
     offsets = points - einsum("n,nd->d", share, points)[None]
-    return square_root(einsum("n,nd->", share, offsets**2))
+    return root(einsum("n,nd->", share, offsets**2))
 
 
 def _scales(fit, scaled):
@@ -224,26 +199,40 @@ def _moved(fit, scale):
     return scale[:, None, None] * turned + fit.at[:, None]
 
 
-def _mean(positions, known):
-    kept = einsum("sn,sna->na", known.astype(positions.dtype), positions)
-    count = known.sum(0).astype(kept.dtype)[:, None]
-    return safe_divide(kept, count)
+def _mean(positions, present):
+    total = einsum("sn,sna->na", present.astype(positions.dtype), positions)
+    return safe_divide(total, present.sum(0).astype(total.dtype)[:, None])
 
 
-class _Repeat(NamedTuple):
-    """The update again and again, until it moves the mean by less than `tol`."""
+@jax.custom_jvp
+def nearest_rotation(matrix: Float[Array, "*b 3 3"]) -> Float[Array, "*b 3 3"]:
+    """The rotation R for which trace(R^T matrix) is largest; never a reflection.
 
-    tol: Float[Array, ""]
+    With U diag(s) V^T the SVD of the matrix it is U diag(1, 1, det(U V)) V^T (Kabsch
+    1976; Umeyama 1991). Of a matrix of rank below 2 there are many, and it is one of
+    them; derivatives are 0 there.
+    """
+    return _factors(matrix)[0]
 
-    def begin(self, y, args):
-        """How far the mean has moved, relative to its size."""
-        return jnp.asarray(jnp.inf, y.dtype)
 
-    def step(self, y, args, state):
-        """One update."""
-        new = _update(y, args)
-        return new, jnp.max(jnp.abs(new - y)) / jnp.max(jnp.abs(new))
+@nearest_rotation.defjvp
+def _slope_of_nearest_rotation(primals, tangents):
+    """With matrix = R P, P symmetric: R^T dM - dM^T R = W P + P W, where dR = R W.
 
-    def ended(self, state):
-        """Whether the mean rests, or is no number."""
-        return ~(state > self.tol)
+    The derivative of the SVD itself is not finite where singular values repeat.
+    """
+    (matrix,), (slope,) = primals, tangents
+    rotation, sizes, vt = _factors(matrix)
+    v = jnp.swapaxes(vt, -1, -2)
+    inner = matmul(matmul(vt, jnp.swapaxes(rotation, -1, -2)), matmul(slope, v))
+    skew = inner - jnp.swapaxes(inner, -1, -2)
+    turn = safe_divide(skew, sizes[..., :, None] + sizes[..., None, :])
+    return rotation, matmul(rotation, matmul(v, matmul(turn, vt)))
+
+
+def _factors(matrix):
+    """The rotation, the eigenvalues of P = R^T matrix, and its eigenvectors as rows."""
+    u, sizes, vt = jnp.linalg.svd(matrix)
+    side = jnp.sign(jnp.linalg.det(u) * jnp.linalg.det(vt))
+    signs = jnp.ones_like(sizes).at[..., 2].set(side)
+    return matmul(u * signs[..., None, :], vt), sizes * signs, vt

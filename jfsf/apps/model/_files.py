@@ -12,33 +12,31 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf.apps.export import export_mesh
-from jfsf.apps.model._records import GradientModel, Model, ShapeModel
-from jfsf.apps.model._shapes import shape_at
+from jfsf.apps.model._model import ShapeModel, shape_at
 from jfsf.storage._atomic import write_atomically, write_text
 from jfsf.storage._npz import read_npz_array
 from jfsf.types import Mesh
 
-KINDS = {"positions": ShapeModel, "gradients": GradientModel}
+KIND = "positions"  # older versions wrote models of deformation gradients too
 DEVIATIONS = 3  # of the meshes of a mode, to either side
 
 
-def write_model(path: str | os.PathLike[str], model: Model) -> None:
-    """Write a model as `.npz`: an array a field, and `kind`.
+def write_model(path: str | os.PathLike[str], model: ShapeModel) -> None:
+    """Write a model as `.npz`: an array a field, and `kind`, which is "positions".
 
-    `kind` is "positions" or "gradients". The file appears complete or not at all.
+    The file appears complete or not at all.
 
     Raises:
         ValueError: another suffix.
         OSError: the folder cannot be written.
     """
     path = _with_suffix(path, ".npz", "a model")
-    (kind,) = (name for name, record in KINDS.items() if isinstance(model, record))
-    arrays: dict[str, Any] = {"kind": np.array(kind)}
+    arrays: dict[str, Any] = {"kind": np.array(KIND)}
     arrays |= {name: np.asarray(value) for name, value in model._asdict().items()}
     write_atomically(path, lambda file: np.savez(file, **arrays))
 
 
-def read_model(path: str | os.PathLike[str]) -> Model:
+def read_model(path: str | os.PathLike[str]) -> ShapeModel:
     """Read a model that `write_model` wrote, in numpy arrays.
 
     Raises:
@@ -47,22 +45,22 @@ def read_model(path: str | os.PathLike[str]) -> Model:
     path = Path(path)
     try:
         with zipfile.ZipFile(path) as file:
-            kind = KINDS.get(str(read_npz_array(file, "kind")))
-            if kind is None:
+            if str(read_npz_array(file, "kind")) != KIND:
                 raise ValueError("it is of a kind that this version does not know")
-            arrays = {name: read_npz_array(file, name) for name in kind._fields}
+            fields = [read_npz_array(file, name) for name in ShapeModel._fields]
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}; check the path") from None
     except Exception as error:  # numpy and zipfile raise nearly any
         raise ValueError(
             f"{path}: damaged, or no model ({error}); write it again with write_model"
         ) from None
-    _check_fields(path, arrays)
-    return kind(**arrays)
+    model = ShapeModel(*fields)
+    _check_fields(path, model)
+    return model
 
 
 def write_scores(
-    path: str | os.PathLike[str], names: Sequence[str], model: Model
+    path: str | os.PathLike[str], names: Sequence[str], model: ShapeModel
 ) -> None:
     """Write the scores of the shapes as CSV: a line a shape, a column a mode.
 
@@ -72,7 +70,7 @@ def write_scores(
     Args:
         path: `.csv`.
         names: of the shapes that the model was fitted to, in that order.
-        model: of either kind.
+        model: of shapes.
 
     Raises:
         ValueError: another suffix, or more or fewer names than shapes.
@@ -93,7 +91,7 @@ def write_scores(
 
 
 def write_modes(
-    folder: str | os.PathLike[str], model: Model, *, modes: int = 3
+    folder: str | os.PathLike[str], model: ShapeModel, *, modes: int = 3
 ) -> list[Path]:
     """Write the mean and the first modes as PLY, in the unit of the shapes.
 
@@ -102,7 +100,7 @@ def write_modes(
 
     Args:
         folder: is made if need be.
-        model: of either kind.
+        model: of shapes.
         modes: how many; all that there are, if these are fewer.
 
     Returns:
@@ -129,26 +127,20 @@ def write_modes(
     return written
 
 
-def _check_fields(path, arrays):
+def _check_fields(path, model):
     """ValueError unless the arrays are finite and of one model."""
-    n, m = len(arrays["mean"]), len(arrays["faces"])
-    modes, scores = arrays["modes"], arrays["scores"]
-    k = len(modes)
-    elements = (m, 9) if "reference" in arrays else (n, 3)
+    n, k = len(model.mean), len(model.modes)
     shapes = {
         "mean": (n, 3),
-        "modes": (k, *elements),
+        "modes": (k, n, 3),
         "variance": (k,),
-        "scores": (len(scores), k),
-        "faces": (m, 3),
+        "scores": (len(model.scores), k),
+        "faces": (len(model.faces), 3),
         "weights": (n,),
         "total_variance": (),
         "size": (),
-        "reference": (n, 3),
-        "mean_features": (m, 9),
-        "face_weights": (m,),
     }
-    for name, values in arrays.items():
+    for name, values in model._asdict().items():
         if values.shape != shapes[name]:
             raise ValueError(
                 f"{path}[{name}]: is {values.shape}, expected {shapes[name]}; write it "
@@ -160,8 +152,8 @@ def _check_fields(path, arrays):
                 f"{path}[{name}]: holds {values.dtype}, or what is not finite; write "
                 "it again with write_model"
             )
-    faces = arrays["faces"]
-    if m and not (0 <= faces.min() and faces.max() < n):
+    faces = model.faces
+    if len(faces) and not (0 <= faces.min() and faces.max() < n):
         raise ValueError(
             f"{path}[faces]: name vertices {faces.min()} to {faces.max()} of {n}; "
             "write it again with write_model"

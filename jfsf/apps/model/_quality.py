@@ -10,7 +10,6 @@ The distance of two shapes is sum_v w_v |x_v - y_v|, with the weights of the mod
 which sum to 1: a mean over the surface.
 """
 
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -18,11 +17,16 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.apps.model._align import align_onto
 from jfsf.apps.model._checks import check_faces, check_shapes
-from jfsf.apps.model._fit import fit_model
-from jfsf.apps.model._gradients import face_areas
-from jfsf.apps.model._records import Model
-from jfsf.apps.model._shapes import first_scores, moved_onto, scores_of, shape_at
+from jfsf.apps.model._model import (
+    ShapeModel,
+    face_areas,
+    fit_checked,
+    scores_of,
+    shape_at,
+    vertex_shares,
+)
 from jfsf.array import einsum
 from jfsf.array._jit import jit
 from jfsf.geometry._stretches import root
@@ -46,7 +50,7 @@ class Distances(NamedTuple):
     counts: the numbers of modes.
     distance: in the unit of the shapes.
     share: in sqrt(area) of the shapes, scaled as in the model; not of the mean, which
-        is too small where shapes bend.
+        is too small where shapes are in different poses.
     standard_error: of the distance, that a finite number of shapes gives it.
     """
 
@@ -56,11 +60,8 @@ class Distances(NamedTuple):
     standard_error: Float[Array, " c"]
 
 
-def compactness(model: Model) -> Compactness:
-    """The variance that the first modes hold, C(m) = sum_{k <= m} variance_k.
-
-    Of a `GradientModel` it is that of gradients, which compares with such models only.
-    """
+def compactness(model: ShapeModel) -> Compactness:
+    """The variance that the first modes hold, C(m) = sum_{k <= m} variance_k."""
     variance = jnp.cumsum(model.variance)
     return Compactness(variance, variance / model.total_variance)
 
@@ -69,7 +70,7 @@ def generality(
     positions: Float[ArrayLike, "s n 3"],
     faces: Int[ArrayLike, "m 3"],
     *,
-    fit: Callable[..., Model] = fit_model,
+    scale: bool = False,
     counts: tuple[int, ...] | None = None,
 ) -> Distances:
     """How near a model comes to a shape that it was not fitted to, one left out a time.
@@ -84,8 +85,7 @@ def generality(
     Args:
         positions: of vertices that correspond, in one unit, as for `fit_model`.
         faces: of all shapes.
-        fit: makes a model, `fit_model` or `fit_gradient_model`, or a
-            `functools.partial` of one.
+        scale: take away differences of size too, as `fit_model` does.
         counts: numbers of modes; if None 1 to s - 2, all that s - 1 shapes have.
 
     Raises:
@@ -93,17 +93,17 @@ def generality(
             shapes do not have; as `fit`.
         MeshError: as `fit`.
     """
-    shapes = check_shapes("generality", positions, least=3)
-    faces = check_faces("generality", faces, shapes.shape[1])
+    shapes, _ = check_shapes("generality", positions, least=3)
+    corners = check_faces("generality", faces, shapes)
     numbers = jnp.array(_checked("generality", counts, len(shapes) - 2))
-    distance, length = _left_out(shapes, faces, numbers, fit=fit)
+    distance, length = _left_out(shapes, corners, numbers, jnp.asarray(scale))
     error = distance.std(0) / jnp.sqrt(jnp.asarray(len(shapes) - 1, distance.dtype))
     share = (distance / length[:, None]).mean(0)
     return Distances(numbers, distance.mean(0), share, error)
 
 
 def specificity(
-    model: Model,
+    model: ShapeModel,
     positions: Float[ArrayLike, "s n 3"],
     key: Array,
     *,
@@ -118,8 +118,7 @@ def specificity(
     The error is the standard deviation over j, over sqrt(N) (Styner et al.).
 
     Args:
-        model: of either kind. One of gradients solves a system of equations for each
-            sample and number of modes: take fewer.
+        model: of shapes.
         positions: the shapes that it was fitted to.
         key: of `jax.random`.
         samples: N.
@@ -129,7 +128,7 @@ def specificity(
         ValueError: no samples, numbers of modes that the model does not have, or shapes
             of other vertices.
     """
-    shapes = check_shapes("specificity", positions, least=1)
+    shapes, _ = check_shapes("specificity", positions, least=1)
     if shapes.shape[1:] != model.mean.shape:
         raise ValueError(
             f"specificity: shapes are {shapes.shape}, the model's mean is "
@@ -144,19 +143,21 @@ def specificity(
     return Distances(numbers, mean, mean / length.mean(), error)
 
 
-@jit(static_argnames="fit")
-def _left_out(shapes, faces, counts, *, fit):
+@jit
+def _left_out(shapes, faces, counts, scaled):
     """Distances (s, c), and sqrt(area) (s,) of the shape that is left out."""
     s = len(shapes)
+    present = jnp.ones((s - 1, shapes.shape[1]), bool)
 
     def without(i):
         others = shapes[(i + 1 + jnp.arange(s - 1)) % s]
-        model = fit(others, faces)
-        left = moved_onto(model, shapes[i])
+        weights = vertex_shares(others, faces, present)
+        model = fit_checked(others, faces, weights, present, scaled)
+        left = align_onto(model.mean, shapes[i], model.weights, model.size)
         scores = scores_of(model, left, aligned=True)
 
         def distance(count):
-            near = shape_at(model, first_scores(scores, count))
+            near = shape_at(model, _first(scores, count))
             return mean_distance(near, left, model.weights)
 
         return jax.lax.map(distance, counts), _length(left, faces)
@@ -167,25 +168,30 @@ def _left_out(shapes, faces, counts, *, fit):
 @jit(static_argnames="samples")
 def _of_samples(model, shapes, key, counts, *, samples):
     """Distances (samples, c) to the nearest shape, and sqrt(area) (s,) of all."""
-    aligned = jax.vmap(moved_onto, (None, 0))(model, shapes)
+    onto = jax.vmap(align_onto, (None, 0, None, None))
+    aligned = onto(model.mean, shapes, model.weights, model.size)
     modes = len(model.modes)
     scores = jax.random.normal(key, (samples, modes), model.mean.dtype)
     scores = scores * jnp.sqrt(model.variance)[None]
 
     def of_sample(scores):
         def distance(count):
-            drawn = shape_at(model, first_scores(scores, count))
+            drawn = shape_at(model, _first(scores, count))
             to = partial(mean_distance, drawn, weights=model.weights)
             return jax.vmap(to)(aligned).min()
 
         return jax.lax.map(distance, counts)
 
-    length = jax.vmap(_length, (0, None))(aligned, model.faces)
-    return jax.lax.map(of_sample, scores), length
+    return jax.lax.map(of_sample, scores), _length(aligned, model.faces)
 
 
-def _length(shape, faces):
-    return jnp.sqrt(face_areas(shape, faces).sum())
+def _first(scores, number):
+    """Scores with all but the first few 0; how many is traced."""
+    return jnp.where(jnp.arange(len(scores)) < number, scores, 0)
+
+
+def _length(shapes, faces):
+    return jnp.sqrt(face_areas(shapes, faces).sum(-1))
 
 
 def mean_distance(

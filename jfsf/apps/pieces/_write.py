@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
+from jfsf._figures import FIGURES
 from jfsf.apps.mapfiles import MapFileError
 from jfsf.apps.pieces._match import MatchedComponents
 from jfsf.storage._atomic import write_atomically
-from jfsf.types import FIGURES
 
 
 def write_components(

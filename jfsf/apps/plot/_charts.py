@@ -1,4 +1,4 @@
-"""Charts in one look: errors, convergence, reliability, functional maps as matrices."""
+"""Charts in one look: errors, reliability, functional maps as matrices."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -143,37 +143,6 @@ def draw_error_curves(
     return draw_curves([panel], path=path, title=title)
 
 
-def draw_convergence(
-    values: Mapping[str, Float[ArrayLike, " t"]],
-    *,
-    steps: ArrayLike | None = None,
-    x: str = "iteration",
-    y: str = "mean geodesic error / sqrt(area)",
-    log: str = "",
-    path: str | os.PathLike[str] | None = None,
-    title: str | None = None,
-) -> "Figure":
-    """Draw a number after each iteration, a curve for each label.
-
-    Args:
-        values: label -> numbers.
-        steps: where they were measured; 1, 2, ... when absent.
-        x, y, log: as in `Panel`.
-        path, title: as in `draw_curves`.
-
-    Returns:
-        As `draw_curves`.
-
-    Raises:
-        ImportError, ValueError: as `draw_curves`.
-    """
-    curves = {
-        name: (np.arange(1, len(row) + 1) if steps is None else steps, row)
-        for name, row in values.items()
-    }
-    return draw_curves([Panel(curves, x, y, log=log)], path=path, title=title)
-
-
 def draw_reliability(
     found: Mapping[str, Reliability],
     *,
@@ -194,9 +163,9 @@ def draw_reliability(
     """
     curves = {"perfect": (np.linspace(0, 1, 51), np.linspace(0, 1, 51))}
     for name, one in found.items():
-        known = one.weight > 0
+        counted = one.weight > 0
         label = f"{name} (off by {one.calibration_error:.3f})"
-        curves[label] = one.probability[known], one.share[known]
+        curves[label] = one.probability[counted], one.share[counted]
     axes = "probability", "share that is right"
     panel = Panel(curves, *axes, top=1.02, legend="upper left")
     return draw_curves([panel], path=path, title=title)

@@ -1,13 +1,10 @@
-"""Colours of vertices: by place, through a map, of errors, of a texture."""
-
-from typing import Literal
+"""Colours of vertices: by place, through a map, of errors."""
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from jfsf.apps.plot._frames import Up, checked_mask, frame, points_of
 from jfsf.types import ArrayLike
-
-Up = Literal["x", "y", "z", "-x", "-y", "-z"]
 
 # Of what is not matched, sRGB: pale, and without any hue that a place has.
 UNMATCHED = (0.80, 0.81, 0.82)
@@ -83,28 +80,23 @@ def matched_colours(
     """
     if matched is None:
         return np.asarray(colours)
-    colours, matched = np.asarray(colours), np.asarray(matched)
-    if matched.shape != (len(colours),) or matched.dtype != bool:
-        raise ValueError(
-            f"draw: the shape has {len(colours)} vertices, what is matched is "
-            f"{matched.dtype} of shape {matched.shape}; give one truth value a vertex"
-        )
+    colours = np.asarray(colours)
+    matched = checked_mask(matched, len(colours))
     return np.where(matched[:, None], colours, UNMATCHED)
 
 
 def error_colours(
-    errors: Float[ArrayLike, " n"], n: int, top: float | None = None
+    errors: Float[ArrayLike, " n"], n: int
 ) -> tuple[Float[np.ndarray, "n 3"], float]:
     """Colours (n, 3) of errors (n,), and the error of the darkest; nan is grey."""
     errors = np.asarray(errors, float)
     if errors.shape != (n,):
         raise ValueError(f"draw: the shape has {n} vertices, errors {errors.shape}")
-    known = np.isfinite(errors)
-    if top is None:
-        # By a quantile: with the maximum one outlier would make all others pale.
-        top = float(np.quantile(errors[known], 0.99)) if known.any() else 0.0
-    share = np.where(known, errors, 0) / (top if top > 0 else 1)
-    return np.where(known[:, None], ramp(share), 0.6), top
+    finite = np.isfinite(errors)
+    # By a quantile: with the maximum one outlier would make all others pale.
+    top = float(np.quantile(errors[finite], 0.99)) if finite.any() else 0.0
+    share = np.where(finite, errors, 0) / (top if top > 0 else 1)
+    return np.where(finite[:, None], ramp(share), 0.6), top
 
 
 def ramp(share: Float[ArrayLike, "..."]) -> Float[np.ndarray, "... 3"]:
@@ -121,29 +113,10 @@ def diverging(share):
     return _oklab(1 - 0.5 * size, 0.17 * size * np.cos(hue), 0.17 * size * np.sin(hue))
 
 
-def checkered(
-    uv: Float[np.ndarray, "n 2"], colours: Float[np.ndarray, "n 3"], checks: int
-) -> Float[np.ndarray, "n 3"]:
-    """Colours darkened in every other square, of which `checks` are in a unit of uv."""
-    dark = (np.floor(uv * checks + 1e-6).sum(1) % 2)[:, None]
-    return colours * (1 - 0.5 * dark) + 0.25 * (1 - colours) * (1 - dark)
-
-
-def sampled(uv: Float[np.ndarray, "n 2"], image: ArrayLike) -> Float[np.ndarray, "n 3"]:
-    """Colours of an image, its lower left corner at (0, 0), its longer side 1.
-
-    Raises:
-        ValueError: image is not (h, w, 3), uint8 or in [0, 1].
-    """
-    pixels = np.asarray(image)
-    if pixels.ndim != 3 or pixels.shape[2] != 3 or not pixels.size:
-        raise ValueError(f"draw_texture: image is (h, w, 3); got {pixels.shape}")
-    pixels = pixels / 255 if pixels.dtype == np.uint8 else np.asarray(pixels, float)
-    if not (np.isfinite(pixels).all() and 0 <= pixels.min() <= pixels.max() <= 1):
-        raise ValueError("draw_texture: image is uint8 or has values in [0, 1]")
-    high, wide = pixels.shape[:2]
-    across, down = (uv * [1, -1] * max(high, wide) + [0, high]).astype(int).T
-    return pixels[np.clip(down, 0, high - 1), np.clip(across, 0, wide - 1)]
+def texture_coordinates(body: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    """Right and up, the longer side in [0, 1]: a projection from the front."""
+    flat = body[:, :2] - body[:, :2].min(0)
+    return flat / (flat.max() or 1)
 
 
 def _oklab(lightness, a, b):
@@ -165,30 +138,3 @@ def _oklab(lightness, a, b):
     lms = (np.stack([lightness, a, b], -1) @ to_lms.T) ** 3
     rgb = np.clip(lms @ to_rgb.T, 0, 1)
     return np.where(rgb > 0.0031308, 1.055 * rgb ** (1 / 2.4) - 0.055, 12.92 * rgb)
-
-
-def points_of(vertices):
-    """Vertices as float64 (n, 3); ValueError if they are not finite points."""
-    points = np.asarray(vertices, float)
-    if points.ndim != 2 or points.shape[1] != 3 or not len(points):
-        raise ValueError(f"draw: vertices are (n, 3) and n > 0; got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("draw: some vertices are not finite")
-    return points
-
-
-def frame(up: str) -> Float[np.ndarray, "3 3"]:
-    """(3, 3), columns right, up and towards the viewer, for the axis that points up."""
-    # The front is where modelling tools have it.
-    frames = {
-        "x": [[0, 1, 0], [1, 0, 0], [0, 0, -1]],
-        "y": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-        "z": [[1, 0, 0], [0, 0, 1], [0, -1, 0]],
-    }
-    # Upside down: half a turn about the axis to the front.
-    frames |= {
-        f"-{axis}": np.array(rows) * [[-1], [-1], [1]] for axis, rows in frames.items()
-    }
-    if up not in frames:
-        raise ValueError(f"draw: up is one of {', '.join(frames)}; got {up!r}")
-    return np.array(frames[up], float).T

@@ -12,17 +12,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from jfsf.apps.plot._colours import (
-    Up,
     body_colours,
-    checkered,
     error_colours,
     matched_colours,
     pull_back,
     ramp,
-    sampled,
 )
-from jfsf.apps.plot._layout import ShapePanel, divided, draw_panels
-from jfsf.apps.plot._shading import look, look_at_pair
+from jfsf.apps.plot._frames import Up
+from jfsf.apps.plot._panels import (
+    ShapePanel,
+    draw_panels,
+    look,
+    look_at_pair,
+)
 from jfsf.types import ArrayLike, Mesh
 
 if TYPE_CHECKING:
@@ -37,7 +39,7 @@ def draw_shape(
     *,
     path: str | os.PathLike[str] | None = None,
     title: str | None = None,
-    up: Up | None = None,
+    up: Up = "y",
     turn: float | None = None,
 ) -> "Figure":
     """Draw one shape.
@@ -71,7 +73,7 @@ def draw_pair(
     errors: Float[ArrayLike, " n_x"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
     matched_y: Bool[ArrayLike, " n_y"] | None = None,
-    up: Up | None = None,
+    up: Up = "y",
     turn: float | None = None,
 ) -> "Figure":
     """Draw X, coloured through the map from X to Y, beside Y.
@@ -85,9 +87,9 @@ def draw_pair(
         errors: one number a vertex of X, drawn on X at the right; nan is grey.
         matched_x, matched_y: of a match of parts, `Match.matched_x` and `matched_y`;
             all other vertices are grey.
-        up: the axis that points up in the files, such as "z" or "-y", with the front
-            where modelling tools have it. When absent, both are found in the shapes,
-            and the same side of both is seen (`find_frames`).
+        up: the axis that points up in X's file, such as "z" or "-y", with the front
+            where modelling tools have it. Y is turned onto X by the rotation that fits
+            the map best.
         turn: degrees by which the shapes turn about it, to their right. When absent 20,
             and up to 55 for bodies as long as a horse.
 
@@ -99,7 +101,9 @@ def draw_pair(
         ValueError: wrong shapes of arrays, vertex numbers, `up` or suffix of `path`.
     """
     T_xy = _map_of(mesh_x, mesh_y, T_xy)
-    view_x, view_y = look_at_pair(mesh_x, mesh_y, T_xy, up=up, turn=turn)
+    view_x, view_y = look_at_pair(
+        mesh_x, mesh_y, T_xy, up=up, turn=turn, matched_x=matched_x
+    )
     colours = body_colours(view_y.body)
     panels = [
         ShapePanel(
@@ -124,14 +128,14 @@ def draw_maps(
     *,
     path: str | os.PathLike[str] | None = None,
     title: str | None = None,
-    up: Up | None = None,
+    up: Up = "y",
     turn: float | None = None,
 ) -> "Figure":
     """Draw Y, then X once for each of several maps from X to Y, in the same colours.
 
     Args:
-        mesh_x, mesh_y, path, title, up, turn: as in `draw_pair`. The view is found by
-            the first map.
+        mesh_x, mesh_y, path, title, up, turn: as in `draw_pair`. Y is turned by the
+            first map.
         maps: label -> T_xy, such as {"nearest": ..., "Sinkhorn": ...}.
 
     Returns:
@@ -149,103 +153,6 @@ def draw_maps(
     panels = [ShapePanel("Y", view_y, colours)]
     panels += [ShapePanel(name, view_x, colours[T]) for name, T in maps.items()]
     return draw_panels(panels, path, title, None)
-
-
-def draw_texture(
-    mesh_x: Mesh,
-    mesh_y: Mesh,
-    T_xy: Int[ArrayLike, " n_x"],
-    *,
-    image: ArrayLike | None = None,
-    checks: int = 24,
-    path: str | os.PathLike[str] | None = None,
-    title: str | None = None,
-    up: Up | None = None,
-    turn: float | None = None,
-) -> "Figure":
-    """Draw Y with a texture projected onto it from the front, and X with its copy.
-
-    Each vertex of X takes the texture coordinates of its image, and triangles
-    interpolate them. A checker shows what colours do not: sliding and stretching.
-
-    Args:
-        mesh_x, mesh_y: meshes, with faces.
-        T_xy, path, title, up, turn: as in `draw_pair`.
-        image: (h, w, 3) sRGB in [0, 1] or uint8; a checker when absent.
-        checks: squares of the checker along the longer side of Y.
-
-    Returns:
-        As `draw_pair`.
-
-    Raises:
-        ImportError, ValueError: as `draw_pair`; ValueError also for a point cloud or
-            what is not an image.
-    """
-    T_xy = _map_of(mesh_x, mesh_y, T_xy)
-    for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y)):
-        if len(mesh.faces) == 0:
-            raise ValueError(f"draw_texture: {name} has no faces; use draw_pair")
-    view_x, view_y = look_at_pair(mesh_x, mesh_y, T_xy, up=up, turn=turn)
-    uv = texture_coordinates(view_y.body)
-    values_y = np.concatenate([uv, body_colours(view_y.body)], 1)
-    panels = []
-    for label, view, values in (
-        ("X, texture by its map to Y", view_x, values_y[T_xy]),
-        ("Y", view_y, values_y),
-    ):
-        fine, values = divided(view, values)
-        uv, colours = values[:, :2], values[:, 2:]
-        if image is None:
-            colours = checkered(uv, colours, checks)
-        else:
-            colours = sampled(uv, image)
-        panels.append(ShapePanel(label, fine, colours))
-    return draw_panels(panels, path, title, None)
-
-
-def draw_errors(
-    mesh: Mesh,
-    errors: Mapping[str, Float[ArrayLike, " n"]] | Float[ArrayLike, " n"],
-    *,
-    top: float | None = None,
-    path: str | os.PathLike[str] | None = None,
-    title: str | None = None,
-    up: Up | None = None,
-    turn: float | None = None,
-) -> "Figure":
-    """Draw errors on a shape, sand to dark red; several of them on one scale.
-
-    Args:
-        mesh: a mesh or point cloud.
-        errors: one number a vertex, nan is grey; or label -> such numbers.
-        top: the error of the darkest red; the 0.99 quantile of all when absent.
-        path, title, up, turn: as in `draw_pair`.
-
-    Returns:
-        As `draw_pair`.
-
-    Raises:
-        ImportError, ValueError: as `draw_pair`; ValueError also without any errors.
-    """
-    if not isinstance(errors, Mapping):
-        errors = {"error": errors}
-    if not errors:
-        raise ValueError("draw_errors: no errors to draw")
-    view = look(mesh, up=up, turn=turn)
-    n = len(view.depth)
-    if top is None:
-        known = np.concatenate([np.ravel(e) for e in errors.values()])
-        known = known[np.isfinite(known)]
-        top = float(np.quantile(known, 0.99)) if known.size else 0.0
-    paints = {name: error_colours(e, n, top)[0] for name, e in errors.items()}
-    panels = [ShapePanel(name, view, paint) for name, paint in paints.items()]
-    return draw_panels(panels, path, title, _error_scale(top))
-
-
-def texture_coordinates(body: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
-    """Right and up, the longer side in [0, 1]: a projection from the front."""
-    flat = body[:, :2] - body[:, :2].min(0)
-    return flat / (flat.max() or 1)
 
 
 def _error_scale(top):

@@ -12,12 +12,9 @@ and says how sure the map is, why, and what to try. Read in this order:
 - `_page`: a match as one page
 - `_index`: many matches as one page, linked to theirs
 - `_model`: a shape model as one page, with sliders
-- `_graph`: where the shapes of a graph of pairs are drawn
 - `_collection`: a collection as one page: its shapes, its pairs, its triangles
 """
 
-from jfsf.apps.report._collection import write_collection_page
-from jfsf.apps.report._index import write_index
 from jfsf.apps.report._model import write_model_page
 from jfsf.apps.report._page import Side, write_report
 from jfsf.apps.report._words import findings, reasons
@@ -26,8 +23,6 @@ __all__ = [
     "Side",
     "findings",
     "reasons",
-    "write_collection_page",
-    "write_index",
     "write_model_page",
     "write_report",
 ]

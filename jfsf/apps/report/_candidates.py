@@ -13,10 +13,10 @@ from jfsf.runtime._sizes import padded_pair
 from jfsf.types import ArrayLike, Maps, Mesh
 
 # Rows of a product of embeddings that are in memory at a time.
-_ROWS = 4096
+_ROWS = 1024
 
 
-class Considered(NamedTuple):
+class CandidateMap(NamedTuple):
     """A candidate of the first search, before any refinement.
 
     maps: nearest neighbour in its embeddings, between the vertices asked for.
@@ -29,22 +29,23 @@ class Considered(NamedTuple):
     orientation: float
 
 
-def considered(
+def candidate_maps(
     mesh_x: Mesh,
     mesh_y: Mesh,
+    at: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " q"]],
     *,
-    at: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " q"]] | None = None,
     orientation: Orientation = "preserve",
     settings: Settings = Settings(),
     cache: bool = True,
-) -> list[Considered]:
+) -> list[CandidateMap]:
     """The maps that `match` chooses from before it refines the best, best first.
 
-    Without landmarks, descriptors and further starts: those of the first search.
+    They are those of the first search, without landmarks, descriptors and further
+    starts.
 
     Args:
         mesh_x, mesh_y, orientation, settings, cache: as `jfsf.match`.
-        at: vertices of X and of Y between which the maps are; all when absent.
+        at: vertices of X and of Y between which the maps are.
 
     Returns:
         Candidates that differ; their maps count the vertices in `at`.
@@ -65,20 +66,18 @@ def considered(
     inputs = x.search, y.search, orientation_sign(orientation), False
     stage = partial(_candidates, settings=settings.search)
     (best,) = runner.map("search", stage, [inputs])
-    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
-    at_x, at_y = at if at is not None else map(np.arange, sizes)
     evecs_x, evecs_y = (
         np.asarray(spec.evecs)[np.asarray(rows)]
-        for spec, rows in zip(pair, (at_x, at_y), strict=True)
+        for spec, rows in zip(pair, at, strict=True)
     )
-    return with_maps(best, evecs_x, evecs_y)
+    return maps_of(best, evecs_x, evecs_y)
 
 
-def with_maps(
+def maps_of(
     best: Candidates,
     evecs_x: Float[np.ndarray, "p k"],
     evecs_y: Float[np.ndarray, "q k"],
-) -> list[Considered]:
+) -> list[CandidateMap]:
     """The candidates that are no copies of better ones, with maps between points.
 
     Args:
@@ -91,8 +90,9 @@ def with_maps(
         if np.isfinite(energy):  # inf: a copy of a better one
             k_x, k_y = C_yx.shape
             # The direct space, as in the search.
-            maps = _nearest(evecs_x[:, :k_x], evecs_y[:, :k_y] @ C_yx.T)
-            made.append(Considered(maps, float(energy), float(score)))
+            x, y = evecs_x[:, :k_x], evecs_y[:, :k_y] @ C_yx.T
+            maps = Maps(_nearest(x, y), _nearest(y, x))
+            made.append(CandidateMap(maps, float(energy), float(score)))
     return made
 
 
@@ -100,18 +100,9 @@ def _candidates(x, y, sign, self_map, *, settings):
     return candidates(x, y, sign, self_map, settings=settings)
 
 
-def _nearest(emb_x: Float[np.ndarray, "p k"], emb_y: Float[np.ndarray, "q k"]) -> Maps:
-    """Nearest neighbours both ways, block by block of X."""
-    half_x, half_y = (emb_x**2).sum(1) / 2, (emb_y**2).sum(1) / 2
-    T_xy: Any = np.zeros(len(emb_x), np.int32)
-    T_yx: Any = np.zeros(len(emb_y), np.int32)
-    best = np.full(len(emb_y), -np.inf)
-    for start in range(0, len(emb_x), _ROWS):
-        rows = slice(start, start + _ROWS)
-        near = emb_x[rows] @ emb_y.T
-        T_xy[rows] = (near - half_y).argmax(1)
-        near = near - half_x[rows, None]
-        top = near.max(0)
-        T_yx = np.where(top > best, near.argmax(0) + start, T_yx).astype(np.int32)
-        best = np.maximum(best, top)
-    return Maps(T_xy, T_yx)
+def _nearest(points: Float[np.ndarray, "p k"], others: Float[np.ndarray, "q k"]) -> Any:
+    """For each point the nearest of the others, some points at a time."""
+    half = (others**2).sum(1) / 2
+    parts = np.split(points, np.arange(_ROWS, len(points), _ROWS))
+    near = [(part @ others.T - half).argmax(1) for part in parts]
+    return np.concatenate(near).astype(np.int32)

@@ -2,21 +2,22 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Float, Int
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
 
 from jfsf.apps.collections import PairSettings
 from jfsf.apps.collections._grow import Graph
 from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import body_colours
-from jfsf.apps.plot._shading import natural_turn
-from jfsf.apps.plot._upright import find_frame, find_frames
-from jfsf.apps.report._graph import places
-from jfsf.apps.report._html import level, page
-from jfsf.apps.report._index import Row, in_order, plain
-from jfsf.apps.report._scene import data_url, shown
+from jfsf.apps.plot._frames import frame, frames_of_pair
+from jfsf.apps.report._html import data_url, page
+from jfsf.apps.report._index import Row, listed
+from jfsf.apps.report._scene import shown
+from jfsf.apps.report._words import level
 from jfsf.storage._atomic import write_text
 from jfsf.types import ArrayLike, Mesh
 
@@ -24,29 +25,12 @@ MOST_DRAWN = 300  # shapes of a graph; more are a blot
 MOST_LISTED = 40  # triangles and dropped pairs
 _FEW = 6000  # vertices of a picture
 _SMALL = 60  # dots per inch
-
-
-class ShapeRow(NamedTuple):
-    """A shape in the page of a collection.
-
-    name: of the shape.
-    page, picture: paths relative to the page, with "/"; None if there are none.
-    confidence: of its map from the template; nan if it is not known.
-    lines: what to say of it, such as why it was left out.
-    left_out: whether it was.
-    """
-
-    name: str
-    page: str | None
-    picture: str | None
-    confidence: float
-    lines: Sequence[str]
-    left_out: bool = False
+_STEPS = 200  # of the majorisation
 
 
 def write_collection_page(
     path: str | os.PathLike[str],
-    rows: Sequence[ShapeRow],
+    rows: Sequence[Row],
     graph: Graph,
     names: Sequence[str],
     *,
@@ -62,25 +46,20 @@ def write_collection_page(
 
     Args:
         path: the page, written completely or not at all.
-        rows: of all shapes, in any order.
+        rows: of all shapes, in any order; those that were left out have failed.
         graph: of the shapes that could be matched.
         names: of these, in the order of their numbers.
         links: what else there is to open: text -> address relative to the page.
         title: above all.
         settings: with which the graph was grown.
     """
-    left = sum(row.left_out for row in rows)
+    left = sum(row.failed for row in rows)
     counts = f"{len(rows)} shapes, {len(rows) - left} joined, template "
     counts += f"{names[graph.paths.template]}, {len(graph.matched)} pairs matched"
-    listed = []
-    for row in in_order([Row(r.name, "", *r[1:]) for r in rows]):
-        own = plain(row)
-        verdict = "left out" if row.failed else own["verdict"]
-        listed.append(own | {"name": row.x, "verdict": verdict})
     record = {
         "title": title,
         "counts": counts,
-        "pairs": listed,
+        "rows": listed(rows, failed="left out"),
         "links": dict(links or {}),
         "graph": _graph(graph, names, settings.trusted),
         **_cycles(graph, names, settings.agree),
@@ -109,19 +88,17 @@ def shape_picture(
     """
     colours = None
     if template is None:
-        axes = find_frame(mesh).axes
+        axes = frame("y")
     elif T_xy is None or T_yx is None:
         raise ValueError("shape_picture: has a template without maps; give both")
     else:
-        axes = find_frames(template, mesh, np.asarray(T_xy))[1].axes
-        # By its own frame, so that its colours are the same on all shapes.
-        stood = np.asarray(template.vertices, float) @ find_frame(template).axes
+        frame_x, axes = frames_of_pair(template, mesh, T_xy)
+        stood = np.asarray(template.vertices, float) @ frame_x
         colours = body_colours(stood)[np.asarray(T_yx)]
     few = shown(mesh, axes, _FEW)
     if colours is not None:
         colours = colours[few.index]
-    turn = natural_turn(few.body.vertices)
-    return data_url(draw_shape(few.body, colours, up="y", turn=turn), _SMALL)
+    return data_url(draw_shape(few.body, colours), _SMALL)
 
 
 def _graph(graph: Graph, names, trusted: float) -> dict[str, Any] | None:
@@ -202,3 +179,43 @@ def _dropped(graph: Graph, names, trusted: float) -> list[tuple[str, str, str]]:
         (f"{names[a]}, {names[b]}", f"{p:.2f}", _chances(graph, (a, b)))
         for p, (a, b) in sorted(pairs)[:MOST_LISTED]
     ]
+
+
+def places(
+    edges: Sequence[tuple[int, int]], num_shapes: int
+) -> Float[np.ndarray, "s 2"]:
+    """A place of each shape in the unit square, so that matched pairs lie near.
+
+    The places minimise the stress sum_ij (|p_i - p_j| - d_ij)^2 / d_ij^2 over the
+    plane, d_ij being the number of pairs on the shortest way from i to j, by
+    majorisation (Gansner, Koren and North 2004, "Graph drawing by stress
+    majorization"). They are the same in every run.
+
+    Args:
+        edges: numbers of the two shapes of each pair. What they do not connect is drawn
+            apart.
+        num_shapes: s, one or more.
+    """
+    s = num_shapes
+    rows = np.array(list(edges), int).reshape(-1, 2)
+    near = coo_matrix((np.ones(len(rows)), rows.T), (s, s)).tocsr()
+    steps = dijkstra(near, directed=False, unweighted=True)
+    far = steps[np.isfinite(steps)].max(initial=1)
+    steps = np.where(np.isfinite(steps), steps, far + 1)
+    weight = 1 / np.maximum(steps, 1) ** 2
+    np.fill_diagonal(weight, 0)
+    # On a circle first: no two shapes begin at one place.
+    angle = 2 * np.pi * np.arange(s) / s
+    points = far / 2 * np.stack([np.cos(angle), np.sin(angle)], 1)
+    total = np.maximum(weight.sum(1), 1e-12)[:, None]
+    for _ in range(_STEPS if s > 1 else 0):
+        offset = points[:, None] - points[None]
+        away = np.maximum(np.linalg.norm(offset, axis=2), 1e-9)
+        pulled = points[None] + offset * (steps / away)[..., None]
+        points = np.einsum("ij,ijd->id", weight, pulled) / total
+    # The longer side across.
+    points = points - points.mean(0)
+    across = np.linalg.eigh(points.T @ points)[1][:, ::-1]
+    points = points @ (across * np.sign(across.sum(0) + 1e-12))
+    points = points - points.min(0)
+    return points / max(points.max(), 1e-9)

@@ -5,23 +5,23 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from jfsf.apps.report._html import level, page
-from jfsf.apps.report._words import verdict
+from jfsf.apps.report._html import page
+from jfsf.apps.report._words import level, verdict
 from jfsf.storage._atomic import write_text
 
 
 class Row(NamedTuple):
-    """A pair in the index.
+    """A pair, or a shape of a collection, in a list.
 
-    x, y: names of the shapes.
-    page, picture: paths relative to the index, with "/"; None if there are none.
+    name: of the pair or the shape.
+    page: path of its own page relative to the list, with "/"; None if there is none.
+    picture: path of its picture relative to the list; None if there is none.
     confidence: of its certificate; nan if it is not known.
     lines: what to say of it, such as its warnings.
     failed: there is no match; the lines say why.
     """
 
-    x: str
-    y: str
+    name: str
     page: str | None
     picture: str | None
     confidence: float
@@ -46,38 +46,40 @@ def write_index(
     counts = f"{len(rows)} pairs, {len(rows) - failed} matched"
     if failed:
         counts += f", {failed} failed"
-    record = {"title": title, "counts": counts, "pairs": [*map(plain, in_order(rows))]}
+    record = {"title": title, "counts": counts, "rows": listed(rows)}
     write_text(path, page("index", record))
 
 
-def in_order(rows: Sequence[Row]) -> list[Row]:
-    """Failed ones, then the least confident first, then those without a confidence."""
+def listed(rows: Sequence[Row], failed: str = "failed") -> list[dict[str, Any]]:
+    """Rows as plain values for JSON, in the order in which to look at them.
+
+    Failed ones come first, then the least confident, at last those without confidence.
+
+    Args:
+        rows: in any order.
+        failed: what to call those that failed.
+    """
 
     def place(row: Row):
         unknown = row.confidence != row.confidence
         return not row.failed, unknown, 0 if unknown else row.confidence
 
-    return sorted(rows, key=place)
+    def verdict_of(row: Row) -> str:
+        if row.failed or row.confidence != row.confidence:
+            return failed if row.failed else "unknown"
+        return f"{verdict(row.confidence)}, {row.confidence:.0%}"
 
-
-def plain(row: Row) -> dict[str, Any]:
-    """A row as plain values for JSON."""
-    likely = row.confidence
-    if row.failed:
-        words = "failed"
-    elif likely != likely:
-        words = "unknown"
-    else:
-        words = f"{verdict(likely)}, {likely:.0%}"
-    return {
-        "x": row.x,
-        "y": row.y,
-        "page": _address(row.page),
-        "picture": _address(row.picture),
-        "lines": list(row.lines),
-        "verdict": words,
-        "level": "failed" if row.failed else level(likely),
-    }
+    return [
+        {
+            "name": row.name,
+            "page": _address(row.page),
+            "picture": _address(row.picture),
+            "lines": list(row.lines),
+            "verdict": verdict_of(row),
+            "level": "failed" if row.failed else level(row.confidence),
+        }
+        for row in sorted(rows, key=place)
+    ]
 
 
 def _address(path: str | None) -> str | None:

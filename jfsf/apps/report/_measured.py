@@ -6,15 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.evaluate import (
-    Reliability,
-    auc,
-    bijectivity,
-    error_curve,
-    evaluate,
-    geodesic_error,
-    reliability,
-)
+from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.matching._vertices import WITHIN
 from jfsf.mesh import vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
@@ -30,14 +22,12 @@ class Measured(NamedTuple):
     """Figures of a map; distances are geodesic, over sqrt(area).
 
     rows: name, value as text, and what it means.
-    truth_rows: likewise, against the ground truth; empty without one.
-    back: (n_x,) distance from x to T_yx[T_xy[x]]; mean of those measured nearby. Of
-        parts nan where a vertex is not matched.
-    error: (n_x,) error likewise; None without ground truth.
+    truth_rows: rows of figures against the ground truth; empty without one.
+    back: (n_x,) distance from x to T_yx[T_xy[x]], the mean of those measured nearby. Of
+        parts nan where a vertex is not matched. None for large shapes.
+    error: (n_x,) error, the mean of those measured nearby; None without ground truth.
     errors: (p,) at the points of the ground truth that were measured.
     doubt: (n_x,) 1 minus the confidence of each vertex; None where it is not known.
-    reliability: of the confidence at these points: whether as many are within `WITHIN`
-        as it says.
     """
 
     rows: list[tuple[str, str, str]]
@@ -45,8 +35,7 @@ class Measured(NamedTuple):
     back: Float[np.ndarray, " n_x"] | None
     error: Float[np.ndarray, " n_x"] | None
     errors: Float[np.ndarray, " p"] | None
-    doubt: Float[np.ndarray, " n_x"] | None = None
-    reliability: Reliability | None = None
+    doubt: Float[np.ndarray, " n_x"] | None
 
 
 def measure(
@@ -60,8 +49,8 @@ def measure(
     Of parts the distances are those of matched vertices; the others have nan.
 
     Args:
-        mesh_x, mesh_y: the shapes. Of shapes above `MOST` vertices the figures without
-            geodesics are measured only.
+        mesh_x, mesh_y: the shapes. Of shapes above `MOST` vertices only figures without
+            geodesics are measured.
         found: their match.
         truth: vertices of X and of Y that correspond; none is as without one.
 
@@ -92,20 +81,14 @@ def measure(
             ("bijectivity on X", f"{there.mean():.4f}", meaning),
             ("bijectivity on Y", f"{other.mean():.4f}", meaning),
         ]
-    rows += [
-        (
-            "coverage of Y",
-            f"{figures.coverage_xy:.1%}",
-            "share of the area that is hit",
-        ),
-        ("coverage of X", f"{figures.coverage_yx:.1%}", "likewise, the other way"),
-        (
-            "smoothness",
-            f"{figures.smoothness:.2f}",
-            "mean Dirichlet energy; less is smoother",
-        ),
-        ("orthogonality", f"{figures.orthogonality:.2f}", "|C^T C - I|; 0 keeps areas"),
-    ]
+    for name, form, meaning in (
+        ("coverage_xy", ".1%", "share of Y's area that is hit"),
+        ("coverage_yx", ".1%", "share of X's area that is hit"),
+        ("smoothness", ".2f", "mean Dirichlet energy; less is smoother"),
+        ("orthogonality", ".2f", "|C^T C - I|; 0 keeps areas"),
+    ):
+        value = f"{getattr(figures, name):{form}}"
+        rows.append((name.replace("_", " "), value, meaning))
     likely = doubt = None
     if found.confidence_x is not None and np.isfinite(found.confidence_x).all():
         likely = np.asarray(found.confidence_x, float)
@@ -134,18 +117,12 @@ def measure(
         ),
         ("points measured", f"{len(some)} of {len(at_x)}", ""),
     ]
-    held = None
     if likely is not None:
         sure = likely[at_x[some]]
-        held = reliability(sure, errors < WITHIN)
-        worst = errors[sure <= np.quantile(sure, 0.1)].mean()
-        truth_rows += [
-            ("expected", f"{sure.mean():.1%}", f"within {WITHIN}, by the confidence"),
-            ("calibration error", f"{held.calibration_error:.3f}", "of the confidence"),
-            ("mean error of the least sure tenth", f"{worst:.4f}", ""),
-        ]
+        meaning = f"within {WITHIN}, by the confidence"
+        truth_rows.append(("expected", f"{sure.mean():.1%}", meaning))
     error = _only_inside(_everywhere(mesh_x, at_x[some], errors), inside_x)
-    return Measured(rows, truth_rows, back, error, errors, doubt, held)
+    return Measured(rows, truth_rows, back, error, errors, doubt)
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:

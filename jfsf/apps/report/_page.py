@@ -2,7 +2,6 @@
 
 import os
 import platform
-import time
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,30 +11,25 @@ import numpy as np
 from jaxtyping import Int
 
 from jfsf.apps.plot import draw_error_curves, draw_functional_map, draw_pair, draw_shape
-from jfsf.apps.plot._charts import draw_reliability
-from jfsf.apps.plot._colours import Up, body_colours, frame, matched_colours
-from jfsf.apps.plot._shading import natural_turn
-from jfsf.apps.plot._upright import find_frames
-from jfsf.apps.report._candidates import Considered, considered
-from jfsf.apps.report._html import level, page
+from jfsf.apps.plot._colours import body_colours, matched_colours
+from jfsf.apps.plot._frames import Up, frames_of_pair
+from jfsf.apps.report._candidates import candidate_maps
+from jfsf.apps.report._html import data_url, page
 from jfsf.apps.report._measured import measure
 from jfsf.apps.report._scene import (
     Shown,
-    data_url,
-    lifted_maps,
     scene,
     shown,
     shown_maps,
     shown_matched,
 )
-from jfsf.apps.report._words import findings, readings, reasons, verdict
+from jfsf.apps.report._words import findings, level, readings, reasons, verdict
 from jfsf.initial import Orientation
 from jfsf.matching import Settings
 from jfsf.matching._arguments import checked_map
 from jfsf.storage._atomic import write_text
-from jfsf.types import STAGES, ArrayLike, Maps, Match, Mesh
+from jfsf.types import STAGES, ArrayLike, Maps, Match, MatchInfo, Mesh
 
-_FEW = 6000  # vertices by which candidates are drawn and compared
 _SMALL, _LARGE = 60, 110  # dots per inch
 # Mean distance of images, where 1 is the size of Y, up to which a map is a candidate's.
 _SAME = 0.25
@@ -62,7 +56,7 @@ def write_report(
     *,
     orientation: Orientation = "preserve",
     truth: tuple[Int[ArrayLike, " p"], Int[ArrayLike, " p"]] | None = None,
-    up: Up | None = None,
+    up: Up = "y",
     settings: Settings = Settings(),
     seconds: Mapping[str, float] | None = None,
     timed: bool = True,
@@ -77,7 +71,7 @@ def write_report(
         found: their match.
         orientation: as it was asked for.
         truth: vertices of X and of Y that correspond, counted as the meshes'.
-        up: the axis that points up in both meshes; found when absent.
+        up: the axis of X's mesh that points up.
         settings: with which it was made.
         seconds: what took how long, for the table.
         timed: put the date and that table on the page. Without them equal matches make
@@ -97,157 +91,122 @@ def write_report(
     back = {"called": ("T_yx", "matched_y"), "names": ("Y", "X")}
     checked_map(found.T_yx, found.matched_y, (n_y, n_x), caller=name, **back)
     step = progress or (lambda name: None)
-    seconds = dict(seconds or {})
-    if found.info is not None:
-        stages = zip(STAGES, found.info.seconds, strict=True)
-        seconds |= {f"matching: {name}": s for name, s in stages if not np.isnan(s)}
-    started = time.perf_counter()
-
-    def lap(name: str) -> None:
-        nonlocal started
-        now = time.perf_counter()
-        seconds[name], started = now - started, now
-
     step("frames of the shapes")
-    axes_x = axes_y = frame(up) if up else None
-    if axes_x is None or axes_y is None:
-        frames = find_frames(x.mesh, y.mesh, np.asarray(found.T_xy))
-        axes_x, axes_y = (one.axes for one in frames)
-    shown_x, shown_y = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
-    few_x, few_y = shown(x.mesh, axes_x, _FEW), shown(y.mesh, axes_y, _FEW)
+    axes_x, axes_y = frames_of_pair(
+        x.mesh, y.mesh, found.T_xy, up=up, matched_x=found.matched_x
+    )
+    shown_x, shown_y = both = shown(x.mesh, axes_x), shown(y.mesh, axes_y)
     step("figures")
     measured = measure(x.mesh, y.mesh, found, truth)
-    lap("figures")
     step("candidates")
     candidates = []
     if found.matched_x is None:  # parts are not found by the search
-        candidates = considered(
-            x.mesh,
-            y.mesh,
-            at=(few_x.index, few_y.index),
-            orientation=orientation,
-            settings=settings,
-            cache=cache,
-        )
-    lap("candidates")
+        at = shown_x.index, shown_y.index
+        options = {"orientation": orientation, "settings": settings, "cache": cache}
+        candidates = candidate_maps(x.mesh, y.mesh, at, **options)
     step("pictures")
-    maps = {"the map found": shown_maps(found, shown_x, shown_y)}
-    rows = []
-    own = shown_maps(found, few_x, few_y)
-    apart = [_distance(own, one.maps, few_y) for one in candidates]
-    for i, one in enumerate(candidates):
-        name = f"candidate {i + 1}"
-        maps[name] = lifted_maps(one.maps, (few_x, few_y), (shown_x, shown_y))
-        nearest = apart[i] == min(apart) and apart[i] < _SAME
-        rows.append(_candidate(name, one, few_x, few_y, nearest))
-    few_matched = shown_matched(found, few_x, few_y) or (None, None)
-    picture = _pair_picture(few_x, few_y, own, few_matched)
-    colours = body_colours(few_y.body.vertices)[own.T_xy]
-    colours = matched_colours(colours, few_matched[0])
+    own, matched = shown_maps(found, *both), shown_matched(found, *both)
+    maps = {"the map found": own}
+    maps |= {f"candidate {i}": one.maps for i, one in enumerate(candidates, 1)}
+    inside_x, inside_y = matched or (None, None)
+    pair = draw_pair(
+        shown_x.body, shown_y.body, own.T_xy, matched_x=inside_x, matched_y=inside_y
+    )
     pictures = {
-        "pair": picture,
-        "found": data_url(_drawn(few_x, colours), _SMALL),
+        "pair": data_url(pair, _SMALL),
+        "found": _painted(*both, own, inside_x),
         "functional_map": data_url(draw_functional_map(found.C_yx, size=60), _LARGE),
     }
     if measured.errors is not None:
         curves = draw_error_curves({"the map": measured.errors})
         pictures["errors"] = data_url(curves, _LARGE)
-    if measured.reliability is not None:
-        chart = draw_reliability({"the vertices": measured.reliability})
-        pictures["reliability"] = data_url(chart, _LARGE)
-    member = found.membership_x
     figures = {
         "error": measured.error,
         "there and back": measured.back,
         "doubt": measured.doubt,
-        "not shared": None if member is None else 1 - np.asarray(member),
     }
+    if found.membership_x is not None:
+        figures["not shared"] = 1 - np.asarray(found.membership_x)
+    evidence = found.certificate
+    likely = float(evidence.confidence)
     record = {
         "title": f"{x.name} to {y.name}",
-        "x": {"name": x.name, "vertices": len(x.mesh.vertices)},
-        "y": {"name": y.name, "vertices": len(y.mesh.vertices)},
-        "shown": [len(shown_x.index), len(shown_y.index)],
-        "verdict": _verdict(float(found.certificate.confidence)),
-        "reasons": reasons(found.certificate, found.info),
-        "findings": [one._asdict() for one in findings(found.certificate, orientation)],
+        "x": {"name": x.name, "vertices": n_x},
+        "y": {"name": y.name, "vertices": n_y},
+        "shown": [len(side.index) for side in both],
+        "verdict": {
+            "words": verdict(likely),
+            "level": level(likely),
+            "confidence": None if np.isnan(likely) else likely,
+        },
+        "reasons": reasons(evidence, found.info),
+        "findings": [one._asdict() for one in findings(evidence, orientation)],
         "certificate": [
             (name.replace("_", " "), *texts)
-            for name, texts in readings(found.certificate).items()
+            for name, texts in readings(evidence).items()
         ],
         "figures": measured.rows,
         "truth": measured.truth_rows,
-        "candidates": rows,
+        "candidates": _candidates(candidates, own, *both),
         "pictures": pictures,
         "scene": scene(
-            shown_x,
-            shown_y,
+            *both,
             maps,
-            {
-                name: values[shown_x.index]
-                for name, values in figures.items()
-                if values is not None
-            },
+            {name: v[shown_x.index] for name, v in figures.items() if v is not None},
             (x.numbers, y.numbers),
-            shown_matched(found, shown_x, shown_y),
+            matched,
         ),
         "settings": {"orientation": orientation, **settings.as_record()},
-        "versions": versions(),
-        "seconds": {},
+        "versions": versions(date=timed),
+        "seconds": _seconds(found.info, seconds or {}) if timed else {},
     }
-    lap("page")
-    if timed:
-        record["seconds"] = {name: round(took, 2) for name, took in seconds.items()}
-    else:
-        del record["versions"]["date"]
     write_text(path, page("report", record))
-    return picture
+    return pictures["pair"]
 
 
-def versions() -> dict[str, str]:
+def versions(*, date: bool = True) -> dict[str, str]:
     """Of python and the packages that decide the result, the device, and the date."""
     import jax
 
     from jfsf import __version__
 
     device = jax.devices()[0]
+    now = {"date": datetime.now(UTC).isoformat(timespec="seconds")}
     return {
         "jfsf": __version__,
         "python": platform.python_version(),
         **{name: version(name) for name in ("jax", "jaxlib", "numpy", "scipy")},
         "device": f"{device.platform} {device.device_kind}",
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **(now if date else {}),
     }
 
 
-def _verdict(confidence: float) -> dict[str, Any]:
-    known = None if np.isnan(confidence) else confidence
-    words = verdict(confidence)
-    return {"words": words, "level": level(confidence), "confidence": known}
+def _seconds(info: MatchInfo | None, seconds: Mapping[str, float]) -> dict[str, float]:
+    """What took how long, with the stages of the match that were run."""
+    stages = zip(STAGES, () if info is None else info.seconds, strict=False)
+    all_of = {**seconds, **{f"matching: {name}": took for name, took in stages}}
+    return {n: round(float(took), 2) for n, took in all_of.items() if took == took}
 
 
-def _candidate(name, one: Considered, x: Shown, y: Shown, nearest: bool):
-    colours = body_colours(y.body.vertices)[one.maps.T_xy]
-    score = None if np.isnan(one.orientation) else one.orientation
-    return {
-        "name": name,
-        "picture": data_url(_drawn(x, colours), _SMALL),
-        "energy": one.energy,
-        "orientation": score,
-        "nearest": bool(nearest),
-    }
+def _candidates(candidates, own: Maps, x: Shown, y: Shown) -> list[dict[str, Any]]:
+    """Candidates as plain values; the nearest to the map that was found is marked."""
+    apart = [_distance(own, one.maps, y) for one in candidates]
+    return [
+        {
+            "name": f"candidate {i + 1}",
+            "picture": _painted(x, y, one.maps),
+            "energy": one.energy,
+            "orientation": None if np.isnan(one.orientation) else one.orientation,
+            "nearest": bool(away == min(apart) and away < _SAME),
+        }
+        for i, (one, away) in enumerate(zip(candidates, apart, strict=True))
+    ]
 
 
-def _drawn(shape: Shown, colours):
-    # In its frame y is up, and the viewer in front.
-    turn = natural_turn(shape.body.vertices)
-    return draw_shape(shape.body, colours, up="y", turn=turn)
-
-
-def _pair_picture(x: Shown, y: Shown, maps: Maps, matched) -> str:
-    turn = natural_turn(x.body.vertices, y.body.vertices)
-    inside = dict(zip(("matched_x", "matched_y"), matched, strict=True))
-    figure = draw_pair(x.body, y.body, maps.T_xy, **inside, up="y", turn=turn)
-    return data_url(figure, _SMALL)
+def _painted(x: Shown, y: Shown, maps: Maps, inside_x=None) -> str:
+    """A picture of X in the colours of Y, grey where it is not matched."""
+    colours = body_colours(y.body.vertices)[maps.T_xy]
+    return data_url(draw_shape(x.body, matched_colours(colours, inside_x)), _SMALL)
 
 
 def _distance(one: Maps, other: Maps, y: Shown) -> float:

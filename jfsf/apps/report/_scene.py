@@ -1,7 +1,5 @@
 """What the page's viewer shows: shapes in their frames, maps, colours and figures."""
 
-import base64
-import io
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -9,14 +7,18 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.apps.plot._colours import body_colours, matched_colours, ramp
-from jfsf.apps.plot._page import picture_of
-from jfsf.apps.plot._pictures import texture_coordinates
-from jfsf.apps.plot._shading import natural_turn
+from jfsf.apps.plot._colours import (
+    body_colours,
+    matched_colours,
+    ramp,
+    texture_coordinates,
+)
+from jfsf.apps.plot._frames import natural_turn
+from jfsf.apps.report._html import packed
 from jfsf.mesh import coarsen
 from jfsf.types import ArrayLike, Maps, Match, Mesh
 
-MOST = 50_000  # vertices of a shape; larger ones are shown by some of their vertices
+MOST = 12_000  # vertices of a shape; larger ones are shown by some of their vertices
 _TOP = 0.05  # of sqrt(area): where the scale of a figure ends, at least
 _NOT_KNOWN = 255  # a figure of a vertex that was not measured
 
@@ -60,16 +62,6 @@ def shown_matched(
     if found.matched_x is None or found.matched_y is None:
         return None
     return np.asarray(found.matched_x)[x.index], np.asarray(found.matched_y)[y.index]
-
-
-def lifted_maps(
-    maps: Maps, few: tuple[Shown, Shown], many: tuple[Shown, Shown]
-) -> Maps:
-    """Maps between few vertices as maps between many: each like the nearest."""
-    (few_x, few_y), (x, y) = few, many
-    T_xy = y.near[few_y.index][maps.T_xy][few_x.near[x.index]]
-    T_yx = x.near[few_x.index][maps.T_yx][few_y.near[y.index]]
-    return Maps(T_xy, T_yx)
 
 
 def scene(
@@ -118,15 +110,6 @@ def scene(
     }
 
 
-def data_url(figure: Any, dpi: float) -> str:
-    """A figure of `jfsf.apps.plot` as the address of an image that needs no file."""
-    from matplotlib.image import imsave
-
-    file = io.BytesIO()
-    imsave(file, picture_of(figure, dpi), format="png")
-    return f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"
-
-
 def shape_values(body: Mesh) -> dict[str, Any]:
     """A shape as plain values for JSON, in units of its largest extent."""
     points = np.asarray(body.vertices)
@@ -163,9 +146,3 @@ def _figure(name: str, values) -> dict[str, Any]:
 def _indices(index, count: int) -> str:
     """Two bytes each, or four where there are more vertices than that."""
     return packed(index, "<u2" if count <= 65536 else "<u4")
-
-
-def packed(array: ArrayLike, dtype: str) -> str:
-    """An array in whole numbers of this type, little endian, in base64."""
-    array = np.rint(np.asarray(array)).astype(dtype)
-    return base64.b64encode(array.tobytes()).decode()

@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.matching._confidence import UNLIKE
-from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching._mirror import MIRRORED
+from jfsf._figures import FIGURES
+from jfsf.matching import MISSED, Settings
+from jfsf.matching._confidence import MIRRORED, UNLIKE
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning. How many maps
-# from 0.9 up are wrong, and how many right ones are below 0.7, is in
+# that are likely are wrong, and how many right ones are below 0.7, is in
 # jfsf/matching/confidence.json: `held_out`, of sets that it was not fitted to.
-LIKELY = 0.9
+LIKELY = Settings().retry_below  # so sure that `match` makes no second attempt
 DOUBTFUL = 0.7
 # The score of right maps is about 0.9 and of mirrored ones about -0.9. Below half, a
 # part of the shape is likely to be mirrored.
@@ -37,21 +37,6 @@ SMALL_GAP = 0.1
 MIN_SHARE = 0.5
 # Of a map that stands alone among them.
 LARGE_SHARE = 0.9
-# Of figures that are nan: a word in place of the number, and why.
-_NO_PLAN = "not measured", "the last conversion made no transport plan"
-_NOT_BENT = "not measured", "the shapes were not bent onto each other as surfaces"
-_WHY_UNKNOWN = {
-    "gap": ("no rival", "no second candidate was compared"),
-    "share": ("not compared", "no other map was tried"),
-    "rivals": ("not compared", "no other map was tried"),
-    "mirror_gap": ("not known", "no orientation was asked for, or no search was made"),
-    "mirrored": ("not compared", "the mirror image was not tried"),
-    "spectrum_gap": ("not measured", "an older version made the file"),
-    **dict.fromkeys(("marginal_error", "nn_agreement", "recall"), _NO_PLAN),
-    **dict.fromkeys(("residual", "shear", "area_std", "normal_gap"), _NOT_BENT),
-    "log_odds": _NOT_BENT,
-    "region_cost": ("not measured", "the shapes were matched as wholes"),
-}
 
 
 class Finding(NamedTuple):
@@ -68,10 +53,7 @@ class Finding(NamedTuple):
 def verdict(confidence: float) -> str:
     """The confidence of a certificate in words."""
     if np.isnan(confidence):
-        return (
-            "unknown: shapes that were not bent as surfaces, and parts whose units may "
-            "differ, have none"
-        )
+        return f"unknown: {FIGURES['confidence'].unknown}"
     if confidence >= LIKELY:
         return "very likely right"
     if confidence >= DOUBTFUL:
@@ -79,66 +61,39 @@ def verdict(confidence: float) -> str:
     return "doubtful" if confidence >= 0.5 else "probably wrong"
 
 
+def level(confidence: float) -> str:
+    """The colour of a confidence on a page: good, fair, poor or unknown."""
+    if np.isnan(confidence):
+        return "unknown"
+    if confidence >= LIKELY:
+        return "good"
+    return "fair" if confidence >= DOUBTFUL else "poor"
+
+
 def readings(certificate: Certificate) -> dict[str, tuple[str, str]]:
     """Figure of the certificate -> its value as text, and what it means."""
     score = float(certificate.orientation)
     side = "keeps left and right" if score > 0 else "swaps left and right"
-    if np.isnan(score):
-        side = "unknown: a point cloud without a clear outside"
-    elif abs(score) < MIN_ORIENTATION:
-        side = "unclear: parts may be flipped"
+    side = "unclear: parts may be flipped" if abs(score) < MIN_ORIENTATION else side
     meaning = {
-        "marginal_error": "transport plan's gap to its marginals; 0 is exact",
-        "empty": "vertices that no mass reached",
-        "coverage_xy": "share that is hit of Y's area within reach of n_x vertices",
-        "coverage_yx": "share that is hit of X's area within reach of n_y vertices",
-        "bijectivity_x": "mean distance, X to Y and back; 1 for random vertices",
-        "bijectivity_y": "mean distance, Y to X and back",
-        "orthogonality": "|C^T C - I|; 0 if areas are kept",
         "orientation": side,
-        "gap": "extra energy of the second candidate, relative; 0 is a tie",
-        "mirror_gap": "extra energy of the mirror image, relative; below 0 it has less",
-        "nn_agreement": "share that nearest neighbour maps alike",
-        "recall": "share of nearest neighbours that the last search found",
-        "finite": "whether every number that the map is made from is finite",
-        "energy": "departure from an isometry",
-        "log_stretch_std": "how unevenly the map stretches; 0 for a similarity",
-        "residual": "distance left between the bent shapes, in sqrt(area)",
-        "shear": "of triangles, but for the 1 % that are sheared most; 0 for none",
-        "area_std": "how unevenly the bending lets triangles grow; 0 if evenly",
-        "normal_gap": "how far normals of the bent shapes differ; 0 if not at all",
-        "spectrum_gap": "how unlike the shapes are; 0.1 for poses, 1 for other limbs",
-        "region_cost": "what drawing one part onto the other leaves; small is good",
-        "log_odds": "of a right map, by its own evidence; 0 is one half",
-        "share": "of the odds, among maps that differ; 0.5: another fits as well",
-        "rivals": "other maps that fit as well, of those that were tried",
-        "mirrored": "probability that the mirror image is right instead",
         "confidence": verdict(float(certificate.confidence)),
     }
-    if _of_parts(certificate):
+    if np.isinf(certificate.gap):
+        meaning["gap"] = "no second candidate differs from the first"
+    elif _of_parts(certificate):
         meaning["gap"] = "log odds beyond those of the next region; 0 is a tie"
     texts = {}
     for name, value in certificate.figures().items():
-        value = np.asarray(value)
+        figure, value = FIGURES[name], np.asarray(value)
         form = "+.2f" if name == "orientation" else ".4g"
         text = ("no", "yes")[int(value)] if value.dtype == bool else f"{value:{form}}"
-        reading = meaning.get(name, "")
         if np.isnan(value):
-            text, reading = _unknown(name, reading)
-        elif name == "gap" and np.isinf(value):
-            text, reading = "no rival", "no second candidate differs from the first"
-        texts[name] = text, reading
+            texts[name] = figure.in_place, figure.unknown or figure.meaning
+        else:
+            text = figure.in_place if np.isinf(value) else text
+            texts[name] = text, meaning.get(name, figure.meaning)
     return texts
-
-
-def _unknown(name: str, reading: str) -> tuple[str, str]:
-    """The text and the reading of a figure that is nan: that it was not measured."""
-    if name in _WHY_UNKNOWN:
-        return _WHY_UNKNOWN[name]
-    # These say themselves why they are not known.
-    if name in ("orientation", "confidence"):
-        return "unknown", reading
-    return "not measured", reading
 
 
 def findings(
@@ -151,11 +106,13 @@ def findings(
         orientation: "preserve", "reverse" or "any", as the map was asked for.
         landmarks: their names, in the order of the rows, where they have any.
     """
-    score = float(certificate.orientation)
+    figure = _numbers(certificate)
+    score, likely = figure["orientation"], figure["confidence"]
     agrees = {"preserve": score, "reverse": -score, "any": abs(score)}[orientation]
-    likely = float(certificate.confidence)
-    covered = min(float(certificate.coverage_xy), float(certificate.coverage_yx))
-    away = max(float(certificate.bijectivity_x), float(certificate.bijectivity_y))
+    other = "preserve" if orientation == "reverse" else "reverse"
+    covered = min(figure["coverage_xy"], figure["coverage_yx"])
+    away = max(figure["bijectivity_x"], figure["bijectivity_y"])
+    parts = _of_parts(certificate)
     known = [
         (
             not bool(certificate.finite),
@@ -170,15 +127,15 @@ def findings(
             "--orientation any.",
         ),
         (
-            float(certificate.mirrored) > MIRRORED,
+            figure["mirrored"] > MIRRORED,
             "the mirror image fits far better; is one of them mirrored? try "
-            f"--orientation {_other(orientation)}",
+            f"--orientation {other}",
             "Left and right of one shape may be exchanged, as in a scan that was "
             "mirrored, or of a left bone and a right one. Then match again with "
-            f"--orientation {_other(orientation)}.",
+            f"--orientation {other}.",
         ),
         (
-            float(certificate.rivals) > 0,
+            figure["rivals"] > 0,
             f"several maps fit equally well: {_number(certificate)} that differ were "
             "found, and there may be more; a landmark decides",
             "The shape has rotations, or parts that are alike. See the candidates, and "
@@ -186,9 +143,10 @@ def findings(
             "know (--landmarks) say which map is meant.",
         ),
         (
-            float(certificate.spectrum_gap) > UNLIKE,
+            figure["spectrum_gap"] > UNLIKE,
             "the shapes are of different kinds, and the confidence was fitted to "
-            f"others: eigenvalues differ by a factor of {_factor(certificate):.1f}",
+            "others: eigenvalues differ by a factor of "
+            f"{np.exp(figure['spectrum_gap']):.1f}",
             "See whether both files are what you think, and whether one shape is a "
             "part of the other (--partial). Landmarks at all ends may help.",
         ),
@@ -200,21 +158,21 @@ def findings(
             "decides (--landmarks); so do faces.",
         ),
         (
-            likely < DOUBTFUL and not _of_parts(certificate),
+            likely < DOUBTFUL and not parts,
             f"{verdict(likely)}, confidence {likely:.0%}: look at the picture; "
             "landmarks at hands, feet and head decide",
             "See whether a candidate looks right where the map does not. Then give "
             "landmarks at the ends: hands, feet, head (--landmarks).",
         ),
         (
-            likely < DOUBTFUL and _of_parts(certificate),
+            likely < DOUBTFUL and parts,
             f"the region is {verdict(likely)}, confidence {likely:.0%}: look at the "
             "picture; landmarks decide",
             "See whether what is grey on Y is what X lacks. Then give landmarks that "
             "both shapes have (--landmarks).",
         ),
         (
-            np.isnan(likely) and _of_parts(certificate),
+            np.isnan(likely) and parts,
             "how likely the region is right is not known where units may differ: look "
             "at the picture; landmarks, or one unit, decide",
             "See whether what is grey on Y is what X lacks. Give both shapes in one "
@@ -222,9 +180,9 @@ def findings(
         ),
         (
             # Where several fit equally well that is said already.
-            float(certificate.share) < MIN_SHARE and not certificate.rivals > 0,
+            figure["share"] < MIN_SHARE and not figure["rivals"] > 0,
             f"another map that differs fits as well or better (share "
-            f"{float(certificate.share):.0%}); landmarks decide",
+            f"{figure['share']:.0%}); landmarks decide",
             "Look at the maps of `jfsf.alternatives`, and give landmarks where they "
             "differ (--landmarks).",
         ),
@@ -240,38 +198,35 @@ def findings(
             "Colour by there and back to see where, and trust the rest.",
         ),
         (
-            float(certificate.recall) < MIN_RECALL,
-            f"the last search found {float(certificate.recall):.0%} of the nearest "
+            figure["recall"] < MIN_RECALL,
+            f"the last search found {figure['recall']:.0%} of the nearest "
             "neighbours: the map may be uneven",
             "Search among more tiles (`NeighbourSettings.tiles`).",
         ),
         (
-            bool(certificate.empty),
-            f"{_counted(int(certificate.empty), 'vertex', 'vertices')} got no mass",
+            figure["empty"] > 0,
+            f"{figure['empty']:.0f} {'vertices' if figure['empty'] > 1 else 'vertex'} "
+            "got no mass",
             "A few do no harm. Many: remesh the shapes more evenly.",
         ),
     ]
     doubts = [Finding(why, advice) for wrong, why, advice in known if wrong]
     for row in np.flatnonzero(np.asarray(certificate.landmarks) > MISSED):
         name = landmarks[int(row)] if row < len(landmarks) else ""
-        known = f" ({name})" if name else ""
-        why = f"landmark {row + 1}{known} ends far from its partner: check that row"
+        named = f" ({name})" if name else ""
+        why = f"landmark {row + 1}{named} ends far from its partner: check that row"
         advice = "Either the row is wrong, or the map is. Try without it."
         doubts.append(Finding(why, advice))
     return doubts
 
 
-def _other(orientation: str) -> str:
-    return "preserve" if orientation == "reverse" else "reverse"
+def _numbers(certificate: Certificate) -> dict[str, float]:
+    return {name: float(value) for name, value in certificate.figures().items()}
 
 
 def _number(certificate: Certificate) -> int:
     """All maps that fit equally well, the one at hand included."""
     return 1 + int(np.nan_to_num(float(certificate.rivals)))
-
-
-def _factor(certificate: Certificate) -> float:
-    return float(np.exp(float(certificate.spectrum_gap)))
 
 
 def warnings_of(
@@ -282,8 +237,8 @@ def warnings_of(
     Args:
         certificate, orientation, landmarks: as `findings`.
     """
-    found = findings(certificate, orientation, landmarks=landmarks)
-    return [finding.why for finding in found]
+    doubts = findings(certificate, orientation, landmarks=landmarks)
+    return [finding.why for finding in doubts]
 
 
 def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str]:
@@ -293,7 +248,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         certificate: of one map.
         info: of its match, for a sentence on the starts that were attempted.
     """
-    figure = {name: float(value) for name, value in certificate.figures().items()}
+    figure = _numbers(certificate)
     sentences = []
     score = figure["orientation"]
     if np.isnan(score):
@@ -327,7 +282,11 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
             "map stands among others where these were tried."
         )
     if not np.isnan(share := figure["share"]):
-        sentences.append(_standing(share))
+        other = "none fits" if share >= LARGE_SHARE else "another one fits"
+        how = "nearly as well" if share >= MIN_SHARE else "as well or better"
+        sentences.append(
+            f"Of the other maps that were tried {other} {how} (share {share:.0%})."
+        )
     if figure["rivals"] > 0:
         number = _number(certificate)
         sentences.append(f"It is one of {number} maps that fit equally well.")
@@ -360,23 +319,9 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     return sentences
 
 
-def _counted(number: int, one: str, many: str) -> str:
-    return f"{number} {one if number == 1 else many}"
-
-
 def _of_parts(certificate: Certificate) -> bool:
     """Whether it is of a region that two shapes share."""
     return not np.isnan(float(certificate.region_cost))
-
-
-def _standing(share: float) -> str:
-    """A sentence on how a map stands among others, which counts for the confidence."""
-    among = f"(share {share:.0%})"
-    if share >= LARGE_SHARE:
-        return f"Of the other maps that were tried none fits nearly as well {among}."
-    if share >= MIN_SHARE:
-        return f"Another map that differs fits nearly as well {among}."
-    return f"Another map that differs fits as well or better {among}."
 
 
 def attempts(info: MatchInfo) -> str:

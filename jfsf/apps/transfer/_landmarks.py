@@ -20,8 +20,8 @@ def landmarks(laid: Laid, landmarks_y: Landmarks) -> Landmarks:
 
     Returns:
         Points on X, in its coordinates, with the names and the order of the landmarks.
-        The system is that of Y: both meshes are taken to have the same axes. `said`
-        names those where Y has a surface and X has none.
+        The system is that of the landmarks: both meshes are taken to have the same
+        axes. `said` names those where Y has a surface and X has none.
 
     Raises:
         ValueError: as `jfsf.apps.landmarks.on_surface`; or a landmark on a piece of Y
@@ -41,12 +41,14 @@ def landmarks(laid: Laid, landmarks_y: Landmarks) -> Landmarks:
     found = nearest(target(x), at_y, normals)
     vertices = np.asarray(laid.mesh_x.vertices, np.float64)
     on_x = np.einsum("lc,lcd->ld", found.weights, vertices[found.corners])
-    said = [*landmarks_y.said, *at.said]
+    said = [*landmarks_y.said]
     unknown = np.flatnonzero(~laid.known_x[found.corners].all(1))
     if len(unknown):
         names = _named(landmarks_y, unknown)
         said.append(f"{len(unknown)} lie where the map counts for nothing: {names}")
-    return Landmarks(tuple(landmarks_y.names), on_x, None, at.system, tuple(said))
+    return Landmarks(
+        tuple(landmarks_y.names), on_x, None, landmarks_y.system, tuple(said)
+    )
 
 
 def _named(landmarks: Landmarks, rows: np.ndarray) -> list[str]:

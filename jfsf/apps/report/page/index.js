@@ -14,7 +14,7 @@ function element(tag, text, name) {
 
 byId("title").textContent = record.title;
 byId("counts").textContent = record.counts;
-for (const pair of record.pairs) byId("pairs").append(rowOf(pair));
+for (const row of record.rows) byId("pairs").append(rowOf(row));
 byId("filter").oninput = () => {
   const wanted = byId("filter").value.toLowerCase();
   for (const row of byId("pairs").children) {
@@ -26,7 +26,7 @@ document.body.dataset.ready = "yes";
 
 function rowOf(pair) {
   const row = element("li");
-  const name = pair.name ?? `${pair.x} → ${pair.y}`;
+  const { name } = pair;
   row.dataset.name = name.toLowerCase();
   const link = (content) => {
     if (!pair.page) return content;
@@ -38,7 +38,7 @@ function rowOf(pair) {
   if (pair.picture) {
     const image = element("img");
     image.src = pair.picture;
-    image.alt = pair.name ?? `${pair.x} in the colours of ${pair.y}`;
+    image.alt = name;
     image.loading = "lazy";
     row.append(link(image));
   } else {

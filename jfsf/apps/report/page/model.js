@@ -2,14 +2,14 @@
 
 // Shows the mean of a shape model, moved along its modes by sliders; after viewer.js.
 
-const state = { model: 0, scores: [], mode: "colours" };
+const state = { scores: record.modes.map(() => 0), mode: "colours" };
 
 byId("title").textContent = record.title;
 byId("counts").textContent = record.counts;
-byId("warning").hidden = !record.warning;
-byId("warning").textContent = record.warning ?? "";
-record.models.forEach(({ kind }) => byId("kind").append(element("option", kind)));
-byId("kind-label").hidden = record.models.length < 2;
+const few = record.shape.n < record.vertices;
+byId("label-x").textContent = few ? `${record.shape.n.toLocaleString("en")} vertices shown` : "";
+fillTable("variance", record.rows);
+byId("sliders").append(...record.modes.map((_, k) => sliderOf(k)));
 for (const name of ["mean", ...record.names]) byId("shape").append(element("option", name));
 
 let show = () => {};
@@ -20,10 +20,9 @@ try {
   console.warn(`no viewer: ${error.message}`);
   showPicture();
 }
-byId("kind").onchange = () => choose(byId("kind").selectedIndex);
 byId("shape").onchange = () => {
   const row = byId("shape").selectedIndex - 1;
-  setScores(row < 0 ? [] : record.models[state.model].scores[row]);
+  setScores(row < 0 ? [] : record.scores[row]);
 };
 byId("mean").onclick = () => {
   byId("shape").selectedIndex = 0;
@@ -33,26 +32,12 @@ byId("random").onclick = () => {
   byId("shape").selectedIndex = -1;
   setScores(state.scores.map(normal));
 };
-choose(0);
+sayScores();
 document.body.dataset.ready = "yes";
 
 // Of the standard normal distribution (Box and Muller).
 function normal() {
   return Math.sqrt(-2 * Math.log(1 - Math.random())) * Math.cos(2 * Math.PI * Math.random());
-}
-
-function choose(index) {
-  const model = record.models[index];
-  state.model = index;
-  state.scores = model.modes.map(() => 0);
-  byId("about").textContent = model.about;
-  byId("shape").selectedIndex = 0;
-  const shown = model.shape.n < model.vertices ? `, ${model.shape.n.toLocaleString("en")} vertices shown` : "";
-  byId("label-x").textContent = `modes of ${model.kind}${shown}`;
-  byId("variance").replaceChildren();
-  fillTable("variance", model.rows);
-  byId("sliders").replaceChildren(...model.modes.map((_, k) => sliderOf(k)));
-  show(true);
 }
 
 function sliderOf(k) {
@@ -86,7 +71,7 @@ function sayScores() {
 
 function showPicture() {
   const image = element("img");
-  image.src = record.models[0].picture;
+  image.src = record.picture;
   image.alt = "The mean shape";
   byId("pane-x").replaceChildren(image, byId("label-x"));
   for (const row of document.querySelectorAll(".viewer .tools, .viewer .hint, #sliders")) row.hidden = true;
@@ -96,46 +81,29 @@ function showPicture() {
 
 // ---------------------------------------------------------------- the viewer
 
-// Returns what draws the state; the view is reset for another model.
+// Returns what draws the state.
 function startViewer() {
   const ramp = unpacked(record.ramp, Uint8Array);
-  const pane = makePane("x", record.models[0].shape);
-  const loaded = [];
-  let current = null;
+  const pane = makePane("x", record.shape);
+  const mean = pane.points.slice();
+  const colours = unpacked(record.colours, Uint8Array);
+  const modes = record.modes.map(({ unit, at }) => ({ unit, at: unpacked(at, Int16Array) }));
   modeButtons({ colours: "Colours", distance: "Distance from the mean" }, (mode) => {
     state.mode = mode;
     paint();
   });
   const stops = [0, 64, 128, 191, 255].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
   byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;
-  linkCameras({ x: pane }, record.models[0].turn, 1.2);
+  linkCameras({ x: pane }, record.turn, 1.2);
   byId("reset").onclick = () => linkCameras.reset();
   new ResizeObserver(() => resize(pane)).observe(byId("pane-x"));
 
-  function load(index) {
-    const { shape, colours, modes } = record.models[index];
-    loaded[index] ??= {
-      mean: Float32Array.from(unpacked(shape.points, Uint16Array), (q, i) => shape.low[i % 3] + q / 65535),
-      colours: unpacked(colours, Uint8Array),
-      modes: modes.map(({ unit, at }) => ({ unit, at: at.map((text) => unpacked(text, Int16Array)) })),
-    };
-    return loaded[index];
-  }
-
   function move() {
-    const { knots } = record.models[state.model];
     const { position } = pane.geometry.attributes;
-    position.array.set(current.mean);
-    current.modes.forEach(({ unit, at }, k) => {
-      const t = state.scores[k];
-      if (!t) return;
-      // Between two knots; beyond the last one as between the last two.
-      let i = 0;
-      while (i < knots.length - 2 && t > knots[i + 1]) i++;
-      const share = (t - knots[i]) / (knots[i + 1] - knots[i]);
-      const [low, high] = [(1 - share) * unit, share * unit];
-      const [before, after] = [at[i], at[i + 1]];
-      for (let j = 0; j < before.length; j++) position.array[j] += low * before[j] + high * after[j];
+    position.array.set(mean);
+    modes.forEach(({ unit, at }, k) => {
+      const share = (unit * state.scores[k]) / record.reach;
+      if (share) for (let j = 0; j < at.length; j++) position.array[j] += share * at[j];
     });
     position.needsUpdate = true;
     pane.geometry.computeVertexNormals();
@@ -145,7 +113,6 @@ function startViewer() {
 
   function paint() {
     const { color, position } = pane.geometry.attributes;
-    const { mean, colours } = current;
     const plain = state.mode === "colours";
     byId("scale").hidden = plain;
     let top = 0;
@@ -164,12 +131,6 @@ function startViewer() {
     redraw(pane);
   }
 
-  return (other = false) => {
-    if (other) {
-      current = load(state.model);
-      sayScores();
-    }
-    move();
-    if (other) linkCameras.reset();
-  };
+  move();
+  return move;
 }

@@ -54,8 +54,6 @@ function fillTexts() {
   byId("functional_map").src = record.pictures.functional_map;
   if (record.pictures.errors) byId("errors").src = record.pictures.errors;
   else byId("truth-card").remove();
-  if (record.pictures.reliability) byId("reliability").src = record.pictures.reliability;
-  else byId("reliability")?.remove();
   if (!record.candidates.length) byId("candidates-card").remove();
 }
 
