@@ -38,57 +38,24 @@ SUFFIXES = (".mrk.json", ".json", ".fcsv", ".pp", ".csv", ".tsv", ".txt")
 
 MARKUPS = """{
     "@schema": "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/Resources/Schema/markups-schema-v1.0.3.json#",
-    "markups": [
-        {
-            "type": "Fiducial",
-            "coordinateSystem": "LPS",
-            "coordinateUnits": "mm",
-            "locked": false,
-            "fixedNumberOfControlPoints": false,
-            "labelFormat": "%N-%d",
-            "lastUsedControlPointNumber": 3,
-            "controlPoints": [
-                {
-                    "id": "1",
-                    "label": "Nasion",
-                    "description": "",
-                    "associatedNodeID": "vtkMRMLScalarVolumeNode1",
-                    "position": [-53.388409961685827, -73.33572796934868, 0.0],
-                    "orientation": [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0],
-                    "selected": true,
-                    "locked": false,
-                    "visibility": true,
-                    "positionStatus": "defined"
-                },
-                {
-                    "id": "2",
-                    "label": "Gonion R",
-                    "description": "",
-                    "associatedNodeID": "",
-                    "position": "",
-                    "orientation": [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0],
-                    "selected": true,
-                    "locked": false,
-                    "visibility": true,
-                    "positionStatus": "undefined"
-                },
-                {
-                    "id": "3",
-                    "label": "\\u9f3b\\u5c16",
-                    "description": "",
-                    "associatedNodeID": "",
-                    "position": [49.8682950191571, -88.58955938697324, 1e-3],
-                    "orientation": [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0],
-                    "selected": true,
-                    "locked": false,
-                    "visibility": true,
-                    "positionStatus": "defined"
-                }
-            ],
-            "measurements": [],
-            "display": {"visibility": true, "opacity": 1.0, "glyphType": "Sphere3D"}
-        }
-    ]
+    "markups": [{
+        "type": "Fiducial", "coordinateSystem": "LPS", "coordinateUnits": "mm",
+        "locked": false, "labelFormat": "%N-%d", "lastUsedControlPointNumber": 3,
+        "controlPoints": [
+            {"id": "1", "label": "Nasion", "description": "",
+             "associatedNodeID": "vtkMRMLScalarVolumeNode1",
+             "position": [-53.388409961685827, -73.33572796934868, 0.0],
+             "orientation": [-1.0, -0.0, -0.0, -0.0, -1.0, -0.0, 0.0, 0.0, 1.0],
+             "selected": true, "locked": false, "positionStatus": "defined"},
+            {"id": "2", "label": "Gonion R", "description": "", "position": "",
+             "selected": true, "locked": false, "positionStatus": "undefined"},
+            {"id": "3", "label": "\\u9f3b\\u5c16", "description": "",
+             "position": [49.8682950191571, -88.58955938697324, 1e-3],
+             "selected": true, "locked": false, "positionStatus": "defined"}
+        ],
+        "measurements": [],
+        "display": {"visibility": true, "opacity": 1.0, "glyphType": "Sphere3D"}
+    }]
 }
 """  # noqa: E501
 COLUMNS = "# columns = id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"

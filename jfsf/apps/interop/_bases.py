@@ -146,7 +146,7 @@ def factors_of(evecs: ArrayLike, area: float) -> Float[np.ndarray, " k"]:
     return factors
 
 
-def checked_map(
+def checked_vertices(
     name: str, T: ArrayLike, n_from: int, n_to: int, base: int = 0
 ) -> Int[np.ndarray, " n"]:
     """A point map (n_from,) int32, 0-based, of indices below n_to from `base` on.

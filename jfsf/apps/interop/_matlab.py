@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
 
-from jfsf.apps.interop._bases import Bases, Correspondence, at_unit_area, checked_map
+from jfsf.apps.interop._bases import Bases, Correspondence, at_unit_area, checked_vertices
 from jfsf.apps.interop._structs import diagonal, matrix, shape_fields, struct
 from jfsf.apps.mapfiles import MapFileError, read_mat, write_mat
 from jfsf.mesh._values import check_values, checked_mesh
@@ -155,7 +155,7 @@ def to_matlab(
     T12 = C21 = None
     if T_xy is not None:
         sizes = len(shape_x.mesh.vertices), len(shape_y.mesh.vertices)
-        T12 = checked_map("to_matlab: T_xy", T_xy, *sizes)[:, None] + 1.0
+        T12 = checked_vertices("to_matlab: T_xy", T_xy, *sizes)[:, None] + 1.0
     if C_yx is not None:
         C21 = _bases("to_matlab", shape_x, shape_y).to_other(C_yx)
     return MatlabMaps(T12, C21)
@@ -181,7 +181,7 @@ def from_matlab(
     T_xy = C_yx = None
     if T12 is not None:
         sizes = len(shape_x.mesh.vertices), len(shape_y.mesh.vertices)
-        T_xy = checked_map("from_matlab: T12", T12, *sizes, base=1)
+        T_xy = checked_vertices("from_matlab: T12", T12, *sizes, base=1)
     if C21 is not None:
         C_yx = _bases("from_matlab", shape_x, shape_y).from_other(C21)
     return Correspondence(T_xy, C_yx)

@@ -22,7 +22,7 @@ from jfsf.apps.interop._bases import (
     Bases,
     Correspondence,
     at_unit_area,
-    checked_map,
+    checked_vertices,
     factors_of,
 )
 from jfsf.spectral import operators
@@ -64,7 +64,7 @@ def to_pyfm(
     p2p_21 = FM_12 = None
     sizes = _sizes("to_pyfm", mesh2, mesh1)
     if T_xy is not None:
-        p2p_21 = checked_map("to_pyfm: T_xy", T_xy, *sizes)
+        p2p_21 = checked_vertices("to_pyfm: T_xy", T_xy, *sizes)
     if C_yx is not None:
         FM_12 = _bases("to_pyfm", mesh1, mesh2).to_other(C_yx)
     return PyfmMaps(p2p_21, FM_12)
@@ -90,7 +90,7 @@ def from_pyfm(
     T_xy = C_yx = None
     sizes = _sizes("from_pyfm", mesh2, mesh1)
     if p2p_21 is not None:
-        T_xy = checked_map("from_pyfm: p2p_21", p2p_21, *sizes)
+        T_xy = checked_vertices("from_pyfm: p2p_21", p2p_21, *sizes)
     if FM_12 is not None:
         C_yx = _bases("from_pyfm", mesh1, mesh2).from_other(FM_12)
     return Correspondence(T_xy, C_yx)
