@@ -62,14 +62,14 @@ def build(folder: Path) -> None:
 
 def modules() -> list[str]:
     """Dotted names of the parts of the package that can be imported here."""
-    found: list[str] = []
+    names: list[str] = []
     for name in _PART.findall(jfsf.__doc__ or ""):
         try:
             import_module(f"jfsf.{name}")
         except ImportError:  # `jfsf.testing` needs an extra
             continue
-        found.append(f"jfsf.{name}")
-    return found
+        names.append(f"jfsf.{name}")
+    return names
 
 
 def linked(docstring: str, module: str) -> str:
