@@ -128,8 +128,8 @@ def glb_bytes(
             normals = vertex_normals(shape.vertices, shape.faces)
         # A vertex without a normal, as of no face, looks to +z.
         some = np.any(normals, axis=1, keepdims=True)
-        normals = np.where(some, normals, [0, 0, 1]).astype("<f4")
-        attributes["NORMAL"] = buffer.add(normals, "VEC3")
+        looking = np.where(some, np.asarray(normals), [0, 0, 1]).astype("<f4")
+        attributes["NORMAL"] = buffer.add(looking, "VEC3")
         corners = shape.faces.astype("<u4").ravel()
         part |= {"mode": _TRIANGLES, "indices": buffer.add(corners, "SCALAR")}
     if shape.colours is not None:

@@ -54,7 +54,7 @@ def read_markups(text: str, path: object) -> Landmarks:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: is not JSON ({error}); save it again") from None
-    lists = tree.get("markups") if isinstance(tree, dict) else None
+    lists: Any = tree.get("markups") if isinstance(tree, dict) else None
     if not _is_list_of_dicts(lists):
         raise ValueError(
             f"{path}: has no list of markups; save the points as .mrk.json in Slicer"
