@@ -1,6 +1,6 @@
 """JAX Fast Sinkhorn Filters: maps between non-rigid 3D shapes.
 
-New here? Begin with `jfsf.apps.guide.start`; `jfsf.apps.guide` lists all guides.
+New here? Begin with `jfsf/apps/guide/start.md`; `jfsf.apps.guide` lists all guides.
 
 `match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
 folders are its parts, in the order in which data goes through them. A file imports

@@ -87,7 +87,7 @@ def test_scores_count_what_people_would_regret(script):
 
 
 def test_the_shipped_constants_of_vertices_are_the_scripts(vertices):
-    results = sorted(FOLDER.glob(vertices.RESULTS))
+    results = sorted((FOLDER / "results").glob(vertices.RESULTS))
     assert vertices.text_of(results) == vertices.CONSTANTS.read_text()
 
 
@@ -120,7 +120,7 @@ def test_a_fit_of_vertices_recovers_factors_and_ignores_what_speaks_against_sens
 
 
 def test_vertices_are_written_as_text_and_read(vertices):
-    rows = import_module("vertex_rows")
+    rows = import_module("experiments.accuracy.vertex_rows")
     rng = np.random.default_rng(0)
     evidence = rng.normal(size=(50, len(VERTEX_EVIDENCE)))
     at = rows.chosen(50)

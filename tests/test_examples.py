@@ -71,6 +71,7 @@ def test_a_page_runs(page, folder):
         assert float(done.stdout) < 0.06
 
 
+@pytest.mark.filterwarnings("ignore:JAXopt is no longer")  # ott imports it
 @pytest.mark.parametrize("page", PROGRAMS)
 def test_what_a_page_imports_is_there(page):
     for node in ast.walk(ast.parse(PROGRAMS[page])):

@@ -190,30 +190,24 @@ def test_normals_are_those_of_the_faces(exported):
     assert ((found.vertex_normals[X.faces[:, 0]] * normals).sum(1) > 0).mean() > 0.98
 
 
-def test_the_confidence_is_an_attribute_of_the_vertices(tmp_path):
-    likely = np.random.default_rng(1).uniform(size=N_X).astype("f4")
+def test_values_are_attributes_of_the_vertices(tmp_path):
+    values = dict(zip(("confidence", "membership"), np.eye(2, N_X) + 0.5, strict=True))
     for suffix in (".ply", ".glb", ".obj"):
         path = tmp_path / f"x{suffix}"
-        export_map(path, X, Y, T_XY, confidence=likely)
+        export_map(path, X, Y, T_XY, values=values)
         np.testing.assert_array_equal(read(path).faces, X.faces)
-    found = meshio.read(tmp_path / "x.ply").point_data["confidence"]
-    np.testing.assert_array_equal(found, likely)
-    gltf, blob = gltf_of(tmp_path / "x.glb")
-    accessor = gltf.accessors[gltf.meshes[0].primitives[0].attributes._CONFIDENCE]
-    start = gltf.bufferViews[accessor.bufferView].byteOffset
-    assert accessor.type == "SCALAR" and accessor.count == N_X
-    np.testing.assert_array_equal(np.frombuffer(blob, "<f4", N_X, start), likely)
-    for bad in (likely[1:], likely + 1, np.full(N_X, np.nan)):
-        with pytest.raises(ValueError, match="export_mesh: confidence"):
-            export_mesh(tmp_path / "bad.ply", X, confidence=bad)
-
-
-def test_the_membership_is_an_attribute_of_the_vertices(tmp_path):
-    own = np.random.default_rng(1).uniform(size=N_X).astype("f4")
-    export_map(tmp_path / "x.ply", X, Y, T_XY, membership=own)
     found = meshio.read(tmp_path / "x.ply").point_data
-    np.testing.assert_array_equal(found["membership"], own)
-    assert "confidence" not in found
+    gltf, blob = gltf_of(tmp_path / "x.glb")
+    for name, wanted in values.items():
+        np.testing.assert_array_equal(found[name], wanted)
+        attributes = gltf.meshes[0].primitives[0].attributes
+        accessor = gltf.accessors[getattr(attributes, f"_{name.upper()}")]
+        start = gltf.bufferViews[accessor.bufferView].byteOffset
+        assert accessor.type == "SCALAR" and accessor.count == N_X
+        np.testing.assert_array_equal(np.frombuffer(blob, "<f4", N_X, start), wanted)
+    for bad in (np.ones(N_X - 1), np.full(N_X, np.nan)):
+        with pytest.raises(ValueError, match="export_mesh: confidence"):
+            export_mesh(tmp_path / "bad.ply", X, values={"confidence": bad})
 
 
 def test_own_texture_coordinates_are_carried(tmp_path):

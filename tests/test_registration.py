@@ -345,7 +345,7 @@ def test_the_command_refuses_in_one_line(folder, change, words):
 
 
 def test_values_of_a_vertex_have_names_of_their_own(tmp_path):
-    for name in ("x", "Height", "confidence", ""):
+    for name in ("x", "Height", "rgb", ""):
         with pytest.raises(ValueError, match="take another name"):
             export_mesh(tmp_path / "a.ply", TEMPLATE, values={name: np.zeros(N)})
     with pytest.raises(ValueError, match="height"):

@@ -25,8 +25,10 @@ def listed(package: Path) -> list[str]:
 
 
 def modules(package: Path) -> set[str]:
-    """Modules and packages in a folder."""
+    """Modules, packages and guides in a folder."""
     files = {p.stem for p in package.glob("*.py")} - {"__init__", "__main__"}
+    if package.name == "guide":
+        files |= {p.stem for p in package.glob("*.md")}
     return files | {p.parent.name for p in package.glob("*/__init__.py")}
 
 

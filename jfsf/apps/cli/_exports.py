@@ -123,6 +123,8 @@ def export(
         colours = vertex_colours(file_y)
         if colours is not None and y.index is not None:
             colours = colours[np.asarray(y.index)]
+    values = {"confidence": found.confidence, "membership": found.membership}
+    values = {name: rows for name, rows in values.items() if rows is not None}
     for path in paths:
         export_map(
             path,
@@ -131,10 +133,9 @@ def export(
             found.T_xy,
             up=looks.up,
             checker=looks.checker,
-            confidence=found.confidence,
             matched_x=found.matched_x,
-            membership=found.membership,
             colours_y=colours,
+            values=values,
         )
     if colours is None:
         return []

@@ -36,10 +36,9 @@ def export_map(
     up: Up = "y",
     checker: bool = False,
     uv_y: Float[ArrayLike, "n_y 2"] | None = None,
-    confidence: Float[ArrayLike, " n_x"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
     colours_y: Float[ArrayLike, "n_y 3"] | None = None,
-    membership: Float[ArrayLike, " n_x"] | None = None,
+    values: Mapping[str, ArrayLike] | None = None,
 ) -> None:
     """Write X with the colours of Y through the map from X to Y.
 
@@ -58,13 +57,12 @@ def export_map(
             multiply it with the colours, or show it alone.
         uv_y: texture coordinates of Y for it; by default a projection from the front,
             with `TILES` squares along the longer side.
-        confidence: of each vertex of X, `Match.confidence_x`; see `export_mesh`.
         matched_x: of a match of parts, `Match.matched_x`; all other vertices are grey.
         colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
             (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
             place.
-        membership: of each vertex of X, `Match.membership_x` of a match of parts;
-            written under this name, for other programs to read.
+        values: numbers (n_x,) by name, such as `Match.confidence_x` as "confidence" and
+            `Match.membership_x` as "membership"; see `export_mesh`.
 
     Raises:
         ValueError: T_xy is no map from X to Y; or as `export_mesh`.
@@ -95,10 +93,7 @@ def export_map(
                 f"export_map: Y has {n_y} vertices, uv_y has shape {np.shape(uv_y)}"
             )
         uv = pull_back(uv_y, T_xy)
-    values = None if membership is None else {"membership": membership}
-    export_mesh(
-        path, mesh_x, colours=colours, uv=uv, confidence=confidence, values=values
-    )
+    export_mesh(path, mesh_x, colours=colours, uv=uv, values=values)
 
 
 def export_mesh(
@@ -107,7 +102,6 @@ def export_mesh(
     *,
     colours: Float[ArrayLike, "n 3"] | None = None,
     uv: Float[ArrayLike, "n 2"] | None = None,
-    confidence: Float[ArrayLike, " n"] | None = None,
     values: Mapping[str, ArrayLike] | None = None,
 ) -> None:
     """Write a mesh with colours or a checker on it; vertex i stays vertex i.
@@ -122,14 +116,14 @@ def export_mesh(
         colours: sRGB in [0, 1].
         uv: texture coordinates, u to the right and v up, for a checker of two by two
             squares that repeats at whole numbers. Not for PLY.
-        confidence: in [0, 1], for other programs to read: the vertex property
-            `confidence` of PLY, the attribute `_CONFIDENCE` of GLB. OBJ has no
-            attributes, so there it is left out.
         values: other numbers, (n,) each, by names of lower case letters, for other
-            programs to read. MeshLab shows `quality` of a PLY in colours.
+            programs to read: vertex properties of PLY, attributes such as `_CONFIDENCE`
+            of GLB. OBJ has no attributes, so there they are left out. Programs know
+            `confidence` of a PLY, as scanners write it, and MeshLab shows `quality` in
+            colours.
 
     Raises:
-        ValueError: another suffix; colours, uv, confidence or values that are not one
+        ValueError: another suffix; colours, uv or values that are not one
             row a vertex; uv of PLY or of a point cloud; a value with a name that the
             formats use.
         MeshError: no mesh.
@@ -137,7 +131,7 @@ def export_mesh(
     """
     path = Path(path)
     check_path(path, checker=uv is not None)
-    shape = painted(mesh, colours, uv, confidence, values)
+    shape = painted(mesh, colours, uv, values)
     texture = None if uv is None else checker_png()
     suffix = path.suffix.lower()
     if suffix == ".ply":

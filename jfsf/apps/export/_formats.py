@@ -124,11 +124,11 @@ def glb_bytes(
     attributes = {"POSITION": buffer.add(points, "VEC3", **limits)}
     part: dict = {"attributes": attributes, "mode": _POINTS, "material": 0}
     if len(shape.faces):
-        found = vertex_normals(shape.vertices, shape.faces)
-        looking = found if normals is None else normals
+        if normals is None:
+            normals = vertex_normals(shape.vertices, shape.faces)
         # A vertex without a normal, as of no face, looks to +z.
-        some = np.any(looking, axis=1, keepdims=True)
-        looking = np.where(some, looking, [0, 0, 1]).astype("<f4")
+        some = np.any(normals, axis=1, keepdims=True)
+        looking = np.where(some, np.asarray(normals), [0, 0, 1]).astype("<f4")
         attributes["NORMAL"] = buffer.add(looking, "VEC3")
         corners = shape.faces.astype("<u4").ravel()
         part |= {"mode": _TRIANGLES, "indices": buffer.add(corners, "SCALAR")}
@@ -141,8 +141,8 @@ def glb_bytes(
         # v points down in glTF.
         down = (shape.uv * [1, -1] + [0, 1]).astype("<f4")
         attributes["TEXCOORD_0"] = buffer.add(down, "VEC2")
-    for own, values in shape.values.items():
-        attributes[f"_{own.upper()}"] = buffer.add(values.astype("<f4"), "SCALAR")
+    for label, values in shape.values.items():
+        attributes[f"_{label.upper()}"] = buffer.add(values.astype("<f4"), "SCALAR")
 
     surface: dict = {"metallicFactor": 0, "roughnessFactor": 0.8}
     scene = {

@@ -17,7 +17,7 @@ class Painted(NamedTuple):
     faces: (m, 3) int32.
     colours: (n, 3) sRGB in [0, 1], or None.
     uv: (n, 2), u to the right and v up, the texture repeats at whole numbers; or None.
-    values: (n,) each, by name; the confidence is one of them.
+    values: (n,) each, by name, such as the confidence.
     """
 
     vertices: np.ndarray
@@ -29,47 +29,46 @@ class Painted(NamedTuple):
 
 NAME = re.compile("[a-z][a-z_]*")
 # Those of a vertex that mean something else.
-TAKEN = set("x y z nx ny nz xyz red green blue alpha rgb confidence".split())
+TAKEN = set("x y z nx ny nz xyz red green blue alpha rgb".split())
 
 
 def painted(
     mesh: Mesh,
     colours: ArrayLike | None,
     uv: ArrayLike | None,
-    confidence: ArrayLike | None = None,
-    values: Mapping[str, ArrayLike] | None = None,
+    values: Mapping[str, ArrayLike] | None,
 ) -> Painted:
     """Check a mesh and what is painted on it.
 
     Raises:
-        ValueError: these are not one row a vertex, or not finite, or colours or the
-            confidence are outside [0, 1]; texture coordinates without faces; a value
-            of another name than `NAME`, or of a `TAKEN` one.
+        ValueError: these are not one row a vertex, or not finite, or colours are
+            outside [0, 1]; texture coordinates without faces; a value of another name
+            than `NAME`, or of a `TAKEN` one.
         MeshError: no mesh.
     """
     vertices, faces = checked_mesh(mesh, "export_mesh")
     n = len(vertices)
     if colours is not None:
         colours = _rows("colours", colours, (n, 3))
-        _check_range("colours", colours, "sRGB")
+        if colours.min() < 0 or colours.max() > 1:
+            raise ValueError(
+                f"export_mesh: colours run from {colours.min():g} to "
+                f"{colours.max():g}; pass sRGB in [0, 1]"
+            )
     if uv is not None:
         uv = _rows("uv", uv, (n, 2))
         if not len(faces):
             raise ValueError("export_mesh: a point cloud has no texture; leave out uv")
-    given = dict(values or {})
-    for name in given:
+    values = dict(values or {})
+    for name in values:
         if not NAME.fullmatch(name) or name in TAKEN:
             raise ValueError(
                 f"export_mesh: a value is named {name!r}; take another name, of the "
                 "letters a to z and _"
             )
-    if confidence is not None:
-        given = {"confidence": confidence} | given
-    given = {name: _rows(name, rows, (n,)) for name, rows in given.items()}
-    if confidence is not None:
-        _check_range("confidence", given["confidence"], "probabilities")
+    rows = {name: _rows(name, row, (n,)) for name, row in values.items()}
     faces = faces.astype(np.int32)
-    return Painted(vertices.astype(np.float64), faces, colours, uv, given)
+    return Painted(vertices.astype(np.float64), faces, colours, uv, rows)
 
 
 def _rows(name, values, shape):
@@ -85,11 +84,3 @@ def _rows(name, values, shape):
             f"export_mesh: {name} at vertex {at}: {values[at]}; pass finite numbers"
         )
     return values
-
-
-def _check_range(name, values, kind):
-    if values.min() < 0 or values.max() > 1:
-        raise ValueError(
-            f"export_mesh: {name} run from {values.min():g} to {values.max():g}; pass "
-            f"{kind} in [0, 1]"
-        )

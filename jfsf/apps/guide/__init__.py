@@ -1,7 +1,7 @@
 """The guides of the manual, a page each.
 
-They are Markdown files in this folder; `python -m jfsf.apps.guide FOLDER` builds them,
-with the pages of the whole package, as HTML. Begin with `jfsf.apps.guide.start`:
+They are the Markdown files in this folder, NAME.md; `python -m jfsf.apps.guide FOLDER`
+builds them, with the pages of the whole package, as HTML. Begin with the first:
 
 - `start`: from two meshes to a map that has been looked at
 - `method`: notation, the direction of every map, the search and the certificate
@@ -22,45 +22,3 @@ with the pages of the whole package, as HTML. Begin with `jfsf.apps.guide.start`
 - `moving`: from pyFM, MATLAB and others, with a table of equivalents
 - `troubleshooting`: by symptom
 """
-
-from jfsf.apps.guide import (
-    batches,
-    collections,
-    far,
-    gpus,
-    gradients,
-    landmarks,
-    large,
-    meshes,
-    method,
-    models,
-    moving,
-    parts,
-    programs,
-    registration,
-    stages,
-    start,
-    transfer,
-    troubleshooting,
-)
-
-__all__ = [
-    "start",
-    "method",
-    "meshes",
-    "landmarks",
-    "programs",
-    "parts",
-    "registration",
-    "transfer",
-    "far",
-    "large",
-    "batches",
-    "collections",
-    "models",
-    "gpus",
-    "stages",
-    "gradients",
-    "moving",
-    "troubleshooting",
-]

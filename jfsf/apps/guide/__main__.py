@@ -10,6 +10,7 @@ import re
 import sys
 from importlib import import_module
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import jfsf
@@ -46,24 +47,34 @@ def build(folder: Path) -> None:
     env: Any = render.env
     env.filters["to_markdown"] = to_markdown
     render.configure(docformat="google", math=True)
-    pdoc("jfsf", *modules(), output_directory=folder)
+    guide = import_module("jfsf.apps.guide")
+    names = _PART.findall(guide.__doc__ or "")
+    with TemporaryDirectory() as stubs:
+        # pdoc has a page for each module: one that includes the file.
+        for name in names:
+            page = Path(__file__).with_name(f"{name}.md").as_posix()
+            stub = Path(stubs, f"{name}.py")
+            stub.write_text(f'""".. include:: {page}"""\n', encoding="utf-8")
+        guide.__path__.append(stubs)
+        vars(guide)["__all__"] = names  # in this order
+        pdoc("jfsf", *modules(), output_directory=folder)
 
 
 def modules() -> list[str]:
     """Dotted names of the parts of the package that can be imported here."""
-    found: list[str] = []
+    names: list[str] = []
     for name in _PART.findall(jfsf.__doc__ or ""):
         try:
             import_module(f"jfsf.{name}")
         except ImportError:  # `jfsf.testing` needs an extra
             continue
-        found.append(f"jfsf.{name}")
-    return found
+        names.append(f"jfsf.{name}")
+    return names
 
 
 def linked(docstring: str, module: str) -> str:
     """A docstring whose parts are full names, which pdoc links, and fields a list."""
-    if module in ("jfsf", "jfsf.apps.guide"):
+    if module in ("jfsf", "jfsf.apps", "jfsf.apps.guide"):
         docstring = _PART.sub(rf"- `{module}.\1`: ", docstring)
     return _FIELD.sub(r"- **`\1`**: ", docstring)
 

@@ -91,8 +91,8 @@ def read_matlab(path: str | Path, *, key: str | None = None) -> MatlabShape:
     if "evecs" not in fields:
         return MatlabShape(mesh, None, None)
     evals, mass = (diagonal(where, fields, name) for name in ("evals", "A"))
-    found = at_unit_area(where, mesh, evals, matrix(where, fields, "evecs"), mass)
-    return MatlabShape(mesh, *found)
+    evecs = matrix(where, fields, "evecs")
+    return MatlabShape(mesh, *at_unit_area(where, mesh, evals, evecs, mass))
 
 
 def write_matlab(
@@ -202,9 +202,9 @@ def _in_own_unit(mesh, spectrum):
             f"{(mass <= 0).sum()} of them padding; pass the spectrum of this mesh"
         )
     # The area that the spectrum was scaled from is not in it, but the unit is.
-    own, unit = (p - p.mean(0) for p in (mesh.vertices, unit_points))
-    length = np.linalg.norm(own) / np.linalg.norm(unit)
-    if np.abs(own - length * unit).max() > 1e-4 * np.abs(own).max():
+    points, unit = (p - p.mean(0) for p in (mesh.vertices, unit_points))
+    length = np.linalg.norm(points) / np.linalg.norm(unit)
+    if np.abs(points - length * unit).max() > 1e-4 * np.abs(points).max():
         raise ValueError(
             "write_matlab: the spectrum's vertices are not those of the mesh; pass the "
             "spectrum of this mesh, in its order. Of a noisy mesh `jfsf.basis` is that "

@@ -138,8 +138,8 @@ def spectrum_from_pyfm(mesh: AnyTriMesh) -> Spectrum:
     name = "spectrum_from_pyfm"
     mass = _lumped(name, mesh)
     faces = np.zeros((0, 3), np.int32) if mesh.faces is None else mesh.faces
-    own = Mesh(np.array(mesh.vertices, np.float64), np.array(faces, np.int32))
-    return at_unit_area(name, own, mesh.eigenvalues, mesh.eigenvectors, mass).spectrum
+    copy = Mesh(np.array(mesh.vertices, np.float64), np.array(faces, np.int32))
+    return at_unit_area(name, copy, mesh.eigenvalues, mesh.eigenvectors, mass).spectrum
 
 
 def _sizes(name, *meshes):

@@ -68,14 +68,14 @@ def diagonal(where: str, fields: Fields, name: str) -> np.ndarray:
     value = _field(where, fields, name)
     if not sp.issparse(value) and 1 in value.shape:
         return matrix(where, fields, name).ravel()
-    found = value.diagonal()
+    entries = value.diagonal()
     square = value.shape[0] == value.shape[1]
-    if not square or abs(value - sp.diags_array(found)).max() > 0:
+    if not square or abs(value - sp.diags_array(entries)).max() > 0:
         raise MapFileError(
             f"{where}: {name} {value.shape} is not diagonal; save a diagonal matrix "
             "or a full vector (lumped areas)"
         )
-    return found.astype(np.float64)
+    return entries.astype(np.float64)
 
 
 def _field(where, fields, name) -> Any:

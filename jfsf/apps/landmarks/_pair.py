@@ -51,8 +51,8 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
         rows = np.array(common, np.int64)
         names = tuple(landmarks_x.names[i] for i in rows[:, 0])
         said = [f"{len(rows)} paired by name: {', '.join(names)}"]
-        for side, found, paired in (("X", x, rows[:, 0]), ("Y", y, rows[:, 1])):
-            alone = [found[i] for i in np.setdiff1d(np.arange(len(found)), paired)]
+        for side, names_of, paired in (("X", x, rows[:, 0]), ("Y", y, rows[:, 1])):
+            alone = [name for i, name in enumerate(names_of) if i not in paired]
             if alone:
                 said.append(f"without a partner, of {side}: {_listed(alone)}")
         return Pairing(rows, names, said)
@@ -61,8 +61,8 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
         said = [f"{len(x)} paired by their order in the files"]
         return Pairing(rows, landmarks_x.names, said)
     if not unique:
-        side, found = ("X", x) if len(set(_named(x))) < len(_named(x)) else ("Y", y)
-        twice = sorted({name for name in found if name and found.count(name) > 1})
+        side, names = ("X", x) if len(set(_named(x))) < len(_named(x)) else ("Y", y)
+        twice = sorted({name for name in names if name and names.count(name) > 1})
         raise ValueError(
             f"landmarks of {side} have the same name: {_listed(twice)}; give each "
             "a name of its own"

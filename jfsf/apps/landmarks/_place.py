@@ -233,11 +233,11 @@ def _nearest(mesh: Mesh, points: ArrayLike) -> Placed:
     points = np.asarray(points, np.float64)
     faces = faces[face_areas(vertices, faces) > 0]
     if len(faces) == 0:
-        distances, at = KDTree(vertices).query(points)
-        return _at_vertices(mesh, at)._replace(distances=distances)
-    found = closest(surface_tree(Mesh(vertices, faces)), points)
-    corners = faces[found.face].astype(np.int64)
-    return Placed(corners, found.barycentric, found.position, found.distance)
+        distances, vertex = KDTree(vertices).query(points)
+        return _at_vertices(mesh, vertex)._replace(distances=distances)
+    at = closest(surface_tree(Mesh(vertices, faces)), points)
+    corners = faces[at.face].astype(np.int64)
+    return Placed(corners, at.barycentric, at.position, at.distance)
 
 
 def _at_vertices(mesh: Mesh, vertices: ArrayLike) -> Placed:

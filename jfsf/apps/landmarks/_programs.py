@@ -32,11 +32,6 @@ _SCHEMA = (
     "https://raw.githubusercontent.com/slicer/slicer/master/Modules/Loadable/Markups/"
     "Resources/Schema/markups-schema-v1.0.3.json#"
 )
-# Slicer's orientation of a point in LPS that was not turned; the same matrix in RAS.
-_ORIENTATION = {
-    "LPS": [-1.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 1.0],
-    "RAS": [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
-}
 _SYSTEMS = {"lps": "LPS", "1": "LPS", "ras": "RAS", "0": "RAS"}
 _COLUMNS = "id,x,y,z,ow,ox,oy,oz,vis,sel,lock,label,desc,associatedNodeID"
 _OLD_COLUMNS = "label,x,y,z,sel,vis"
@@ -59,7 +54,7 @@ def read_markups(text: str, path: object) -> Landmarks:
         tree = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: is not JSON ({error}); save it again") from None
-    lists = tree.get("markups") if isinstance(tree, dict) else None
+    lists: Any = tree.get("markups") if isinstance(tree, dict) else None
     if not _is_list_of_dicts(lists):
         raise ValueError(
             f"{path}: has no list of markups; save the points as .mrk.json in Slicer"
@@ -121,28 +116,14 @@ def markups_text(landmarks: Landmarks) -> str:
     Args:
         landmarks: with points.
     """
-    system = landmarks.system or "LPS"
     points = np.asarray(landmarks.points).tolist()
     controls = [
-        {
-            "id": str(i),
-            "label": name,
-            "description": "",
-            "associatedNodeID": "",
-            "position": point,
-            "orientation": _ORIENTATION[system],
-            "selected": True,
-            "locked": False,
-            "visibility": True,
-            "positionStatus": "defined",
-        }
+        {"id": str(i), "label": name, "position": point, "positionStatus": "defined"}
         for i, (name, point) in enumerate(zip(landmarks.names, points, strict=True), 1)
     ]
     markups = {
         "type": "Fiducial",
-        "coordinateSystem": system,
-        "locked": False,
-        "labelFormat": "%N-%d",
+        "coordinateSystem": landmarks.system or "LPS",
         "controlPoints": controls,
     }
     tree = {"@schema": _SCHEMA, "markups": [markups]}

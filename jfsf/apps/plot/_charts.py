@@ -144,7 +144,7 @@ def draw_error_curves(
 
 
 def draw_reliability(
-    found: Mapping[str, Reliability],
+    measured: Mapping[str, Reliability],
     *,
     path: str | os.PathLike[str] | None = None,
     title: str | None = None,
@@ -152,7 +152,7 @@ def draw_reliability(
     """Draw the share that is right against its probability; the diagonal is perfect.
 
     Args:
-        found: label -> `jfsf.evaluate.reliability`.
+        measured: label -> `jfsf.evaluate.reliability`.
         path, title: as in `draw_curves`.
 
     Returns:
@@ -162,7 +162,7 @@ def draw_reliability(
         ImportError, ValueError: as `draw_curves`.
     """
     curves = {"perfect": (np.linspace(0, 1, 51), np.linspace(0, 1, 51))}
-    for name, one in found.items():
+    for name, one in measured.items():
         counted = one.weight > 0
         label = f"{name} (off by {one.calibration_error:.3f})"
         curves[label] = one.probability[counted], one.share[counted]

@@ -1,1 +1,0 @@
-""".. include:: batches.md"""

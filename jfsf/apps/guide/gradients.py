@@ -1,1 +1,0 @@
-""".. include:: gradients.md"""

@@ -1,1 +1,0 @@
-""".. include:: large.md"""

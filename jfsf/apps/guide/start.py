@@ -1,1 +1,0 @@
-""".. include:: start.md"""
