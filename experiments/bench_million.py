@@ -26,7 +26,7 @@ from upsample import upsample
 import jfsf
 from jfsf import data
 from jfsf.convert import sinkhorn
-from jfsf.initial import best_start
+from jfsf.initial import search_starts
 from jfsf.matching import shape_samples
 from jfsf.matching._attempt import refine_start
 from jfsf.matching._stages import deform_by_arap, pair_search
@@ -80,7 +80,7 @@ def main() -> None:
     pair = spec_x, spec_y
     settings = jfsf.Settings()
     x, y = step("features and samples", lambda: tuple(map(shape_samples, pair)))
-    start = step("search on samples", lambda: best_start(x.search, y.search))
+    start = step("search on samples", lambda: search_starts(x.search, y.search)[0])
     features = x.refinement, y.refinement
     C_yx = step("ZoomOut on samples", lambda: refine_start(features, start))
     search = step("tiles", lambda: pair_search(*pair, settings=settings))

@@ -127,7 +127,7 @@ class Filtered(NamedTuple):
     """What the Fast Sinkhorn Filter returns: both maps and the plan they come from.
 
     The plan is S = diag(exp f) K diag(exp g) (`jfsf.convert.plan`). Its row and column
-    sums are the marginals.
+    sums are the marginals, or with a `reach` what of these has a partner.
 
     T_xy, T_yx: row and column argmax of the plan.
     kernel: K, sparse.
@@ -139,7 +139,10 @@ class Filtered(NamedTuple):
         a fixed number of updates was asked for.
     num_iters: updates of each side that were made.
     recall: of the search for neighbours (`NeighboursBothWays.recall`); nan where the
-        kernel came from elsewhere (`jfsf.convert.scale_kernel`).
+        kernel came from elsewhere.
+    membership_x, membership_y: the mass that each point keeps, as a share of its
+        marginal, at most 1; 0 on padding, and for a point that no mass can reach. None
+        without a `reach`: all is kept.
     """
 
     T_xy: Int[Array, " n_x"]
@@ -153,6 +156,8 @@ class Filtered(NamedTuple):
     converged: Bool[Array, ""]
     num_iters: Int[Array, ""]
     recall: Float[Array, ""]
+    membership_x: Float[Array, " n_x"] | None = None
+    membership_y: Float[Array, " n_y"] | None = None
 
 
 class Aligned(NamedTuple):
@@ -206,7 +211,7 @@ class Certificate(NamedTuple):
         orientation, -0.9 for a mirrored one; nan for point clouds without a surface
         (`jfsf.mesh.reconstruct`).
     gap: the energy of the search's second candidate over that of its first, minus 1
-        (`Candidates.energy`, by `jfsf.initial.best_start`). Where an orientation is
+        (`Candidates.energy`, by `jfsf.initial.search_starts`). Where an orientation is
         asked for, a mirrored candidate is no rival. Near 0 two different maps fit the
         shapes equally well. inf if no second one differs, nan without a search. Of
         parts, the log odds beside those of the next map that was refined.

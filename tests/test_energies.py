@@ -10,15 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.initial import SearchSettings, _proportions
+from jfsf.initial import _proportions, _search
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._search import with_orientation
 from jfsf.spectral import farthest_points, features, orientation_score
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral._orientation import PULLED_BACK, brackets
 
 K = 9
-SETTINGS = SearchSettings(compared=6, curvature_energy=0.3)
+OPTIONS = {"compared": 6, "curvature_energy": 0.3}
 SIGNS = st.sampled_from([-1, 0, 1])
 # Energies are of order 1; float32 has seven digits.
 PRECISIONS = pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def plain(side):
 def test_energies(dtype, rtol, self_map):
     _, pair = pair_of(dtype)
     C_yx = near_identities(0, dtype)
-    ours = energies(pair._replace(self_map=self_map), C_yx, settings=SETTINGS)
+    ours = energies(pair._replace(self_map=self_map), C_yx, **OPTIONS)
     truth = [
         oracles.energy(
             np.asarray(C, float), plain(pair.x), plain(pair.y), 0.3, 6, self_map
@@ -76,7 +76,7 @@ def test_energies_of_columns_of_zeros():
         for side in (pair.x, pair.y)
     )
     C_yx = near_identities(1, jnp.float64, 1)
-    ours = energies(SamplePair(x, y, False), C_yx, settings=SETTINGS)
+    ours = energies(SamplePair(x, y, False), C_yx, **OPTIONS)
     truth = oracles.energy(np.asarray(C_yx[0]), plain(x), plain(y), 0.3, 6)
     np.testing.assert_allclose(ours[0], truth)
 
@@ -99,17 +99,14 @@ def test_orientation_score(dtype, rtol, pulled_back, k_x):
 @given(seed=testing.seeds, sign=SIGNS, surface=st.booleans())
 def test_with_orientation(seed, sign, surface):
     (spec_x, spec_y), _ = pair_of(jnp.float64)
-    pulled_back = SETTINGS.zoomout.pulled_back
     both = [brackets(spec, k=K) * float(surface) for spec in (spec_x, spec_y)]
     C_yx = near_identities(seed, jnp.float64)
     energy = jnp.arange(1.0, 4.0)
-    ours, scores = with_orientation(
-        energy, C_yx, brackets=both, sign=sign, settings=SETTINGS
-    )
-    half, wrong = SETTINGS.half_mirrored_energy, SETTINGS.wrong_orientation_energy
+    ours, scores = with_orientation(energy, C_yx, brackets=both, sign=sign)
+    half, wrong = _search.HALF_MIRRORED_ENERGY, _search.WRONG_ORIENTATION_ENERGY
     for i, C in enumerate(C_yx):
         tensors = (np.asarray(a) for a in (C, *both))
-        score = oracles.orientation(*tensors, pulled_back)
+        score = oracles.orientation(*tensors, PULLED_BACK)
         np.testing.assert_allclose(scores[i], score, atol=1e-10)
         truth = oracles.oriented(float(energy[i]), score, sign, half, wrong)
         np.testing.assert_allclose(ours[i], truth, rtol=1e-10)

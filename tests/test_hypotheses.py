@@ -8,6 +8,7 @@ from scipy.spatial import KDTree
 from jfsf import data
 from jfsf.initial import SearchSettings
 from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
+from jfsf.initial._settings import FLIP_KS
 from jfsf.matching import basis
 from jfsf.spectral import (
     embeddings,
@@ -33,15 +34,14 @@ def test_zooming_out_from_the_truth_does_not_exchange_hands():
     points_x, points_y = (shape.mesh.vertices for shape in shapes)
     vertex_x, vertex_y = (shape.template_to_vertex for shape in shapes)
     truth = vertex_y[KDTree(points_x[vertex_x]).query(points_x)[1]]
-    few = (truncate(spec, SETTINGS.flip_ks[0]) for spec in specs)
+    few = (truncate(spec, FLIP_KS[0]) for spec in specs)
     start = functional_map(jnp.asarray(truth), *few)
 
     C_yx = refine_hypotheses(
         SamplePair(*sides, False),
         start[None],
         SETTINGS.descriptor_weight,
-        ks=SETTINGS.flip_ks,
-        settings=SETTINGS,
+        ks=FLIP_KS,
     )[0]
     evecs = (spec.evecs[at] for spec, at in zip(specs, ats, strict=True))
     emb_x, emb_y = embeddings(C_yx, *evecs, space="direct")

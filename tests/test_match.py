@@ -17,7 +17,7 @@ from jfsf import testing
 from jfsf.apps.report._words import warnings_of
 from jfsf.convert import sinkhorn
 from jfsf.evaluate import geodesic_error
-from jfsf.initial import SearchSettings, best_start
+from jfsf.initial import SearchSettings, search_starts
 from jfsf.initial._start import nonisometric_starts
 from jfsf.matching import (
     Settings,
@@ -675,7 +675,7 @@ def test_a_small_initial_map_grows():
 @pytest.mark.slow
 def test_an_attempt_is_match():
     x, y = sampled()
-    found = best_start(x.search, y.search)
+    found = search_starts(x.search, y.search)[0]
     start = given_start(*specs(), found.C_yx)
     assert start.sign == found.sign == 1
     np.testing.assert_allclose(start.orientation, found.orientation, atol=1e-6)
@@ -749,14 +749,7 @@ def test_the_limit_of_vertices_follows_the_settings():
     few = testing.blob(0, subdivisions=1)  # 42 vertices
     with pytest.raises(jfsf.MeshError, match="42 vertices, matching needs 160"):
         jfsf.basis(few, cache=False)
-    search = SearchSettings(
-        fit_size=20,
-        flip_range=(6, 16),
-        flip_ks=(16, 20),
-        final_ks=(18, 20),
-        assignment_ks=(8, 20),
-    )
-    assert Settings(search=search, ks=(20, 30), k=30).min_vertices == 80
+    assert Settings(search=SearchSettings(final_ks=(30, 50))).min_vertices == 200
 
 
 def test_what_does_not_fit_two_spectra_is_named():

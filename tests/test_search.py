@@ -10,13 +10,13 @@ from jfsf import testing
 from jfsf.initial import (
     Candidates,
     SearchSettings,
-    candidates,
     orientation_sign,
     search,
 )
 from jfsf.initial._hypotheses import best_different
 from jfsf.initial._samples import search_samples
-from jfsf.initial._seeds import fits, flips, sign_patterns
+from jfsf.initial._search import flips, sign_patterns
+from jfsf.initial._settings import FLIPS, STARTS
 from jfsf.spectral import features, wks
 
 DEFAULT, SMALL = SearchSettings(), SearchSettings(hypotheses=61)
@@ -36,7 +36,7 @@ def test_too_few_eigenpairs_are_an_error(side):
 
 def test_an_unknown_orientation_is_an_error():
     with pytest.raises(ValueError, match="not 'up'"):
-        search(SPEC, SPEC, DESC, jnp.ones_like(DESC), orientation="up")  # type: ignore
+        orientation_sign("up")  # type: ignore
 
 
 def test_orientations_have_signs():
@@ -55,25 +55,12 @@ def test_the_smallest_budget_finds_the_identity():
     np.testing.assert_allclose(found.C_yx[0], identity, atol=0.05)
 
 
-@pytest.mark.slow
-def test_orthogonal_fits_join_the_starts():
-    settings = SearchSettings(hypotheses=63, orthogonal_fits=DEFAULT.fits)
-    assert (settings.starts, settings.parents) == (52, 1)
-    specs = SPEC, testing.blob_spectrum(1, DEFAULT.eigenpairs)
-    x, y = (search_samples(features(spec), settings=settings) for spec in specs)
-    found = np.asarray(fits(x, y, 1, settings))
-    gaps = [np.linalg.norm(C.T @ C - np.eye(16)) for C in found]
-    assert max(gaps[2:]) < min(gaps[:2])
-    energy = [candidates(x, y, settings=s).energy[0] for s in (SMALL, settings)]
-    assert np.isfinite(energy).all()
-
-
 def test_the_default_budget():
-    sizes = DEFAULT.starts, DEFAULT.flips, DEFAULT.parents, DEFAULT.eigenpairs
+    sizes = STARTS, FLIPS, DEFAULT.parents, DEFAULT.eigenpairs
     assert sizes == (50, 11, 10, 40)
-    assert DEFAULT.starts + DEFAULT.flips * DEFAULT.parents == DEFAULT.hypotheses
+    assert STARTS + FLIPS * DEFAULT.parents == DEFAULT.hypotheses
     # More hypotheses than there are starts to keep change nothing.
-    assert SearchSettings(hypotheses=10_000).parents == DEFAULT.starts
+    assert SearchSettings(hypotheses=10_000).parents == STARTS
     assert hash(SearchSettings()) == hash(DEFAULT) and SearchSettings() == DEFAULT
 
 
@@ -81,31 +68,8 @@ def test_the_default_budget():
     "options, message",
     [
         ({"hypotheses": 60}, "hypotheses is 60, the least is 61"),
-        (
-            {"sign_functions": 4},
-            "start_ks begin at 5, sign_functions is 4; make them equal",
-        ),
-        ({"fit_ks": (16, 18)}, "fit_ks end at 18, start_ks at 20; make them equal"),
-        (
-            {"fit_size": 15},
-            "fit_ks begin at 16, fit_size is 15; fit more functions",
-        ),
-        (
-            {"flip_range": (6, 15)},
-            "flip_range ends at 15, flip_ks begin at 16; make them equal",
-        ),
-        (
-            {"flip_range": (6, 21), "flip_ks": (21, 40)},
-            r"flip_range is \(6, 21\), starts have 20 functions",
-        ),
-        (
-            {"flip_range": (0, 16), "hypotheses": 200},
-            r"flip_range is \(0, 16\), starts have 20 functions",
-        ),
-        (
-            {"flip_ks": (16, 20)},
-            "final_ks begin at 30, flip_ks end at 20; begin with no more",
-        ),
+        ({"final_ks": (31, 40)}, "final_ks begin at 31; begin with 30 or fewer"),
+        ({"nonisometric_candidates": 0}, "nonisometric_candidates is 0"),
         (
             {"samples": 2000},
             "samples is 2000, final_samples 1000; it must not be more",
@@ -137,9 +101,9 @@ def test_flips_change_none_or_one_sign(first, end):
     assert np.array_equal(flips(first, end), truth)
 
 
-def plain_choice(C_yx, energy, num, group, groups, settings):
+def plain_choice(C_yx, energy, num, group, groups, compared):
     """The definition: lowest energy first, all that are close to it left out."""
-    size = settings.compared
+    size = compared
     energy, chosen = np.array(energy), []
     for i in range(num):
         turn = i % groups
@@ -148,7 +112,7 @@ def plain_choice(C_yx, energy, num, group, groups, settings):
         chosen.append(best)
         for c in mine:
             gap = C_yx[c][:size, :size] - C_yx[best][:size, :size]
-            if np.sum(gap**2) < 2 * size * settings.min_difference:
+            if np.sum(gap**2) < 2 * size * 0.2:
                 energy[c] = np.inf
     return chosen
 
@@ -158,7 +122,6 @@ def plain_choice(C_yx, energy, num, group, groups, settings):
 def test_the_choice_of_different_candidates_matches_the_plain_loop(
     groups, seed, compared
 ):
-    settings = SearchSettings(compared=compared, min_difference=0.2)
     rng = np.random.default_rng(seed)
     # A few maps, each with near copies.
     maps = rng.normal(size=(8, 6, 6))
@@ -175,9 +138,10 @@ def test_the_choice_of_different_candidates_matches_the_plain_loop(
         num,
         jnp.asarray(group),
         groups,
-        settings=settings,
+        compared=compared,
+        min_difference=0.2,
     )
-    truth = plain_choice(C_yx, energy, num, group, groups, settings)
+    truth = plain_choice(C_yx, energy, num, group, groups, compared)
     assert found.tolist() == truth and differs.all()
     # Two of one group come from different maps; two of different groups need not.
     for turn in range(groups):
@@ -186,18 +150,17 @@ def test_the_choice_of_different_candidates_matches_the_plain_loop(
 
 def test_nothing_is_chosen_twice_within_a_group():
     C_yx = jnp.stack([jnp.eye(6)] * 2 + [-jnp.eye(6)])
-    found, _ = best_different(C_yx, jnp.array([1.0, 0.5, 2.0]), 2, settings=DEFAULT)
+    found, _ = best_different(C_yx, jnp.array([1.0, 0.5, 2.0]), 2)
     assert found.tolist() == [1, 2]
 
 
 def test_the_mirror_gap_says_which_side_fits():
     there, other = (
-        search(SPEC, SPEC, DESC, DESC, orientation=side, settings=SMALL, num=3)
-        for side in ("preserve", "reverse")
+        search(SPEC, SPEC, DESC, DESC, sign, settings=SMALL, num=3) for sign in (1, -1)
     )
     # The blob has no symmetry.
     assert there.mirror_gap > 0 > other.mirror_gap
-    free = search(SPEC, SPEC, DESC, DESC, orientation="any", settings=SMALL, num=3)
+    free = search(SPEC, SPEC, DESC, DESC, 0, settings=SMALL, num=3)
     assert np.isnan(free.mirror_gap)
 
 
@@ -205,5 +168,5 @@ def test_a_copy_of_a_better_map_does_not_count_as_different():
     maps = np.random.default_rng(0).normal(size=(4, 6, 6))
     maps[0] = maps[1] + 1e-3
     energy = jnp.array([1.0, 0.9, 2.0, 3.0])
-    kept, differs = best_different(jnp.asarray(maps), energy, 4, settings=DEFAULT)
+    kept, differs = best_different(jnp.asarray(maps), energy, 4)
     assert kept.tolist() == [1, 2, 3, 0] and differs.tolist() == [True] * 3 + [False]

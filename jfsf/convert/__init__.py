@@ -3,13 +3,12 @@
 Read in this order:
 
 - `_converter`: what a converter is
-- `_kernel`: the sparse kernel (eq. 12) and the plan
+- `_kernel`: the sparse kernel (eq. 12), its length, and the plan
 - `_nearest`: nearest neighbour (eqs. 5 and 6)
 - `_updates`: Sinkhorn updates on the kernel
 - `_tolerance`: updates until the marginals are met, with implicit gradients
 - `_scaling`: updates of either kind, and the maps of the plan
-- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2)
-- `_unbalanced`: the filter with mass that may go, where shapes share a part only
+- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2), balanced or with a `reach`
 - `_precise`: to points on triangles, in place of vertices
 """
 
@@ -23,12 +22,10 @@ from jfsf.convert._precise import (
 )
 from jfsf.convert._scaling import plan, pull_back
 from jfsf.convert._sinkhorn import authors_sinkhorn, sinkhorn
-from jfsf.convert._unbalanced import Unbalanced, unbalanced_sinkhorn
 
 __all__ = [
     "Converter",
     "HasMaps",
-    "Unbalanced",
     "authors_sinkhorn",
     "functional_map_precise",
     "maps_of",
@@ -39,5 +36,4 @@ __all__ = [
     "pull_back_precise",
     "sinkhorn",
     "to_vertex",
-    "unbalanced_sinkhorn",
 ]

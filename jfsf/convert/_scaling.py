@@ -30,6 +30,7 @@ def scale_kernel(
     kernel: Kernel,
     marginal_x: Float[Array, " n_x"],
     marginal_y: Float[Array, " n_y"],
+    slack: Float[Array, ""] | None = None,
     *,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
@@ -44,39 +45,14 @@ def scale_kernel(
     Args:
         kernel: entries only between vertices of positive marginal.
         marginal_x, marginal_y: each sums to 1; 0 on padding.
+        slack: where it is not None the plan need not meet the marginals, which are
+            targets (`_updates`). The marginal error is the gap from these.
         num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
             Not used with `tol`.
         relax, tol, max_iters: as in `sinkhorn`.
 
     Returns:
         As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
-    """
-    return scale(
-        kernel,
-        marginal_x,
-        marginal_y,
-        None,
-        num_iters=num_iters,
-        relax=relax,
-        tol=tol,
-        max_iters=max_iters,
-    )
-
-
-def scale(
-    kernel: Kernel,
-    marginal_x: Float[Array, " n_x"],
-    marginal_y: Float[Array, " n_y"],
-    slack: Float[Array, ""] | None,
-    *,
-    num_iters: int,
-    relax: Float[Array, ""] | float,
-    tol: Float[Array, ""] | float | None,
-    max_iters: int,
-) -> Filtered:
-    """As `scale_kernel`, where slack is not None without having to meet the marginals.
-
-    The marginal error is then the gap from the targets (`_updates.error_of`).
     """
     problem = problem_of(kernel, marginal_x, marginal_y, slack)
     if tol is None:

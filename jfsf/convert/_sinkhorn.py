@@ -2,25 +2,29 @@
 
 Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours,
 here those both ways, Sinkhorn scaling to the marginals, row and column argmax of the
-plan.
+plan. With a `reach` mass without a partner may go: unbalanced entropic transport
+(Chizat et al., Math. Comp. 2018) on the same kernel.
 """
 
 from functools import partial
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
+from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._scaling import scale_kernel
+from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._both_ways import neighbours_both_ways
-from jfsf.types import Filtered, Kernel, Neighbours
+from jfsf.types import Filtered, Kernel
 
-Scale = Literal["nearest", "max"]
+# Slack (entropy over reach) beyond which the plan is the kernel times both marginals,
+# to a thousandth of its log.
+MOST_SLACK = 1e3
 
 
 @jit(
@@ -41,13 +45,14 @@ def sinkhorn(
     marginal_y: Float[Array, " n_y"] | None = None,
     search: NeighbourSearch | None = None,
     *,
+    reach: Float[Array, ""] | float | None = None,
     lam: Float[Array, ""] | float = 120.0,
     k0: int = 20,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
     tol: Float[Array, ""] | float | None = None,
     max_iters: int = 10_000,
-    scale: Scale = "nearest",
+    scale: kernels.Scale = "nearest",
     length_gradient: bool = False,
     power: float = 1.0,
     unilateral_weight: float = 1.0,
@@ -59,11 +64,29 @@ def sinkhorn(
     (eq. 10), scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
     T_xy[i] = argmax_j P_ij and T_yx[j] = argmax_i P_ij.
 
+    With a `reach`, shapes need to share only a part. With a, b the marginals and
+    M_ij = (d_ij / length)^p, the plan P is then the minimum of
+
+        <P, M> + eps KL(P | a b^T) + rho KL(P 1 | a) + rho KL(P^T 1 | b)
+
+    on the entries of K, with eps = 1 / lam and rho = reach^p. It is
+    P = diag(u) K diag(v) with u = a (K v)^-t and v = b (K^T u)^-t, t = rho / (rho +
+    eps), and the result says what share of its mass each vertex keeps.
+
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
-            of Y; each sums to 1, 0 marks padding. Uniform when absent.
+            of Y; each sums to 1, 0 marks padding. Uniform when absent. With `reach`
+            their sums may differ: where Y is half of X, give both the same mass a unit
+            of area, as a point keeps all of its mass only if its partners have as much.
         search: how neighbours are searched; when absent, all points are compared.
+        reach: None for plans that meet the marginals. Else a distance, in units of the
+            length, above 0; 3 is a good start. Of two points of mass m at distance d
+            that have only each other, each keeps the share
+
+            exp(-(d^power + log(1 / m) / lam) / (2 reach^power + 1 / lam)),
+
+            61 % at the distance `reach` if lam is large. inf is the same as None.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
         k0: neighbours a vertex, both ways. With 10 accuracy is some percent lower. More
             than 20 change little, and above 32 the search takes twice as long.
@@ -93,14 +116,17 @@ def sinkhorn(
     `authors_sinkhorn` has the settings of the authors' code.
 
     Returns:
-        The maps with the plan that they are the argmax of, and its marginal error.
+        The maps with the plan that they are the argmax of, and its marginal error. With
+        `reach` that error is the l1 gap of the plan's sums from those of the best plan
+        for the same scalings, a exp(-(f - log a) / (lam reach^power)), as a fraction of
+        all mass; 0 at the optimum.
 
     Raises:
         ValueError: shapes do not fit, or an option is out of range.
     """
     num = min(num_iters, max_iters)
-    check("sinkhorn", emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
-    kernel, marginal_x, marginal_y, recall = kernel_between(
+    _check(emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
+    kernel, marginal_x, marginal_y, recall = _kernel_between(
         emb_x,
         emb_y,
         marginal_x,
@@ -113,16 +139,25 @@ def sinkhorn(
         power=power,
         unilateral_weight=unilateral_weight,
     )
+    slack = None if reach is None else _slack(reach, lam, power, emb_x.dtype)
     filtered = scale_kernel(
         kernel,
         marginal_x,
         marginal_y,
+        slack,
         num_iters=num_iters,
         relax=relax,
         tol=tol,
         max_iters=max_iters,
     )
-    return filtered._replace(recall=recall)
+    filtered = filtered._replace(recall=recall)
+    if reach is None:
+        return filtered
+    kept_x, kept_y = sums(kernel, filtered.f, filtered.g)
+    return filtered._replace(
+        membership_x=jnp.minimum(safe_divide(kept_x, marginal_x), 1),
+        membership_y=jnp.minimum(safe_divide(kept_y, marginal_y), 1),
+    )
 
 
 # For rounds of a refinement. These few updates are plain, as over-relaxed ones would
@@ -143,7 +178,7 @@ authors_sinkhorn: partial[Filtered] = partial(
 )
 
 
-class Between(NamedTuple):
+class KernelAndMarginals(NamedTuple):
     """The kernel of two embeddings, the marginals, and the recall of the search."""
 
     kernel: Kernel
@@ -152,7 +187,7 @@ class Between(NamedTuple):
     recall: Float[Array, ""]
 
 
-def kernel_between(
+def _kernel_between(
     emb_x: Array,
     emb_y: Array,
     marginal_x: Array | None,
@@ -161,11 +196,11 @@ def kernel_between(
     lam: Array | float,
     *,
     k0: int,
-    scale: Scale,
+    scale: kernels.Scale,
     length_gradient: bool,
     power: float,
     unilateral_weight: float,
-) -> Between:
+) -> KernelAndMarginals:
     """The kernel of eq. 12, and uniform marginals where there are none."""
     if marginal_x is None:
         marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
@@ -176,7 +211,9 @@ def kernel_between(
     near_both = neighbours_both_ways(emb_x, emb_y, valid_x, valid_y, search, k0=k0)
     near_xy, near_yx = near_both.near_xy, near_both.near_yx
     length_xy, length_yx = map_sides(
-        lambda near: length(near, scale, length_gradient), (near_xy,), (near_yx,)
+        lambda near: kernels.length(near, scale, length_gradient),
+        (near_xy,),
+        (near_yx,),
     )
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
@@ -189,71 +226,31 @@ def kernel_between(
         power=power,
         unilateral_weight=unilateral_weight,
     )
-    return Between(kernel, marginal_x, marginal_y, near_both.recall)
+    return KernelAndMarginals(kernel, marginal_x, marginal_y, near_both.recall)
 
 
-def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
-    """The length that lam is relative to, for one direction; see `sinkhorn`."""
-    dist, known = near.dist, jnp.isfinite(near.dist)
-    if not gradient:
-        dist = jax.lax.stop_gradient(dist)
-    if scale == "max":
-        length = jnp.max(jnp.where(known, dist, 0))
-    else:
-        ends = dist[:, (0, -1)], known[:, (0, -1)]
-        # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
-        nearest, farthest = _medians(*ends)
-        if gradient:
-            nearest, farthest = _mean_of_equal(*ends, jnp.stack([nearest, farthest]))
-        length = jnp.maximum(nearest, farthest / 100)
-    return jnp.where(length > 0, length, 1)
+def _slack(reach, lam, power: float, dtype) -> Array:
+    """eps / rho; nan for a reach that is not above 0, which would mean nothing."""
+    reach, lam = (jnp.asarray(value, dtype) for value in (reach, lam))
+    slack = (1 / reach) ** power / lam  # finite derivatives where reach is inf
+    return jnp.where(reach > 0, jnp.minimum(slack, MOST_SLACK), jnp.nan)
 
 
-def _mean_of_equal(
-    dist: Float[Array, "n c"], known: Array, value: Float[Array, " c"]
-) -> Float[Array, " c"]:
-    """`value` again, as the mean of the entries equal to it, which has a slope."""
-    equal = known & (dist == value[None])
-    total = jnp.sum(jnp.where(equal, dist, 0), 0)
-    return total / jnp.maximum(jnp.sum(equal, 0), 1).astype(dist.dtype)
-
-
-def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
-    """The lower median of the known entries of each column, found bit by bit.
-
-    Counting replaces a sort, which is slow in XLA on a CPU. Numbers that are not
-    negative have the order of their bits.
-    """
-    integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
-    bits = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(dist), integer)
-    before = (known.sum(0) - 1) // 2
-
-    def settle(i, low):
-        larger = low | (jnp.ones((), integer) << (top - i))
-        smaller = jnp.sum(known & (bits < larger[None]), 0)
-        return jnp.where(smaller <= before, larger, low)
-
-    top = 8 * dist.dtype.itemsize - 2  # below the sign
-    low = jnp.zeros(dist.shape[1], integer)
-    median = jax.lax.fori_loop(0, top + 1, settle, low)
-    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
-
-
-def check(caller, emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
-    """Refuse shapes that do not fit and options out of range, in the caller's name."""
+def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
+    """Refuse shapes that do not fit and options out of range."""
     if emb_x.shape[1] != emb_y.shape[1]:
         raise ValueError(
-            f"{caller}: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
+            f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
         )
     for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
         if marginal is not None and marginal.shape != (len(emb),):
             raise ValueError(
-                f"{caller}: marginal_{name} has shape {marginal.shape}, emb_{name} has "
+                f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
                 f"{len(emb)} rows"
             )
     if k0 < 1 or num_iters < 1:
         raise ValueError(
-            f"{caller}: k0 and num_iters must be positive, got {k0} and {num_iters}"
+            f"sinkhorn: k0 and num_iters must be positive, got {k0} and {num_iters}"
         )
     if scale not in ("nearest", "max"):
-        raise ValueError(f"{caller}: scale is 'nearest' or 'max', not {scale!r}")
+        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")

@@ -22,7 +22,11 @@ from jfsf.array import matmul
 from jfsf.array._sides import map_sides
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
-from jfsf.initial._settings import SearchSettings
+
+# Extremities that are looked for on each shape, and how many of them one start assigns.
+# Two shapes may have unequal numbers of limbs.
+EXTREMITIES = 7
+ASSIGNED = 5
 
 
 def extremities(
@@ -56,21 +60,19 @@ class Assignments(NamedTuple):
     difference: Float[Array, " a"]
 
 
-def best_assignments(
-    x: SearchSamples, y: SearchSamples, *, settings: SearchSettings
-) -> Assignments:
+def best_assignments(x: SearchSamples, y: SearchSamples, *, num: int) -> Assignments:
     """The assignments of extremities that fit best.
 
     Args:
         x, y: both shapes at samples.
-        settings: `extremities`, `assigned` and `assignments`.
+        num: how many, at most.
     """
 
     def side(samples: SearchSamples):
         geodesics, mass = samples.geodesics, samples.search_points.spec.mass
         share = mass / mass.sum()
         mean = matmul(geodesics, share)
-        at = extremities(geodesics, share, num=settings.extremities)
+        at = extremities(geodesics, share, num=EXTREMITIES)
         middle = jnp.argmin(jnp.where(mass > 0, mean, jnp.inf))
         far = geodesics[at]
         tips = tip_descriptors(far, far[:, middle], share, samples.total_curvatures)
@@ -78,11 +80,8 @@ def best_assignments(
 
     sides = map_sides(side, (x,), (y,))
     (between_x, mean_x, from_x, tips_x), (between_y, mean_y, from_y, tips_y) = sides
-    of_x, of_y = (
-        jnp.asarray(ends)
-        for ends in assignments(settings.extremities, settings.assigned)
-    )
-    i, j = np.triu_indices(settings.assigned, 1)
+    of_x, of_y = (jnp.asarray(ends) for ends in assignments(EXTREMITIES, ASSIGNED))
+    i, j = np.triu_indices(ASSIGNED, 1)
     tiny = jnp.finfo(between_x.dtype).tiny
     change = jnp.log(
         jnp.maximum(between_x[of_x[:, i], of_x[:, j]], tiny)
@@ -94,7 +93,7 @@ def best_assignments(
     apart = jnp.mean(jnp.abs(tips_x[:, None] - tips_y[None]), 2)
     difference = jnp.mean(apart[of_x, of_y], 1)
     cost = uneven + further / 2 + difference
-    _, best = jax.lax.top_k(-cost, min(settings.assignments, len(cost)))
+    _, best = jax.lax.top_k(-cost, min(num, len(cost)))
     return Assignments(
         jnp.swapaxes(from_x[of_x[best]], 1, 2),
         jnp.swapaxes(from_y[of_y[best]], 1, 2),

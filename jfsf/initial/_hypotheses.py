@@ -13,11 +13,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import argmax, matmul
 from jfsf.array._sides import map_sides
-from jfsf.initial._settings import SearchSettings
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 from jfsf.types import Maps
 
+# Leading rows and columns of a functional map in which two are compared, and the share
+# of that block's energy in which two candidates must differ.
+COMPARED = 20
+MIN_DIFFERENCE = 0.04
+# Energy of curvatures that differ by one standard deviation.
+CURVATURE_ENERGY = 0.125
 # Entries of all products of two samples that are in work at a time: they stay in the
 # cache.
 CACHED_ENTRIES = 1 << 20
@@ -37,7 +42,6 @@ def refine_hypotheses(
     extra_weight: Float[Array, " c"] | float,
     *,
     ks: tuple[int, ...],
-    settings: SearchSettings,
 ) -> Float[Array, "c l l"]:
     """ZoomOut of each functional map from ks[0] to ks[-1].
 
@@ -46,7 +50,6 @@ def refine_hypotheses(
         C_yx: functions on Y pulled back to X, of ks[0] functions or more.
         extra_weight: of the columns beside the eigenfunctions; one each, or one.
         ks: sizes of the basis.
-        settings: of the search.
     """
     x, y, _ = pair
     fields = x.bracket_fields, y.bracket_fields
@@ -64,7 +67,6 @@ def refine_hypotheses(
             weighted=True,
             bidirectional=True,
             extra_weight=weight,
-            settings=settings.zoomout,
         )
 
     count = len(C_yx)
@@ -75,7 +77,11 @@ def refine_hypotheses(
 
 
 def energies(
-    pair: SamplePair, C_yx: Float[Array, "c k k"], *, settings: SearchSettings
+    pair: SamplePair,
+    C_yx: Float[Array, "c k k"],
+    *,
+    compared: int = COMPARED,
+    curvature_energy: float = CURVATURE_ENERGY,
 ) -> Float[Array, " c"]:
     """Departure of each map from an isometry that keeps descriptors and curvature.
 
@@ -95,12 +101,13 @@ def energies(
     Args:
         pair: the samples; padding has mass 0 and is a copy of another sample.
         C_yx: functions on Y pulled back to X.
-        settings: `curvature_energy` and `compared`.
+        compared: leading rows and columns that are compared with the identity.
+        curvature_energy: of curvatures that differ by one standard deviation.
     """
     x, y, self_map = pair
-    size = min(settings.compared, C_yx.shape[-1])
+    size = min(compared, C_yx.shape[-1])
     identity = jnp.trace(C_yx[:, 1:size, 1:size], axis1=1, axis2=2) / (size - 1)
-    energy = jax.lax.map(lambda C: _energy(C, x, y, settings.curvature_energy), C_yx)
+    energy = jax.lax.map(lambda C: _energy(C, x, y, curvature_energy), C_yx)
     return energy + jnp.where(self_map, identity, 0)
 
 
@@ -147,7 +154,8 @@ def best_different(
     group: Int[Array, " c"] | int = 0,
     groups: int = 1,
     *,
-    settings: SearchSettings,
+    compared: int = COMPARED,
+    min_difference: float = MIN_DIFFERENCE,
 ) -> tuple[Int[Array, " num"], Bool[Array, " num"]]:
     """Indices of `num` lowest energies, each different from those before in its group.
 
@@ -157,16 +165,17 @@ def best_different(
         group: in 0..groups - 1, of each candidate. Indices are taken from the groups
             in turn.
         groups: how many groups there are.
-        settings: `compared` and `min_difference`.
+        compared: leading rows and columns in which two maps are compared.
+        min_difference: share of that block's energy in which two must differ.
 
     Returns:
         The indices, and whether each differs: 0 and False where none is left.
     """
-    size = settings.compared
+    size = compared
     lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
     square = jnp.sum(lead**2, 1)
     gap = square[:, None] + square[None, :] - 2 * matmul(lead, lead.T)
-    close = gap < 2 * size * settings.min_difference
+    close = gap < 2 * size * min_difference
 
     def step(energy, turn):
         left = jnp.asarray(jnp.where(group == turn, energy, jnp.inf))

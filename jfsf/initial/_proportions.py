@@ -28,46 +28,41 @@ from jfsf.initial._hypotheses import (
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._search import (
     Candidates,
-    Orientation,
-    orientation_sign,
     sample_pair,
     with_orientation,
 )
-from jfsf.initial._settings import SearchSettings
+from jfsf.initial._settings import ASSIGNMENT_KS, SearchSettings
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 
+# Weight of the columns beside the eigenfunctions: where proportions differ so do
+# descriptors, and more than this spoils right maps.
+DESCRIPTOR_WEIGHT = 0.1
+# Weight of the distances to assigned extremities, which are further columns.
+EXTREMITY_WEIGHT = 2.0
+# Weight of what assigned extremities differ in, beside `log_stretch_std` of a map.
+DIFFERENCE_WEIGHT = 0.4
 # Neighbours of a sample between which stretch is read: as many as a vertex has.
 NEAR = 6
 # Added to a stretch: samples that become one point are stretched by this, not by 0.
 COLLAPSED = 0.3
 
 
+@jit(static_argnames="settings")
 def nonisometric_candidates(
     x: SearchSamples,
     y: SearchSamples,
-    *,
-    orientation: Orientation | Int[Array, ""] = "preserve",
+    sign: Int[Array, ""] | int = 1,
     self_map: Bool[Array, ""] | bool = False,
+    *,
     settings: SearchSettings = SearchSettings(),
 ) -> Candidates:
     """Maps that bring extremities to extremities; even ones, to similar ones, first.
 
     Args:
-        x, y, orientation, self_map: as `candidates`.
+        x, y, sign, self_map: as `candidates`.
         settings: `nonisometric_candidates` says how many maps.
-
-    Raises:
-        ValueError: an unknown orientation.
     """
-    sign = orientation_sign(orientation)
-    return _nonisometric_candidates(x, y, sign, self_map, settings=settings)
-
-
-@jit(static_argnames="settings")
-def _nonisometric_candidates(
-    x, y, sign, self_map, *, settings: SearchSettings
-) -> Candidates:
     search_pair, ranking_pair = (
         sample_pair(*sides, sign, self_map)
         for sides in (
@@ -79,27 +74,23 @@ def _nonisometric_candidates(
         with_orientation,
         brackets=(x.search_points.brackets, y.search_points.brackets),
         sign=sign,
-        settings=settings,
     )
-    assigned = best_assignments(x, y, settings=settings)
-    C_yx = refine_extremities(search_pair, assigned, settings=settings)
+    assigned = best_assignments(x, y, num=settings.assignments)
+    C_yx = refine_extremities(search_pair, assigned)
     cost = log_stretch_std(search_pair, x.geodesics, y.geodesics, C_yx)
-    cost += settings.difference_weight * assigned.difference
+    cost += DIFFERENCE_WEIGHT * assigned.difference
     _, score = oriented(cost, C_yx)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
-    kept, _ = best_different(
-        C_yx, cost, settings.nonisometric_candidates, settings=settings
-    )
-    weight = settings.nonisometric_descriptor_weight
+    kept, _ = best_different(C_yx, cost, settings.nonisometric_candidates)
     last = refine_hypotheses(
-        ranking_pair, C_yx[kept], weight, ks=settings.final_ks, settings=settings
+        ranking_pair, C_yx[kept], DESCRIPTOR_WEIGHT, ks=settings.final_ks
     )
-    energy, score = oriented(energies(ranking_pair, last, settings=settings), last)
+    energy, score = oriented(energies(ranking_pair, last), last)
     return Candidates(last, energy, score, jnp.full((), jnp.nan, energy.dtype))
 
 
 def refine_extremities(
-    pair: SamplePair, assigned: Assignments, *, settings: SearchSettings
+    pair: SamplePair, assigned: Assignments
 ) -> Float[Array, "c k k"]:
     """Maps that bring assigned extremities together, refined by ZoomOut.
 
@@ -108,11 +99,9 @@ def refine_extremities(
     Args:
         pair: the samples.
         assigned: `best_assignments`.
-        settings: `assignment_ks`, `extremity_weight`, `nonisometric_descriptor_weight`,
-            `zoomout`.
     """
     x, y, _ = pair
-    ks = settings.assignment_ks
+    ks = ASSIGNMENT_KS
 
     def start(x: Features, y: Features, T_xy):
         evecs = x.spec.evecs[:, : ks[0]]
@@ -121,8 +110,8 @@ def refine_extremities(
         return jnp.linalg.solve(gram, matmul(back, y.spec.evecs[:, : ks[0]][T_xy]))
 
     def columns(side: Features, distances):
-        known = side.columns * settings.nonisometric_descriptor_weight
-        far = distances.astype(known.dtype) * settings.extremity_weight
+        known = side.columns * DESCRIPTOR_WEIGHT
+        far = distances.astype(known.dtype) * EXTREMITY_WEIGHT
         return jnp.concatenate([known, far], 1)
 
     fields = x.bracket_fields, y.bracket_fields
@@ -141,7 +130,6 @@ def refine_extremities(
             converter=dense_nearest,
             weighted=True,
             bidirectional=True,
-            settings=settings.zoomout,
         )
 
     count = len(assigned.from_x)

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
-from jfsf.initial._proportions import nonisometric_candidates
+from jfsf.initial._proportions import DESCRIPTOR_WEIGHT, nonisometric_candidates
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._search import candidates
 from jfsf.initial._settings import SearchSettings
@@ -35,26 +35,6 @@ class Start(NamedTuple):
 
 
 @jit(static_argnames="settings")
-def best_start(
-    x: SearchSamples,
-    y: SearchSamples,
-    sign: Int[Array, ""] | int = 1,
-    self_map: Bool[Array, ""] | bool = False,
-    *,
-    settings: SearchSettings = SearchSettings(),
-) -> Start:
-    """The first of `jfsf.initial.candidates`, and its gap to the second.
-
-    Args:
-        x, y: both shapes at samples, made with the same settings.
-        sign: of the wanted orientation (`orientation_sign`).
-        self_map: X and Y are one shape.
-        settings: of the search.
-    """
-    return search_starts(x, y, sign, self_map, settings=settings)[0]
-
-
-@jit(static_argnames="settings")
 def search_starts(
     x: SearchSamples,
     y: SearchSamples,
@@ -63,17 +43,19 @@ def search_starts(
     *,
     settings: SearchSettings = SearchSettings(),
 ) -> tuple[Start, Start]:
-    """`best_start`, and all other candidates of the same search.
+    """The first of `candidates` with its gap to the second, and all the others.
 
     Args:
-        x, y, sign, self_map, settings: as `best_start`.
+        x, y: both shapes at samples, made with the same settings.
+        sign: of the wanted orientation (`orientation_sign`).
+        self_map: X and Y are one shape.
+        settings: of the search.
 
     Returns:
         The first, and the others along the leading axis. The gap of one of these is
         its own energy minus that of the first: inf for a copy of a better one.
     """
-    options = {"orientation": sign, "self_map": self_map, "settings": settings}
-    best = candidates(x, y, **options)  # type: ignore[arg-type]
+    best = candidates(x, y, sign, self_map, settings=settings)
     gap = best.energy[1] / best.energy[0] - 1
     weight = jnp.full_like(gap, settings.descriptor_weight)
     first = Start(best.C_yx[0], best.orientation[0], gap, weight, best.mirror_gap)
@@ -100,17 +82,16 @@ def nonisometric_starts(
     """Starts for shapes of other proportions: `jfsf.initial.nonisometric_candidates`.
 
     Args:
-        x, y, sign, self_map, settings: as `best_start`.
+        x, y, sign, self_map, settings: as `search_starts`.
 
     Returns:
         As many maps as `settings.nonisometric_candidates`, along the leading axis.
     """
-    options = {"orientation": sign, "self_map": self_map, "settings": settings}
-    maps = nonisometric_candidates(x, y, **options)  # type: ignore[arg-type]
+    maps = nonisometric_candidates(x, y, sign, self_map, settings=settings)
     unknown = jnp.full_like(maps.energy, jnp.nan)
     # The score of a rough map may have the wrong sign. The refinement then asks for
     # the wanted one.
     wanted = sign * jnp.abs(maps.orientation)
     score = jnp.where(sign == 0, maps.orientation, wanted)
-    weight = jnp.full_like(unknown, settings.nonisometric_descriptor_weight)
+    weight = jnp.full_like(unknown, DESCRIPTOR_WEIGHT)
     return Start(maps.C_yx, score, unknown, weight, unknown)

@@ -94,7 +94,7 @@ def finish_each(
 
 
 def search_inputs(pairs, sides) -> list[tuple]:
-    """What `best_start` and `nonisometric_starts` take, for each pair."""
+    """What `search_starts` and `nonisometric_starts` take, for each pair."""
     both = zip((pair.inputs for pair in pairs), sides, strict=True)
     return [(x.search, y.search, own.sign, own.self_map) for own, (x, y) in both]
 

@@ -97,7 +97,7 @@ def with_maps(
 
 
 def _candidates(x, y, sign, self_map, *, settings):
-    return candidates(x, y, orientation=sign, self_map=self_map, settings=settings)
+    return candidates(x, y, sign, self_map, settings=settings)
 
 
 def _nearest(emb_x: Float[np.ndarray, "p k"], emb_y: Float[np.ndarray, "q k"]) -> Maps:
