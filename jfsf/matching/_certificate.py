@@ -45,7 +45,7 @@ def certify(
         samples: both shapes at samples, for energy and log_stretch_std.
         sign: of the wanted orientation, 0 for any; for the confidence.
         landmarks: vertices of X and their partners on Y; for the confidence too.
-        settings: `evidence`, `search`, `distance_pairs`, `features`.
+        settings: `evidence`, `distance_pairs`, `features`.
 
     Returns:
         The certificate; its gaps are nan, as those of a map without a search.
@@ -141,7 +141,7 @@ def _at_samples(
     ranking_pair = SamplePair(x.ranking_points, y.ranking_points, False)
     size = settings.evidence.functions
     lead = C_yx[None, :size, :size]
-    energy = energies(ranking_pair, lead, settings=settings.search)
+    energy = energies(ranking_pair, lead)
     stretch = log_stretch_std(search_pair, x.geodesics, y.geodesics, lead)
     return energy[0].astype(C_yx.dtype), stretch[0].astype(C_yx.dtype)
 
