@@ -130,7 +130,7 @@ class Filtered(NamedTuple):
     """What the Fast Sinkhorn Filter returns: both maps and the plan they come from.
 
     The plan is S = diag(exp f) K diag(exp g) (`jfsf.convert.plan`). Its row and column
-    sums are the marginals.
+    sums are the marginals, or with a `reach` what of these has a partner.
 
     T_xy, T_yx: row and column argmax of the plan.
     kernel: K, sparse.

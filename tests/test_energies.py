@@ -10,17 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.initial import _proportions
+from jfsf.initial import _proportions, _search
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._search import with_orientation
-from jfsf.initial._settings import (
-    HALF_MIRRORED_ENERGY,
-    WRONG_ORIENTATION_ENERGY,
-    ZOOMOUT,
-)
 from jfsf.spectral import farthest_points, features, orientation_score
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral._orientation import PULLED_BACK, brackets
 
 K = 9
 OPTIONS = {"compared": 6, "curvature_energy": 0.3}
@@ -104,15 +99,14 @@ def test_orientation_score(dtype, rtol, pulled_back, k_x):
 @given(seed=testing.seeds, sign=SIGNS, surface=st.booleans())
 def test_with_orientation(seed, sign, surface):
     (spec_x, spec_y), _ = pair_of(jnp.float64)
-    pulled_back = ZOOMOUT.pulled_back
     both = [brackets(spec, k=K) * float(surface) for spec in (spec_x, spec_y)]
     C_yx = near_identities(seed, jnp.float64)
     energy = jnp.arange(1.0, 4.0)
     ours, scores = with_orientation(energy, C_yx, brackets=both, sign=sign)
-    half, wrong = HALF_MIRRORED_ENERGY, WRONG_ORIENTATION_ENERGY
+    half, wrong = _search.HALF_MIRRORED_ENERGY, _search.WRONG_ORIENTATION_ENERGY
     for i, C in enumerate(C_yx):
         tensors = (np.asarray(a) for a in (C, *both))
-        score = oracles.orientation(*tensors, pulled_back)
+        score = oracles.orientation(*tensors, PULLED_BACK)
         np.testing.assert_allclose(scores[i], score, atol=1e-10)
         truth = oracles.oriented(float(energy[i]), score, sign, half, wrong)
         np.testing.assert_allclose(ours[i], truth, rtol=1e-10)

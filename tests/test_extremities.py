@@ -17,14 +17,14 @@ from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._hypotheses import SamplePair
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import search_samples
-from jfsf.initial._settings import EIGENPAIRS, FINAL_KS
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import farthest_points, features, wks
 from jfsf.spectral._sampling import biharmonic
 
+DEFAULT = SearchSettings()
 FEW = SearchSettings(assignments=20, nonisometric_candidates=3)
-SPEC = testing.blob_spectrum(0, EIGENPAIRS)
-OTHER = testing.blob_spectrum(1, EIGENPAIRS)
+SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
+OTHER = testing.blob_spectrum(1, DEFAULT.eigenpairs)
 DESC, OTHER_DESC = (wks(spec, num=5) for spec in (SPEC, OTHER))
 SAMPLES = farthest_points(SPEC, num=40)
 
@@ -120,10 +120,10 @@ def far(spec_x, spec_y, **options):
 @pytest.mark.slow
 def test_starts_from_extremities_find_the_identity():
     found = far((SPEC, DESC), (SPEC, DESC))
-    size = FINAL_KS[0]
+    size = FEW.final_ks[0]
     lead = np.asarray(found.C_yx[:, :size, :size])
     assert np.abs(lead - np.eye(size)).max((1, 2)).min() < 0.1
-    assert found.C_yx.shape == (3, FINAL_KS[-1], FINAL_KS[-1])
+    assert found.C_yx.shape == (3, FEW.final_ks[-1], FEW.final_ks[-1])
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_candidates_ignore_the_order_of_vertices(by_x, by_y):
 
 
 @pytest.mark.slow
-@given(testing.signs(EIGENPAIRS), testing.signs(EIGENPAIRS))
+@given(testing.signs(DEFAULT.eigenpairs), testing.signs(DEFAULT.eigenpairs))
 @settings(max_examples=3)
 def test_candidates_follow_the_signs_of_eigenvectors(by_x, by_y):
     flipped = testing.flip_signs(SPEC, by_x), testing.flip_signs(OTHER, by_y)
@@ -179,8 +179,8 @@ def test_candidates_of_mirror_images():
     image_x, image_y = (mirrored(SPEC), DESC), (mirrored(OTHER), OTHER_DESC)
     for plain, same in (
         (far(x, y), far(image_x, image_y)),
-        (far(x, y), far(image_x, y, orientation="reverse")),
-        (far(x, y, orientation="reverse"), far(x, image_y)),
+        (far(x, y), far(image_x, y, sign=-1)),
+        (far(x, y, sign=-1), far(x, image_y)),
     ):
         np.testing.assert_allclose(same.C_yx, plain.C_yx, atol=1e-6)
         np.testing.assert_allclose(same.energy, plain.energy, atol=1e-6)
@@ -198,17 +198,10 @@ def test_candidates_under_vmap():
 
 def test_exchanged_shapes_have_transposed_candidates():
     """Each way finds the other's best map, if shapes are alike."""
-    near = testing.blob_spectrum(0, EIGENPAIRS)
+    near = testing.blob_spectrum(0, DEFAULT.eigenpairs)
     near = near._replace(vertices=near.vertices * jnp.array([1.0, 1.0, 1.02])[None])
     there, back = far((SPEC, DESC), (near, DESC)), far((near, DESC), (SPEC, DESC))
     best_there, best_back = (
         found.C_yx[jnp.argmin(found.energy), :20, :20] for found in (there, back)
     )
     np.testing.assert_allclose(best_there, best_back.T, atol=0.05)
-
-
-def test_numbers_that_do_not_fit_are_an_error():
-    with pytest.raises(ValueError, match="samples is 6; there are 7 extremities"):
-        SearchSettings(samples=6)
-    with pytest.raises(ValueError, match="nonisometric_candidates is 0"):
-        SearchSettings(nonisometric_candidates=0)

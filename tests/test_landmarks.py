@@ -5,14 +5,13 @@ import numpy as np
 
 from jfsf import testing
 from jfsf.initial import Start
-from jfsf.initial._settings import EIGENPAIRS, FINAL_KS
 from jfsf.matching import Settings
 from jfsf.matching._kept_landmarks import kept_landmarks, landmark_distances
 from jfsf.spectral import features
 from jfsf.spectral._sampling import biharmonic
 
 SETTINGS = Settings()
-SPEC = testing.blob_spectrum(0, EIGENPAIRS)
+SPEC = testing.blob_spectrum(0, SETTINGS.search.eigenpairs)
 RNG = np.random.default_rng(0)
 
 
@@ -34,7 +33,7 @@ def test_columns_of_a_missed_landmark_are_dropped():
     at_y = at_x.at[1].set(jnp.argmax(square))
     x, y = features(SPEC, landmarks=at_x), features(SPEC, landmarks=at_y)
     one = jnp.ones(())
-    start = Start(jnp.eye(FINAL_KS[-1]), one, one, one / 4, one)
+    start = Start(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4, one)
     given = (SPEC, SPEC), (x, y), start, (at_x, at_y)
     kept = kept_landmarks(*given, settings=SETTINGS)
     times = SETTINGS.features.landmark_times

@@ -15,26 +15,12 @@ from jfsf.initial import (
 )
 from jfsf.initial._hypotheses import best_different
 from jfsf.initial._samples import search_samples
-from jfsf.initial._seeds import flips, sign_patterns
-from jfsf.initial._settings import (
-    ASSIGNED,
-    ASSIGNMENT_KS,
-    EIGENPAIRS,
-    EXTREMITIES,
-    FINAL_KS,
-    FIT_KS,
-    FIT_SIZE,
-    FLIP_KS,
-    FLIP_RANGE,
-    FLIPS,
-    SIGN_FUNCTIONS,
-    START_KS,
-    STARTS,
-)
+from jfsf.initial._search import flips, sign_patterns
+from jfsf.initial._settings import FLIPS, STARTS
 from jfsf.spectral import features, wks
 
 DEFAULT, SMALL = SearchSettings(), SearchSettings(hypotheses=61)
-SPEC = testing.blob_spectrum(0, EIGENPAIRS)
+SPEC = testing.blob_spectrum(0, DEFAULT.eigenpairs)
 DESC = wks(SPEC, num=5)
 
 
@@ -50,7 +36,7 @@ def test_too_few_eigenpairs_are_an_error(side):
 
 def test_an_unknown_orientation_is_an_error():
     with pytest.raises(ValueError, match="not 'up'"):
-        search(SPEC, SPEC, DESC, jnp.ones_like(DESC), orientation="up")  # type: ignore
+        orientation_sign("up")  # type: ignore
 
 
 def test_orientations_have_signs():
@@ -65,12 +51,13 @@ def test_the_smallest_budget_finds_the_identity():
     found = search(SPEC, SPEC, DESC, DESC, settings=SMALL, num=3)
     assert isinstance(found, Candidates)
     assert np.array_equal(found.energy, np.sort(found.energy))
-    identity = np.eye(EIGENPAIRS)
+    identity = np.eye(DEFAULT.eigenpairs)
     np.testing.assert_allclose(found.C_yx[0], identity, atol=0.05)
 
 
 def test_the_default_budget():
-    assert (STARTS, FLIPS, DEFAULT.parents) == (50, 11, 10)
+    sizes = STARTS, FLIPS, DEFAULT.parents, DEFAULT.eigenpairs
+    assert sizes == (50, 11, 10, 40)
     assert STARTS + FLIPS * DEFAULT.parents == DEFAULT.hypotheses
     # More hypotheses than there are starts to keep change nothing.
     assert SearchSettings(hypotheses=10_000).parents == STARTS
@@ -81,6 +68,8 @@ def test_the_default_budget():
     "options, message",
     [
         ({"hypotheses": 60}, "hypotheses is 60, the least is 61"),
+        ({"final_ks": (31, 40)}, "final_ks begin at 31; begin with 30 or fewer"),
+        ({"nonisometric_candidates": 0}, "nonisometric_candidates is 0"),
         (
             {"samples": 2000},
             "samples is 2000, final_samples 1000; it must not be more",
@@ -90,16 +79,6 @@ def test_the_default_budget():
 def test_settings_that_do_not_fit_each_other_are_an_error(options, message):
     with pytest.raises(ValueError, match=f"SearchSettings: {message}"):
         SearchSettings(**options)
-
-
-def test_each_stage_begins_where_the_one_before_ends():
-    assert START_KS[0] == SIGN_FUNCTIONS and FIT_KS[-1] == START_KS[-1]
-    assert FIT_KS[0] <= FIT_SIZE and FLIP_KS[0] == FLIP_RANGE[1]
-    assert 0 < FLIP_RANGE[0] < FLIP_RANGE[1] <= START_KS[-1]
-    assert FINAL_KS[0] <= min(FLIP_KS[-1], ASSIGNMENT_KS[-1])
-    sizes = *START_KS, *FIT_KS, *FLIP_KS, *FINAL_KS, *ASSIGNMENT_KS, FIT_SIZE
-    assert max(sizes) == EIGENPAIRS
-    assert 3 <= ASSIGNED <= EXTREMITIES
 
 
 @pytest.mark.parametrize("functions", [1, 2, 5])
@@ -122,7 +101,7 @@ def test_flips_change_none_or_one_sign(first, end):
     assert np.array_equal(flips(first, end), truth)
 
 
-def plain_choice(C_yx, energy, num, group, groups, *, compared, min_difference):
+def plain_choice(C_yx, energy, num, group, groups, compared):
     """The definition: lowest energy first, all that are close to it left out."""
     size = compared
     energy, chosen = np.array(energy), []
@@ -133,7 +112,7 @@ def plain_choice(C_yx, energy, num, group, groups, *, compared, min_difference):
         chosen.append(best)
         for c in mine:
             gap = C_yx[c][:size, :size] - C_yx[best][:size, :size]
-            if np.sum(gap**2) < 2 * size * min_difference:
+            if np.sum(gap**2) < 2 * size * 0.2:
                 energy[c] = np.inf
     return chosen
 
@@ -143,7 +122,6 @@ def plain_choice(C_yx, energy, num, group, groups, *, compared, min_difference):
 def test_the_choice_of_different_candidates_matches_the_plain_loop(
     groups, seed, compared
 ):
-    options = {"compared": compared, "min_difference": 0.2}
     rng = np.random.default_rng(seed)
     # A few maps, each with near copies.
     maps = rng.normal(size=(8, 6, 6))
@@ -160,9 +138,10 @@ def test_the_choice_of_different_candidates_matches_the_plain_loop(
         num,
         jnp.asarray(group),
         groups,
-        **options,
+        compared=compared,
+        min_difference=0.2,
     )
-    truth = plain_choice(C_yx, energy, num, group, groups, **options)
+    truth = plain_choice(C_yx, energy, num, group, groups, compared)
     assert found.tolist() == truth and differs.all()
     # Two of one group come from different maps; two of different groups need not.
     for turn in range(groups):
@@ -177,12 +156,11 @@ def test_nothing_is_chosen_twice_within_a_group():
 
 def test_the_mirror_gap_says_which_side_fits():
     there, other = (
-        search(SPEC, SPEC, DESC, DESC, orientation=side, settings=SMALL, num=3)
-        for side in ("preserve", "reverse")
+        search(SPEC, SPEC, DESC, DESC, sign, settings=SMALL, num=3) for sign in (1, -1)
     )
     # The blob has no symmetry.
     assert there.mirror_gap > 0 > other.mirror_gap
-    free = search(SPEC, SPEC, DESC, DESC, orientation="any", settings=SMALL, num=3)
+    free = search(SPEC, SPEC, DESC, DESC, 0, settings=SMALL, num=3)
     assert np.isnan(free.mirror_gap)
 
 
@@ -190,5 +168,5 @@ def test_a_copy_of_a_better_map_does_not_count_as_different():
     maps = np.random.default_rng(0).normal(size=(4, 6, 6))
     maps[0] = maps[1] + 1e-3
     energy = jnp.array([1.0, 0.9, 2.0, 3.0])
-    kept, differs = best_different(jnp.asarray(maps), energy, 4, settings=DEFAULT)
+    kept, differs = best_different(jnp.asarray(maps), energy, 4)
     assert kept.tolist() == [1, 2, 3, 0] and differs.tolist() == [True] * 3 + [False]

@@ -31,7 +31,7 @@ def main() -> None:
     (mesh_x, gt_x), (mesh_y, gt_y) = load(args.x), load(args.y)
     specs = truncate_pair(*map(jfsf.basis, (mesh_x, mesh_y)))
     spec_x, spec_y = jax.tree.map(jnp.asarray, specs)
-    found = search(spec_x, spec_y, orientation="any", num=args.show)
+    found = search(spec_x, spec_y, sign=0, num=args.show)
 
     maps, rows = {}, []
     some = slice(None, None, 20)

@@ -17,16 +17,15 @@ from experiments.accuracy import datasets
 from experiments.accuracy.protocol import RIGHT
 from jfsf.convert import nearest
 from jfsf.evaluate import evaluate
-from jfsf.initial import SearchSettings
 from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
 from jfsf.initial._linear import solve
 from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._samples import search_samples
-from jfsf.initial._settings import FIT_KS, FIT_WEIGHTS
+from jfsf.initial._settings import FIT_KS
+from jfsf.initial._settings import FITS as SEARCHED
 from jfsf.initial._terms import combine
 from jfsf.spectral import embeddings, features, spectrum
 
-SETTINGS = SearchSettings()
 # Name, loss, scale, weight of orthogonality, steps at most.
 FITS = (
     ("linear", None, 0.0, 0.0, 0),
@@ -64,7 +63,7 @@ def main() -> None:
 
 def _samples(mesh):
     spec = jax.device_put(spectrum(mesh, 120))
-    return spec, search_samples(jax.jit(features)(spec), settings=SETTINGS)
+    return spec, search_samples(jax.jit(features)(spec))
 
 
 @partial(jax.jit, static_argnames="fit")
@@ -72,7 +71,7 @@ def _fitted(x, y, *, fit):
     """The map of each of the search's weights by one kind of fit."""
     _, loss, scale, orthogonality, steps = fit
     found = []
-    for weights in FIT_WEIGHTS:
+    for weights in SEARCHED:
         problem = combine(x.fit, y.fit, weights)
         if loss is None:
             found.append(solve(problem).C_yx)
@@ -85,8 +84,8 @@ def _fitted(x, y, *, fit):
 
 @jax.jit
 def _refined(x, y, C_yx):
-    pair, ks = SamplePair(x.search_points, y.search_points, False), FIT_KS
-    return refine_hypotheses(pair, C_yx, 1.0, ks=ks, settings=SETTINGS)
+    pair = SamplePair(x.search_points, y.search_points, False)
+    return refine_hypotheses(pair, C_yx, 1.0, ks=FIT_KS)
 
 
 def _errors(shapes, x, y, args) -> dict:

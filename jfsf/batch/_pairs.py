@@ -16,7 +16,6 @@ from jaxtyping import Array, Float
 from jfsf.convert import Converter, maps_of, sinkhorn
 from jfsf.initial import Candidates, Orientation, orientation_sign
 from jfsf.initial import search as search_one
-from jfsf.initial._settings import EIGENPAIRS
 from jfsf.matching import Settings
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import PairState
@@ -148,7 +147,7 @@ def match_spectra(
     """
     check_batch(pairs, batch_size)
     sizes = _sizes("match_spectra", specs_x=specs_x, specs_y=specs_y)
-    needed = EIGENPAIRS
+    needed = settings.search.eigenpairs
     for i, pair in enumerate(zip(specs_x, specs_y, strict=True)):
         if (least := min(len(spec.evals) for spec in pair)) < needed:
             raise ValueError(

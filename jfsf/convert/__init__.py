@@ -3,12 +3,12 @@
 Read in this order:
 
 - `_converter`: what a converter is
-- `_kernel`: the sparse kernel (eq. 12) and the plan
+- `_kernel`: the sparse kernel (eq. 12), its length, and the plan
 - `_nearest`: nearest neighbour (eqs. 5 and 6)
 - `_updates`: Sinkhorn updates on the kernel
 - `_tolerance`: updates until the marginals are met, with implicit gradients
 - `_scaling`: updates of either kind, and the maps of the plan
-- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2)
+- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2), balanced or with a `reach`
 - `_precise`: to points on triangles, in place of vertices
 """
 

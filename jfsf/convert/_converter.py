@@ -1,7 +1,8 @@
 """What a converter is: aligned embeddings -> point-to-point maps both ways.
 
 Any function with this signature works wherever the package asks for a converter: in
-ICP, ZoomOut, ARAP and `match`. `nearest` and `sinkhorn` are converters.
+ICP, ZoomOut, ARAP and `match`. `nearest` and `sinkhorn` are converters, and so are the
+auction and CPD of `experiments/paper/baselines`.
 """
 
 from typing import Protocol

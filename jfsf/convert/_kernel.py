@@ -14,8 +14,8 @@ from jaxtyping import Array, Bool, Float
 
 from jfsf.types import Kernel, Neighbours, Plan
 
+Scale = Literal["nearest", "max"]
 MOST = 60.0  # the log of a weight
-Scale = Literal["nearest", "max"]  # the length that lam is relative to
 
 
 def build(
@@ -53,6 +53,53 @@ def build(
     log_xy = jnp.where(mutual_xy, mean, log_xy + log_weight)
     log_yx = jnp.where(mutual_yx, -jnp.inf, log_yx + log_weight)
     return Kernel(near_xy.idx, log_xy, near_yx.idx, log_yx)
+
+
+def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
+    """The length that lam is relative to, for one direction; see `sinkhorn`."""
+    dist, known = near.dist, jnp.isfinite(near.dist)
+    if not gradient:
+        dist = jax.lax.stop_gradient(dist)
+    if scale == "max":
+        length = jnp.max(jnp.where(known, dist, 0))
+    else:
+        ends = dist[:, (0, -1)], known[:, (0, -1)]
+        # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
+        nearest, farthest = _medians(*ends)
+        if gradient:
+            nearest, farthest = _mean_of_equal(*ends, jnp.stack([nearest, farthest]))
+        length = jnp.maximum(nearest, farthest / 100)
+    return jnp.where(length > 0, length, 1)
+
+
+def _mean_of_equal(
+    dist: Float[Array, "n c"], known: Array, value: Float[Array, " c"]
+) -> Float[Array, " c"]:
+    """`value` again, as the mean of the entries equal to it, which has a slope."""
+    equal = known & (dist == value[None])
+    total = jnp.sum(jnp.where(equal, dist, 0), 0)
+    return total / jnp.maximum(jnp.sum(equal, 0), 1).astype(dist.dtype)
+
+
+def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
+    """The lower median of the known entries of each column, found bit by bit.
+
+    Counting replaces a sort, which is slow in XLA on a CPU. Numbers that are not
+    negative have the order of their bits.
+    """
+    integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
+    bits = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(dist), integer)
+    before = (known.sum(0) - 1) // 2
+
+    def settle(i, low):
+        larger = low | (jnp.ones((), integer) << (top - i))
+        smaller = jnp.sum(known & (bits < larger[None]), 0)
+        return jnp.where(smaller <= before, larger, low)
+
+    top = 8 * dist.dtype.itemsize - 2  # below the sign
+    low = jnp.zeros(dist.shape[1], integer)
+    median = jax.lax.fori_loop(0, top + 1, settle, low)
+    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
 
 
 def transpose(kernel: Kernel) -> Kernel:
@@ -140,50 +187,3 @@ def _is_mutual(near_xy: Neighbours, near_yx: Neighbours):
     theirs = near_yx.idx[near_xy.idx]
     known = jnp.isfinite(near_yx.dist)[near_xy.idx]
     return jnp.any((theirs == me) & known, 2) & jnp.isfinite(near_xy.dist)
-
-
-def length(near: Neighbours, scale: Scale, gradient: bool = False) -> Float[Array, ""]:
-    """The length that lam is relative to, for one direction; see `sinkhorn`."""
-    dist, known = near.dist, jnp.isfinite(near.dist)
-    if not gradient:
-        dist = jax.lax.stop_gradient(dist)
-    if scale == "max":
-        length = jnp.max(jnp.where(known, dist, 0))
-    else:
-        ends = dist[:, (0, -1)], known[:, (0, -1)]
-        # Shapes that coincide have nearest distance 0; 1 / lam must not follow.
-        nearest, farthest = _medians(*ends)
-        if gradient:
-            nearest, farthest = _mean_of_equal(*ends, jnp.stack([nearest, farthest]))
-        length = jnp.maximum(nearest, farthest / 100)
-    return jnp.where(length > 0, length, 1)
-
-
-def _mean_of_equal(
-    dist: Float[Array, "n c"], known: Array, value: Float[Array, " c"]
-) -> Float[Array, " c"]:
-    """`value` again, as the mean of the entries equal to it, which has a slope."""
-    equal = known & (dist == value[None])
-    total = jnp.sum(jnp.where(equal, dist, 0), 0)
-    return total / jnp.maximum(jnp.sum(equal, 0), 1).astype(dist.dtype)
-
-
-def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
-    """The lower median of the known entries of each column, found bit by bit.
-
-    Counting replaces a sort, which is slow in XLA on a CPU. Numbers that are not
-    negative have the order of their bits.
-    """
-    integer = jnp.int32 if dist.dtype.itemsize == 4 else jnp.int64
-    bits = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(dist), integer)
-    before = (known.sum(0) - 1) // 2
-
-    def settle(i, low):
-        larger = low | (jnp.ones((), integer) << (top - i))
-        smaller = jnp.sum(known & (bits < larger[None]), 0)
-        return jnp.where(smaller <= before, larger, low)
-
-    top = 8 * dist.dtype.itemsize - 2  # below the sign
-    low = jnp.zeros(dist.shape[1], integer)
-    median = jax.lax.fori_loop(0, top + 1, settle, low)
-    return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))

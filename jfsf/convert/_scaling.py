@@ -45,9 +45,8 @@ def scale_kernel(
     Args:
         kernel: entries only between vertices of positive marginal.
         marginal_x, marginal_y: each sums to 1; 0 on padding.
-        slack: eps / rho of `sinkhorn(reach=...)`, where the sums need not meet the
-            marginals; the marginal error is then the gap from the targets
-            (`_updates.error_of`).
+        slack: where it is not None the plan need not meet the marginals, which are
+            targets (`_updates`). The marginal error is the gap from these.
         num_iters: updates of each side, at least 1; Y's first, so X's sums are exact.
             Not used with `tol`.
         relax, tol, max_iters: as in `sinkhorn`.

@@ -2,7 +2,8 @@
 
 Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbours,
 here those both ways, Sinkhorn scaling to the marginals, row and column argmax of the
-plan.
+plan. With a `reach` mass without a partner may go: unbalanced entropic transport
+(Chizat et al., Math. Comp. 2018) on the same kernel.
 """
 
 from functools import partial
@@ -15,14 +16,14 @@ from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
-from jfsf.convert._kernel import Scale
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.types import Filtered, Kernel
 
-# Beyond it the plan is the kernel times both marginals, to a thousandth of its log.
+# Slack (entropy over reach) beyond which the plan is the kernel times both marginals,
+# to a thousandth of its log.
 MOST_SLACK = 1e3
 
 
@@ -44,14 +45,14 @@ def sinkhorn(
     marginal_y: Float[Array, " n_y"] | None = None,
     search: NeighbourSearch | None = None,
     *,
-    lam: Float[Array, ""] | float = 120.0,
     reach: Float[Array, ""] | float | None = None,
+    lam: Float[Array, ""] | float = 120.0,
     k0: int = 20,
     num_iters: int = 24,
     relax: Float[Array, ""] | float = 1.7,
     tol: Float[Array, ""] | float | None = None,
     max_iters: int = 10_000,
-    scale: Scale = "nearest",
+    scale: kernels.Scale = "nearest",
     length_gradient: bool = False,
     power: float = 1.0,
     unilateral_weight: float = 1.0,
@@ -63,29 +64,30 @@ def sinkhorn(
     (eq. 10), scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
     T_xy[i] = argmax_j P_ij and T_yx[j] = argmax_i P_ij.
 
-    With `reach`, mass without a partner may go, for shapes that share only a part:
-    unbalanced entropic transport (Chizat et al., Math. Comp. 2018). With a, b the
-    marginals and C_ij = (d_ij / length)^p, the plan P is the minimum of
+    With a `reach`, shapes need to share only a part. With a, b the marginals and
+    M_ij = (d_ij / length)^p, the plan P is then the minimum of
 
-        <P, C> + eps KL(P | a b^T) + rho KL(P 1 | a) + rho KL(P^T 1 | b)
+        <P, M> + eps KL(P | a b^T) + rho KL(P 1 | a) + rho KL(P^T 1 | b)
 
-    on the entries of K, eps = 1 / lam and rho = reach^p. It is diag(u) K diag(v) with
-    u = a (K v)^-t and v = b (K^T u)^-t, t = rho / (rho + eps).
+    on the entries of K, with eps = 1 / lam and rho = reach^p. It is
+    P = diag(u) K diag(v) with u = a (K v)^-t and v = b (K^T u)^-t, t = rho / (rho +
+    eps), and the result says what share of its mass each vertex keeps.
 
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
         marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
             of Y; each sums to 1, 0 marks padding. Uniform when absent. With `reach`
-            their sums may differ, and a point keeps all of its mass only if its
-            partners have as much: where Y is half of X, give both the same mass a unit
-            of area, not 1 in all.
+            their sums may differ: where Y is half of X, give both the same mass a unit
+            of area, as a point keeps all of its mass only if its partners have as much.
         search: how neighbours are searched; when absent, all points are compared.
+        reach: None for plans that meet the marginals. Else a distance, in units of the
+            length, above 0; 3 is a good start. Of two points of mass m at distance d
+            that have only each other, each keeps the share
+
+            exp(-(d^power + log(1 / m) / lam) / (2 reach^power + 1 / lam)),
+
+            61 % at the distance `reach` if lam is large. inf is the same as None.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
-        reach: a distance, in units of the length, above 0; None where all mass must
-            arrive, and the limit of large values is that filter. Of two points of mass
-            m at distance d that have only each other, each keeps the share
-            exp(-(d^power + log(1 / m) / lam) / (2 reach^power + 1 / lam)), which is
-            61 % at the distance `reach` if lam is large.
         k0: neighbours a vertex, both ways. With 10 accuracy is some percent lower. More
             than 20 change little, and above 32 the search takes twice as long.
         num_iters: updates of each side. More updates lower the marginal error. On
@@ -95,8 +97,8 @@ def sinkhorn(
             algorithm. The last update is plain.
         tol: marginal error to reach, in place of a fixed number of updates, by at most
             `max_iters` of them; see `Filtered.converged`. Derivatives are then those of
-            the optimal plan (the implicit function theorem), and take memory that does
-            not depend on the number of updates.
+            the plan that meets the marginals exactly (the implicit function theorem),
+            and take memory that does not depend on the number of updates.
         max_iters: updates of each side with `tol`, at most, but for two and what fills
             the last round of four. They end before where the error no longer falls: k0
             neighbours may be too few to hold the mass, above all with marginals other
@@ -115,16 +117,16 @@ def sinkhorn(
 
     Returns:
         The maps with the plan that they are the argmax of, and its marginal error. With
-        `reach` this is the gap of the plan's sums from those of the best plan for the
-        same scalings, marginal_x exp(-(f - log marginal_x) / (lam reach^power)), and
-        `membership_x` and `membership_y` say how much of its mass each point keeps.
+        `reach` that error is the l1 gap of the plan's sums from those of the best plan
+        for the same scalings, a exp(-(f - log a) / (lam reach^power)), as a fraction of
+        all mass; 0 at the optimum.
 
     Raises:
         ValueError: shapes do not fit, or an option is out of range.
     """
     num = min(num_iters, max_iters)
     _check(emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
-    kernel, marginal_x, marginal_y, recall = kernel_between(
+    kernel, marginal_x, marginal_y, recall = _kernel_between(
         emb_x,
         emb_y,
         marginal_x,
@@ -185,7 +187,7 @@ class KernelAndMarginals(NamedTuple):
     recall: Float[Array, ""]
 
 
-def kernel_between(
+def _kernel_between(
     emb_x: Array,
     emb_y: Array,
     marginal_x: Array | None,
@@ -194,7 +196,7 @@ def kernel_between(
     lam: Array | float,
     *,
     k0: int,
-    scale: Scale,
+    scale: kernels.Scale,
     length_gradient: bool,
     power: float,
     unilateral_weight: float,
@@ -227,17 +229,15 @@ def kernel_between(
     return KernelAndMarginals(kernel, marginal_x, marginal_y, near_both.recall)
 
 
-def _slack(
-    reach: Array | float, lam: Array | float, power: float, dtype: jnp.dtype
-) -> Array:
+def _slack(reach, lam, power: float, dtype) -> Array:
     """eps / rho; nan for a reach that is not above 0, which would mean nothing."""
-    reach, lam = jnp.asarray(reach, dtype), jnp.asarray(lam, dtype)
+    reach, lam = (jnp.asarray(value, dtype) for value in (reach, lam))
     slack = (1 / reach) ** power / lam  # finite derivatives where reach is inf
     return jnp.where(reach > 0, jnp.minimum(slack, MOST_SLACK), jnp.nan)
 
 
 def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
-    """Refuse shapes that do not fit and options out of range, by name."""
+    """Refuse shapes that do not fit and options out of range."""
     if emb_x.shape[1] != emb_y.shape[1]:
         raise ValueError(
             f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"

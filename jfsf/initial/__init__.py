@@ -6,13 +6,12 @@ Read in this order:
 - `_linear`: its minimum, by jaxopt or lineax
 - `_nonlinear`: robust losses and orthogonality, by optimistix
 - `_fit`: descriptors to a functional map by any of these
-- `_settings`: the numbers of the search
+- `_settings`: how much the search tries, and the sizes it goes through
 - `_geodesics`: distances between samples
 - `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, their energy, and the best that differ
-- `_seeds`: sign patterns, fits to descriptors, and flips
-- `_search`: the search among these, and the ranking
+- `_search`: the search from sign patterns, fits and flips, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
 - `_given`: what two spectra are given beside them, checked

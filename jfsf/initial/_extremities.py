@@ -22,7 +22,11 @@ from jfsf.array import matmul
 from jfsf.array._sides import map_sides
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
-from jfsf.initial._settings import ASSIGNED, EXTREMITIES, SearchSettings
+
+# Extremities that are looked for on each shape, and how many of them one start assigns.
+# Two shapes may have unequal numbers of limbs.
+EXTREMITIES = 7
+ASSIGNED = 5
 
 
 def extremities(
@@ -56,14 +60,12 @@ class Assignments(NamedTuple):
     difference: Float[Array, " a"]
 
 
-def best_assignments(
-    x: SearchSamples, y: SearchSamples, *, settings: SearchSettings
-) -> Assignments:
+def best_assignments(x: SearchSamples, y: SearchSamples, *, num: int) -> Assignments:
     """The assignments of extremities that fit best.
 
     Args:
         x, y: both shapes at samples.
-        settings: `assignments` says how many.
+        num: how many, at most.
     """
 
     def side(samples: SearchSamples):
@@ -91,7 +93,7 @@ def best_assignments(
     apart = jnp.mean(jnp.abs(tips_x[:, None] - tips_y[None]), 2)
     difference = jnp.mean(apart[of_x, of_y], 1)
     cost = uneven + further / 2 + difference
-    _, best = jax.lax.top_k(-cost, min(settings.assignments, len(cost)))
+    _, best = jax.lax.top_k(-cost, min(num, len(cost)))
     return Assignments(
         jnp.swapaxes(from_x[of_x[best]], 1, 2),
         jnp.swapaxes(from_y[of_y[best]], 1, 2),

@@ -14,16 +14,14 @@ from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Spectrum
 
 
-@jit(static_argnames="distance_pairs")
-def sample_cells(
-    spec: Spectrum, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
-) -> Int[Array, "n 2"]:
+@jit
+def sample_cells(spec: Spectrum, samples: Int[Array, " s"]) -> Int[Array, "n 2"]:
     """The two nearest samples of each vertex, in biharmonic distance.
 
     The first is the sample whose cell has the vertex. Padding lies at the origin of the
     biharmonic embedding.
     """
-    points = biharmonic(spec, distance_pairs)
+    points = biharmonic(spec, DISTANCE_PAIRS)
     return neighbours(points, points[samples], k0=2).idx
 
 

@@ -13,11 +13,16 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import argmax, matmul
 from jfsf.array._sides import map_sides
-from jfsf.initial._settings import COMPARED, CURVATURE_ENERGY, MIN_DIFFERENCE, ZOOMOUT
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 from jfsf.types import Maps
 
+# Leading rows and columns of a functional map in which two are compared, and the share
+# of that block's energy in which two candidates must differ.
+COMPARED = 20
+MIN_DIFFERENCE = 0.04
+# Energy of curvatures that differ by one standard deviation.
+CURVATURE_ENERGY = 0.125
 # Entries of all products of two samples that are in work at a time: they stay in the
 # cache.
 CACHED_ENTRIES = 1 << 20
@@ -62,7 +67,6 @@ def refine_hypotheses(
             weighted=True,
             bidirectional=True,
             extra_weight=weight,
-            settings=ZOOMOUT,
         )
 
     count = len(C_yx)
@@ -97,7 +101,8 @@ def energies(
     Args:
         pair: the samples; padding has mass 0 and is a copy of another sample.
         C_yx: functions on Y pulled back to X.
-        compared, curvature_energy: as in the formula.
+        compared: leading rows and columns that are compared with the identity.
+        curvature_energy: of curvatures that differ by one standard deviation.
     """
     x, y, self_map = pair
     size = min(compared, C_yx.shape[-1])
@@ -160,16 +165,17 @@ def best_different(
         group: in 0..groups - 1, of each candidate. Indices are taken from the groups
             in turn.
         groups: how many groups there are.
-        compared: leading rows and columns that are compared.
+        compared: leading rows and columns in which two maps are compared.
         min_difference: share of that block's energy in which two must differ.
 
     Returns:
         The indices, and whether each differs: 0 and False where none is left.
     """
-    lead = C_yx[:, :compared, :compared].reshape(len(C_yx), -1)
+    size = compared
+    lead = C_yx[:, :size, :size].reshape(len(C_yx), -1)
     square = jnp.sum(lead**2, 1)
     gap = square[:, None] + square[None, :] - 2 * matmul(lead, lead.T)
-    close = gap < 2 * compared * min_difference
+    close = gap < 2 * size * min_difference
 
     def step(energy, turn):
         left = jnp.asarray(jnp.where(group == turn, energy, jnp.inf))

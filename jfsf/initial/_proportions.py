@@ -31,18 +31,17 @@ from jfsf.initial._search import (
     sample_pair,
     with_orientation,
 )
-from jfsf.initial._settings import (
-    ASSIGNMENT_KS,
-    DIFFERENCE_WEIGHT,
-    EXTREMITY_WEIGHT,
-    FINAL_KS,
-    NONISOMETRIC_DESCRIPTOR_WEIGHT,
-    ZOOMOUT,
-    SearchSettings,
-)
+from jfsf.initial._settings import ASSIGNMENT_KS, SearchSettings
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 
+# Weight of the columns beside the eigenfunctions: where proportions differ so do
+# descriptors, and more than this spoils right maps.
+DESCRIPTOR_WEIGHT = 0.1
+# Weight of the distances to assigned extremities, which are further columns.
+EXTREMITY_WEIGHT = 2.0
+# Weight of what assigned extremities differ in, beside `log_stretch_std` of a map.
+DIFFERENCE_WEIGHT = 0.4
 # Neighbours of a sample between which stretch is read: as many as a vertex has.
 NEAR = 6
 # Added to a stretch: samples that become one point are stretched by this, not by 0.
@@ -76,15 +75,16 @@ def nonisometric_candidates(
         brackets=(x.search_points.brackets, y.search_points.brackets),
         sign=sign,
     )
-    assigned = best_assignments(x, y, settings=settings)
+    assigned = best_assignments(x, y, num=settings.assignments)
     C_yx = refine_extremities(search_pair, assigned)
     cost = log_stretch_std(search_pair, x.geodesics, y.geodesics, C_yx)
     cost += DIFFERENCE_WEIGHT * assigned.difference
     _, score = oriented(cost, C_yx)
     cost = jnp.where(sign * score < 0, jnp.inf, cost)
     kept, _ = best_different(C_yx, cost, settings.nonisometric_candidates)
-    weight = NONISOMETRIC_DESCRIPTOR_WEIGHT
-    last = refine_hypotheses(ranking_pair, C_yx[kept], weight, ks=FINAL_KS)
+    last = refine_hypotheses(
+        ranking_pair, C_yx[kept], DESCRIPTOR_WEIGHT, ks=settings.final_ks
+    )
     energy, score = oriented(energies(ranking_pair, last), last)
     return Candidates(last, energy, score, jnp.full((), jnp.nan, energy.dtype))
 
@@ -110,7 +110,7 @@ def refine_extremities(
         return jnp.linalg.solve(gram, matmul(back, y.spec.evecs[:, : ks[0]][T_xy]))
 
     def columns(side: Features, distances):
-        known = side.columns * NONISOMETRIC_DESCRIPTOR_WEIGHT
+        known = side.columns * DESCRIPTOR_WEIGHT
         far = distances.astype(known.dtype) * EXTREMITY_WEIGHT
         return jnp.concatenate([known, far], 1)
 
@@ -130,7 +130,6 @@ def refine_extremities(
             converter=dense_nearest,
             weighted=True,
             bidirectional=True,
-            settings=ZOOMOUT,
         )
 
     count = len(assigned.from_x)

@@ -7,10 +7,9 @@ from jaxtyping import Array, Float, Int
 from jfsf.array._jit import jit
 from jfsf.initial._ends import total_curvatures
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
-from jfsf.initial._settings import EIGENPAIRS, FIT_SIZE, SearchSettings
+from jfsf.initial._settings import FIT_SIZE, SearchSettings
 from jfsf.initial._terms import ShapeTerms, shape_terms
 from jfsf.spectral import Features, farthest_points
-from jfsf.spectral._sampling import DISTANCE_PAIRS
 
 
 class SearchSamples(NamedTuple):
@@ -50,22 +49,21 @@ def search_samples(
         ValueError: fewer eigenpairs than the settings need.
     """
     spec = features.spec
-    if len(spec.evals) < EIGENPAIRS:
+    if len(spec.evals) < settings.eigenpairs:
         raise ValueError(
             f"search_samples: the spectrum has {len(spec.evals)} eigenpairs, the "
-            f"search needs {EIGENPAIRS}"
+            f"search needs {settings.eigenpairs}"
         )
-    pairs = DISTANCE_PAIRS
     num = min(settings.final_samples, len(spec.mass if among is None else among))
-    chosen = farthest_points(spec, among, num=num, distance_pairs=pairs)
+    chosen = farthest_points(spec, among, num=num)
     # Each point is the farthest from those before it, so the first are samples too.
     search_points, ranking_points = (
-        features.at(chosen[:count], distance_pairs=pairs)
+        features.at(chosen[:count])
         for count in (settings.samples, settings.final_samples)
     )
     fit = shape_terms(spec, features.descriptors, k=FIT_SIZE)
     at = chosen[: settings.samples]
-    cells = sample_cells(spec, at, distance_pairs=pairs)
+    cells = sample_cells(spec, at)
     geodesics = sample_geodesics(spec, at, cells)
     return SearchSamples(
         search_points, ranking_points, fit, geodesics, total_curvatures(spec, at, cells)

@@ -15,10 +15,12 @@ al., SIGGRAPH Asia 2020). Here they are refined in batches, each one vmap.
 """
 
 from functools import partial
+from itertools import product
 from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
@@ -29,26 +31,27 @@ from jfsf.initial._hypotheses import (
     energies,
     refine_hypotheses,
 )
+from jfsf.initial._linear import solve
 from jfsf.initial._samples import SearchSamples, search_samples
-from jfsf.initial._seeds import fits, flips, sign_patterns
 from jfsf.initial._settings import (
-    DESCRIPTOR_WEIGHTS,
-    EIGENPAIRS,
-    FINAL_KS,
     FIT_KS,
+    FITS,
     FLIP_KS,
     FLIP_RANGE,
-    HALF_MIRRORED_ENERGY,
     SIGN_FUNCTIONS,
     START_KS,
-    WRONG_ORIENTATION_ENERGY,
-    ZOOMOUT,
+    START_WEIGHTS,
     SearchSettings,
 )
+from jfsf.initial._terms import combine
 from jfsf.spectral import Features, FeatureSettings, features, orientation_score
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
+# Energy of a map that keeps orientation on half of the shape and mirrors the rest.
+HALF_MIRRORED_ENERGY = 0.2
+# Added for a map of the wrong orientation: more than any other energy.
+WRONG_ORIENTATION_ENERGY = 100.0
 
 
 class Candidates(NamedTuple):
@@ -70,14 +73,15 @@ class Candidates(NamedTuple):
     mirror_gap: Float[Array, ""]
 
 
+@jit(static_argnames=("num", "settings", "feature_settings"))
 def search(
     spec_x: Spectrum,
     spec_y: Spectrum,
     desc_x: Float[Array, "n_x d"] | None = None,
     desc_y: Float[Array, "n_y d"] | None = None,
-    *,
-    orientation: Orientation | Int[Array, ""] = "preserve",
+    sign: Int[Array, ""] | int = 1,
     self_map: Bool[Array, ""] | bool = False,
+    *,
     num: int = 6,
     settings: SearchSettings = SearchSettings(),
     feature_settings: FeatureSettings = FeatureSettings(),
@@ -88,34 +92,17 @@ def search(
         spec_x, spec_y: spectra with 40 eigenpairs or more, faces wound outward.
         desc_x, desc_y: descriptors; column i of one corresponds to column i of the
             other. The wave kernel signature when absent.
-        orientation, self_map, num, settings: as `candidates`.
+        sign, self_map, num, settings: as `candidates`.
         feature_settings: see `jfsf.spectral.features`.
 
     Raises:
-        ValueError: too few eigenpairs, or an unknown orientation.
+        ValueError: too few eigenpairs.
     """
-    return _search(
-        spec_x,
-        spec_y,
-        desc_x,
-        desc_y,
-        orientation_sign(orientation),
-        self_map,
-        num=num,
-        settings=settings,
-        feature_settings=feature_settings,
-    )
-
-
-@jit(static_argnames=("num", "settings", "feature_settings"))
-def _search(
-    spec_x, spec_y, desc_x, desc_y, sign, self_map, *, num, settings, feature_settings
-):
     for name, spec in (("x", spec_x), ("y", spec_y)):
-        if len(spec.evals) < EIGENPAIRS:
+        if len(spec.evals) < settings.eigenpairs:
             raise ValueError(
                 f"search: spec_{name} has {len(spec.evals)} eigenpairs, it needs "
-                f"{EIGENPAIRS}"
+                f"{settings.eigenpairs}"
             )
 
     def samples(spec, desc):
@@ -163,12 +150,12 @@ def candidates(
 
     Args:
         x, y: both shapes at samples, made with the same settings.
-        sign: of the orientation of the maps to put first (`orientation_sign`); the
-            others rank behind all of them.
-        self_map: X and Y are one shape. With orientation "reverse" its symmetries are
-            found: a map costs energy as it resembles the identity. Descriptors and
-            curvature, which are most alike under the identity, take part in the energy
-            only.
+        sign: 1 puts maps that keep orientation first, -1 those that mirror; the others
+            rank behind all of them. 0 asks for none. `orientation_sign` makes it of a
+            word.
+        self_map: X and Y are one shape. With sign -1 its symmetries are found: a map
+            costs energy as it resembles the identity. Descriptors and curvature, which
+            are most alike under the identity, take part in the energy only.
         num: candidates to return.
         settings: of the search.
     """
@@ -178,7 +165,7 @@ def candidates(
     flip_from, flip_to = FLIP_RANGE
 
     signs = jnp.asarray(sign_patterns(SIGN_FUNCTIONS), dtype)
-    weights = jnp.asarray(DESCRIPTOR_WEIGHTS, dtype)
+    weights = jnp.asarray(START_WEIGHTS, dtype)
     start_weights = jnp.repeat(weights, len(signs))
     starts = jnp.tile(signs, (len(weights), 1, 1))
     fitted = fits(x, y, sign).astype(dtype)
@@ -192,13 +179,8 @@ def candidates(
     # does not see what they are good for.
     start_weights = jnp.pad(start_weights, (0, len(fitted)), constant_values=1)
     group = jnp.where(start_weights < 1, 1, 0)
-    chosen, _ = best_different(
-        parents,
-        energies(search_pair, parents),
-        settings.parents,
-        group,
-        2,
-    )
+    energy = energies(search_pair, parents)
+    chosen, _ = best_different(parents, energy, settings.parents, group, 2)
 
     flipped = jnp.asarray(flips(flip_from, flip_to), dtype)
     children = parents[chosen][:, None, :flip_to, :flip_to] * flipped[None, :, None, :]
@@ -211,7 +193,7 @@ def candidates(
     gap = jnp.where(self_map, jnp.nan, _mirror_gap(plain, sign * score))
     chosen, _ = best_different(children, energy, num)
 
-    last = refine_hypotheses(ranking_pair, children[chosen], half, ks=FINAL_KS)
+    last = refine_hypotheses(ranking_pair, children[chosen], half, ks=settings.final_ks)
     energy, orientation = oriented(energies(ranking_pair, last), last)
     # Two candidates may have become one map. Copies rank last, or they would count as
     # rivals.
@@ -244,7 +226,7 @@ def with_orientation(energy: Array, C_yx: Array, *, brackets, sign):
         E'(C) = E(C) + h (1 - s)  if s >= 0,
         E'(C) = E(C) + w          if s < 0,
 
-    h = HALF_MIRRORED_ENERGY, w = WRONG_ORIENTATION_ENERGY. E' = E if no sign is
+    h = `HALF_MIRRORED_ENERGY`, w = `WRONG_ORIENTATION_ENERGY`. E' = E if no sign is
     wanted (0), or without a score (nan).
 
     Args:
@@ -252,12 +234,34 @@ def with_orientation(energy: Array, C_yx: Array, *, brackets, sign):
         brackets: `jfsf.spectral.brackets` of X and of Y.
         sign: 1, -1, or 0 for any.
     """
-    pulled_back = ZOOMOUT.pulled_back
-    score = partial(orientation_score, pulled_back=pulled_back)
-    orientation = jnp.asarray(jax.vmap(lambda C: score(C, *brackets))(C_yx))
+    score = lambda C: orientation_score(C, *brackets)
+    orientation = jnp.asarray(jax.vmap(score)(C_yx))
     # Clouds without a surface have no score.
     asked = (sign != 0) & ~jnp.isnan(orientation)
     agrees = jnp.asarray(sign * orientation)
     half = HALF_MIRRORED_ENERGY * (1 - agrees)
     wrong = jnp.where(agrees < 0, WRONG_ORIENTATION_ENERGY, half)
     return energy + jnp.where(asked, wrong, 0), orientation
+
+
+def fits(x: SearchSamples, y: SearchSamples, sign) -> Float[Array, "f k k"]:
+    """Functional maps by fits to descriptors, cut to the size that refinement needs."""
+    dtype, size = x.fit.coef.dtype, FIT_KS[0]
+    sign = jnp.asarray(jnp.where(jnp.asarray(sign) < 0, -1, 1))
+    weights = [w._replace(orientation=sign * w.orientation) for w in FITS]
+    stacked = jax.tree.map(lambda *w: jnp.asarray(w, dtype), *weights)
+    C_yx = jax.lax.map(lambda w: solve(combine(x.fit, y.fit, w)).C_yx, stacked)
+    return C_yx[:, :size, :size]
+
+
+def sign_patterns(functions: int) -> np.ndarray:
+    """Diagonal maps of all signs but that of the constant."""
+    patterns = product((1, -1), repeat=functions - 1)
+    return np.stack([np.diag((1, *pattern)) for pattern in patterns])
+
+
+def flips(first: int, end: int) -> np.ndarray:
+    """Rows of signs: none flipped, then each of `first` to `end` - 1."""
+    rows = np.ones((1 + end - first, end))
+    rows[np.arange(1, len(rows)), np.arange(first, end)] = -1
+    return rows

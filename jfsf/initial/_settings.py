@@ -1,96 +1,72 @@
-"""How the search for an initial map works, in numbers.
-
-The numbers in upper case were tuned together, on FAUST, TOSCA and the embedded shapes;
-`experiments/fit/fit_starts.py` compares the fits. The sizes of the bases follow each
-other: a stage begins where the one before it ends, or below.
-"""
+"""How much the search tries, and the sizes of the basis it goes through."""
 
 from dataclasses import dataclass
 
 from jfsf.initial._terms import Weights
-from jfsf.refine import ZoomOutSettings
 
-# First eigenfunctions, the constant included, whose sign patterns are all tried.
+# Starts: all sign patterns of the first eigenfunctions, the constant included, with
+# each weight of the columns beside the eigenfunctions. The best weight depends on the
+# shapes. With 0.5 the legs of TOSCA's dogs are exchanged, with 1 the hands of the
+# embedded child.
 SIGN_FUNCTIONS = 5
-# Of the columns beside the eigenfunctions, for the starts: each sign pattern is tried
-# with each. The best weight depends on the shapes. With 0.5 the legs of TOSCA's dogs
-# are exchanged, with 1 the hands of the embedded child.
-DESCRIPTOR_WEIGHTS = (0.0, 0.5, 1.0)
-START_KS = (5, 7, 9, 12, 16, 20)  # sizes of the basis for the starts, see `zoomout`
-# Weights of the fits to descriptors, which are starts too; the size of these functional
-# maps; and the sizes of the basis in which they are refined.
-FIT_WEIGHTS = Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0)
+START_WEIGHTS = (0.0, 0.5, 1.0)
+# Sizes of the basis for these starts (`zoomout`); the first is `SIGN_FUNCTIONS`.
+START_KS = (5, 7, 9, 12, 16, 20)
+# Fits to descriptors are starts too: their weights, their size, and sizes of the basis,
+# which end where those of the other starts do.
+FITS = Weights(1.0, 0.1, 0.1, 0.1), Weights(1.0, 1.0, 1.0, 1.0)
 FIT_SIZE = 30
 FIT_KS = (16, 20)
-# The eigenfunctions whose signs are flipped one at a time in the best starts: functions
-# that are odd from front to back are among them. Then the sizes of the basis.
+# Eigenfunctions whose signs are flipped one at a time in the best starts: functions
+# that are odd from front to back are among them. Then sizes of the basis after a flip.
 FLIP_RANGE = (6, 16)
 FLIP_KS = (16, 18, 21, 24, 28, 33, 40)
-FINAL_KS = (30, 30, 30, 40)  # sizes of the basis for the last candidates
-EIGENPAIRS = 40  # that both spectra need: the largest basis
-STARTS = len(DESCRIPTOR_WEIGHTS) * 2 ** (SIGN_FUNCTIONS - 1) + len(FIT_WEIGHTS)
-FLIPS = 1 + FLIP_RANGE[1] - FLIP_RANGE[0]  # maps made of a start, itself included
-
-# Extremities found on each shape, and how many of them are assigned in one start. Two
-# shapes may have unequal numbers of limbs.
-EXTREMITIES = 7
-ASSIGNED = 5
-ASSIGNMENT_KS = (8, 10, 13, 16, 20, 25, 30)  # sizes of the basis for these starts
-# Of the distances to assigned extremities beside eigenfunctions.
-EXTREMITY_WEIGHT = 2.0
-# Of descriptors where proportions differ: then so do descriptors, and more spoils right
-# maps.
-NONISOMETRIC_DESCRIPTOR_WEIGHT = 0.1
-# Of what assigned extremities differ in, beside `log_stretch_std` of a map.
-DIFFERENCE_WEIGHT = 0.4
-
-COMPARED = 20  # leading rows and columns in which two functional maps are compared
-# Share of that block's energy in which two candidates must differ.
-MIN_DIFFERENCE = 0.04
-CURVATURE_ENERGY = 0.125  # of curvatures that differ by one standard deviation
-# Of a map that keeps orientation on half of the shape and mirrors the other half.
-HALF_MIRRORED_ENERGY = 0.2
-WRONG_ORIENTATION_ENERGY = 100.0  # more than any other energy
-ZOOMOUT = ZoomOutSettings()  # in all refinements of the search
+# Sizes of the basis for starts from extremities.
+ASSIGNMENT_KS = (8, 10, 13, 16, 20, 25, 30)
+# Maps that the search begins with, and that are made of each of the best of these.
+STARTS = len(START_WEIGHTS) * 2 ** (SIGN_FUNCTIONS - 1) + len(FITS)
+FLIPS = 1 + FLIP_RANGE[1] - FLIP_RANGE[0]
 
 
 @dataclass(frozen=True)
 class SearchSettings:
-    """How `candidates` searches. Hashable, for static arguments.
+    """How much `candidates` tries. Hashable, for static arguments.
 
     hypotheses: functional maps that are tried, at most; time grows with them. The
         default is all starts, the best ten of them, and these with each flip.
-    descriptor_weight: of descriptors, curvature and oriented products beside the
-        eigenfunctions, after the starts and in the refinement. A larger one exchanges
-        hands even from a right start.
-    assignments: starts that bring extremities together, for shapes of other
-        proportions: those that change distances between extremities most evenly and
-        bring together extremities that look alike.
-    nonisometric_candidates: maps of these starts that are kept. Later ones are right
-        where the first is not.
+    descriptor_weight: of the columns beside the eigenfunctions, once the starts are
+        refined. More exchanges hands even from a right start.
     samples: farthest points on which hypotheses are refined.
     final_samples: farthest points on which the last candidates are refined and ranked.
+    final_ks: sizes of the basis for the last candidates.
+    assignments: starts of `nonisometric_candidates`, which bring extremities to
+        extremities.
+    nonisometric_candidates: maps kept of these. Later ones are right where the first is
+        not.
     """
 
     hypotheses: int = 160
     descriptor_weight: float = 0.5
-    assignments: int = 160
-    nonisometric_candidates: int = 8
     samples: int = 300
     final_samples: int = 1000
+    final_ks: tuple[int, ...] = (30, 30, 30, 40)
+    assignments: int = 160
+    nonisometric_candidates: int = 8
 
     def __post_init__(self) -> None:
         """ValueError for numbers that do not fit each other."""
+        least, first = STARTS + FLIPS, self.final_ks[0]
         facts = {
-            f"hypotheses is {self.hypotheses}, the least is {STARTS + FLIPS}": (
-                self.hypotheses >= STARTS + FLIPS
+            f"hypotheses is {self.hypotheses}, the least is {least}": (
+                self.hypotheses >= least
+            ),
+            f"final_ks begin at {first}; begin with {ASSIGNMENT_KS[-1]} or fewer": (
+                first <= ASSIGNMENT_KS[-1]
             ),
             f"nonisometric_candidates is {self.nonisometric_candidates}, assignments "
             f"{self.assignments}; keep 1 or more, and no more than there are": (
                 1 <= self.nonisometric_candidates <= self.assignments
             ),
-            f"samples is {self.samples}; there are {EXTREMITIES} extremities among "
-            "them": self.samples >= EXTREMITIES,
             f"samples is {self.samples}, final_samples {self.final_samples}; it must "
             "not be more": self.samples <= self.final_samples,
         }
@@ -102,3 +78,8 @@ class SearchSettings:
     def parents(self) -> int:
         """Starts that are kept and flipped."""
         return min((self.hypotheses - STARTS) // FLIPS, STARTS)
+
+    @property
+    def eigenpairs(self) -> int:
+        """Eigenpairs that both spectra need."""
+        return max(FIT_SIZE, *START_KS, *FLIP_KS, *ASSIGNMENT_KS, *self.final_ks)

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
-from jfsf.initial._proportions import nonisometric_candidates
+from jfsf.initial._proportions import DESCRIPTOR_WEIGHT, nonisometric_candidates
 from jfsf.initial._samples import SearchSamples
 from jfsf.initial._search import candidates
-from jfsf.initial._settings import NONISOMETRIC_DESCRIPTOR_WEIGHT, SearchSettings
+from jfsf.initial._settings import SearchSettings
 
 
 class Start(NamedTuple):
@@ -43,7 +43,7 @@ def search_starts(
     *,
     settings: SearchSettings = SearchSettings(),
 ) -> tuple[Start, Start]:
-    """The first of `jfsf.initial.candidates`, and all the others.
+    """The first of `candidates` with its gap to the second, and all the others.
 
     Args:
         x, y: both shapes at samples, made with the same settings.
@@ -52,9 +52,8 @@ def search_starts(
         settings: of the search.
 
     Returns:
-        The first, with its gap to the second, and the others along the leading axis.
-        The gap of one of these is its own energy minus that of the first: inf for a
-        copy of a better one.
+        The first, and the others along the leading axis. The gap of one of these is
+        its own energy minus that of the first: inf for a copy of a better one.
     """
     best = candidates(x, y, sign, self_map, settings=settings)
     gap = best.energy[1] / best.energy[0] - 1
@@ -94,5 +93,5 @@ def nonisometric_starts(
     # the wanted one.
     wanted = sign * jnp.abs(maps.orientation)
     score = jnp.where(sign == 0, maps.orientation, wanted)
-    weight = jnp.full_like(unknown, NONISOMETRIC_DESCRIPTOR_WEIGHT)
+    weight = jnp.full_like(unknown, DESCRIPTOR_WEIGHT)
     return Start(maps.C_yx, score, unknown, weight, unknown)

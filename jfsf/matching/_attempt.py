@@ -27,7 +27,6 @@ from jfsf.convert import HasMaps, maps_of
 from jfsf.initial import Orientation, Start, orientation_sign, search_starts
 from jfsf.initial._given import given_arrays
 from jfsf.initial._samples import SearchSamples, search_samples
-from jfsf.initial._settings import FINAL_KS, ZOOMOUT
 from jfsf.matching._certificate import certify
 from jfsf.matching._kept_landmarks import Landmarks, kept_landmarks
 from jfsf.matching._settings import Settings
@@ -78,7 +77,7 @@ def match_spectra(
         landmarks, descriptors: as `jfsf.match`, one row a vertex, padding included. The
             search reads the landmarks.
         initial: C_yx, T_xy, or a record with T_xy, in place of the search.
-        orientation, self_map: as `jfsf.initial.candidates`; neither compiles anew.
+        orientation, self_map: as `jfsf.match`; neither compiles anew.
         settings: of all stages; those of further attempts are not read.
 
     Raises:
@@ -107,7 +106,7 @@ def _match_spectra(
     if initial is None:
         settings.check_search()
         search = known[0].search, known[1].search
-        start = search_starts(*search, sign, self_map, settings=settings.search)[0]
+        start, _ = search_starts(*search, sign, self_map, settings=settings.search)
     else:
         start = given_start(*pair, initial, settings=settings)
     # The evidence does not know the landmarks.
@@ -197,12 +196,11 @@ def given_start(
     Raises:
         ValueError: an initial map that does not fit the shapes.
     """
-    size = max(settings.ks[0], FINAL_KS[-1])
+    size = max(settings.ks[0], settings.search.final_ks[-1])
     C_yx = _functional_map_of(initial, spec_x, spec_y, size)[:size, :size]
-    pulled_back = ZOOMOUT.pulled_back
     k = min(settings.features.oriented_functions, len(spec_x.evals), len(spec_y.evals))
     on_x, on_y = (brackets(spec, k=k) for spec in (spec_x, spec_y))
-    score = orientation_score(C_yx, on_x, on_y, pulled_back=pulled_back)
+    score = orientation_score(C_yx, on_x, on_y)
     unknown = jnp.full((), jnp.nan, C_yx.dtype)
     weight = jnp.full_like(unknown, settings.search.descriptor_weight)
     return Start(C_yx, jnp.asarray(score), unknown, weight, unknown)

@@ -217,7 +217,7 @@ def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples], settings: Se
     ranking_pair = SamplePair(x.ranking_points, y.ranking_points, False)
     size = settings.evidence.functions
     lead = C_yx[None, :size, :size]
-    energy = energies(ranking_pair, lead, settings=settings.search)
+    energy = energies(ranking_pair, lead)
     stretch = log_stretch_std(search_pair, x.geodesics, y.geodesics, lead)
     return energy[0].astype(C_yx.dtype), stretch[0].astype(C_yx.dtype)
 

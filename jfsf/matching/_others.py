@@ -13,7 +13,6 @@ import numpy as np
 from scipy.special import expit
 
 from jfsf.initial import Start
-from jfsf.initial._settings import FINAL_KS
 from jfsf.matching._confidence import LEAST
 from jfsf.matching._disks import as_disk, is_disk, turned_maps
 from jfsf.matching._pairs import PairState
@@ -135,7 +134,7 @@ def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[St
         return []
     disks = [as_disk(spec) for spec in copy.spectra]
     sign, starts = int(pair.inputs.sign), []
-    size = FINAL_KS[-1]
+    size = settings.search.final_ks[-1]
     known = pair.attempts[0].start
     for mirrors in (False, True):
         if sign * (1 - 2 * mirrors) < 0:

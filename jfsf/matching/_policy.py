@@ -5,7 +5,6 @@ from functools import partial
 
 import jax
 
-from jfsf.initial._settings import FINAL_KS
 from jfsf.initial._start import nonisometric_starts
 from jfsf.matching._bent_copies import bent_like
 from jfsf.matching._pairs import Attempt, PairState
@@ -111,7 +110,7 @@ def _attempt(
     if source.refined:
         maps = [start.C_yx for _, start in starts]
         # As large as any other start, so that one program finishes both.
-        k = FINAL_KS[-1]
+        k = settings.search.final_ks[-1]
         starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
         matches = finish_maps(starts, maps, runner, settings)
     else:

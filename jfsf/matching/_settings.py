@@ -7,7 +7,6 @@ from jfsf.array._static import static_key, static_text
 from jfsf.convert import Converter, nearest, sinkhorn
 from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.initial import SearchSettings
-from jfsf.initial._settings import EIGENPAIRS, FINAL_KS
 from jfsf.matching._stages import (
     Deform,
     Describe,
@@ -207,15 +206,15 @@ class Settings:
     @property
     def min_vertices(self) -> int:
         """Vertices that a shape needs: four for each eigenpair of the search."""
-        return 4 * EIGENPAIRS
+        return 4 * self.search.eigenpairs
 
     def eigenpairs(self, vertices: int) -> int:
         """Eigenpairs that a shape of so many vertices gets."""
-        return max(EIGENPAIRS, min(self.k, vertices // 4))
+        return max(self.search.eigenpairs, min(self.k, vertices // 4))
 
     def check_search(self) -> None:
         """ValueError if the refinement begins above what the search finds."""
-        if self.ks[0] > (size := FINAL_KS[-1]):
+        if self.ks[0] > (size := self.search.final_ks[-1]):
             raise ValueError(
                 f"Settings: ks begins at {self.ks[0]}, but the search finds maps "
                 f"of {size} functions; begin with {size} or fewer"
