@@ -33,8 +33,21 @@ from jfsf.neighbours._exhaustive import (
     square_norms,
     valid_rows,
 )
-from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.neighbours._search import BEAM, FAN_OUT, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
+
+# The numbers below were tuned together (experiments/bench_large.py).
+# Candidates for each of the k0 neighbours, at least.
+CANDIDATES_PER_NEIGHBOUR = 6
+# Queries that share their candidates, at most: as many tiles as fit, at least one.
+BLOCK_QUERIES = 64
+# One in so many queries of a block ranks the tiles.
+RANKING_STRIDE = 2
+# Share of a tile's mean square radius that is subtracted from its squared distance,
+# because points of a wide tile may be nearer than its centre.
+SPREAD = 0.5
+# Tiles, or groups of tiles, that are all ranked, at most. More are grouped into a tree.
+ROOT_TILES = 64
 
 BLOCKS = 32  # blocks of queries at a time; this does not change results
 UNREACHABLE = 1e30  # a squared distance above all others, and finite
@@ -178,14 +191,14 @@ def _search(
     points = jnp.where(slot_valid.reshape(-1, 1), points[tiles_p.member.ravel()], 0)
     scaled = float32_frame(points, slot_valid.ravel(), queries)
     queries, points = scaled(queries), scaled(points).reshape(total, size, -1)
-    levels = _tree(points, slot_valid, settings)
-    candidates = settings.candidates_per_neighbour * k0
+    levels = _tree(points, slot_valid)
+    candidates = CANDIDATES_PER_NEIGHBOUR * k0
     kept = min(max(settings.tiles, -(-candidates // size)), total)
     # Tiles are ordered by rank, so tiles i and i + kept / 2 rarely both hold neighbours
     # of a query. That allows bins of two in `top_k`.
     folds = 2 if kept < total and kept * size >= 2 * candidates else 1
     # A block is a run of tiles of the queries. Runs of a power of two are compact.
-    group = max(settings.block_queries // tiles_q.member.shape[1], 1)
+    group = max(BLOCK_QUERIES // tiles_q.member.shape[1], 1)
     group = min(1 << (group.bit_length() - 1), len(tiles_q.member))
     rows = tiles_q.member.reshape(-1, group * tiles_q.member.shape[1])
 
@@ -194,8 +207,8 @@ def _search(
         block_queries = queries[rows]
         mean = block_queries.mean(0, keepdims=True)
         block_queries = block_queries - mean
-        ranking = queries[rows[:: settings.ranking_stride]]
-        best = _best_tiles(ranking, levels, kept, settings)
+        ranking = queries[rows[::RANKING_STRIDE]]
+        best = _best_tiles(ranking, levels, kept)
         block_points = points[best].reshape(-1, points.shape[2]) - mean
         offset = square_norms(block_points) / 2
         offset = jnp.where(slot_valid[best].ravel(), offset, UNREACHABLE)
@@ -211,10 +224,10 @@ def _search(
     return scaled, idx.at[at].set(near.reshape(-1, k0), mode="drop")
 
 
-def _tree(points, valid, settings: NeighbourSettings):
+def _tree(points, valid):
     """(centres, offsets) of tiles, of groups of tiles, and so on up to the root.
 
-    The squared distance of a query q from a centre c is offset - 2 c . q, less `spread`
+    The squared distance of a query q from a centre c is offset - 2 c . q, less `SPREAD`
     and up to |q|^2, which is the same for all centres.
     """
     weight = valid.astype(points.dtype)
@@ -223,10 +236,9 @@ def _tree(points, valid, settings: NeighbourSettings):
     centre = jnp.sum(points * share[:, :, None], 1)
     square = jnp.sum(square_norms(points - centre[:, None]) * share, 1)
     levels = [(centre, square, count)]
-    while len(centre) > settings.root_tiles:
+    while len(centre) > ROOT_TILES:
         children, square, count = (
-            a.reshape(-1, settings.fan_out, *a.shape[1:])
-            for a in (centre, square, count)
+            a.reshape(-1, FAN_OUT, *a.shape[1:]) for a in (centre, square, count)
         )
         total = count.sum(1)
         share = count / jnp.maximum(total, 1)[:, None]
@@ -237,15 +249,15 @@ def _tree(points, valid, settings: NeighbourSettings):
 
     def offset(centre, square, count):
         # An empty tile is never near.
-        nearer = settings.spread * square
+        nearer = SPREAD * square
         return jnp.where(count > 0, square_norms(centre) - nearer, UNREACHABLE)
 
     return [(level[0], offset(*level)) for level in levels]
 
 
-def _best_tiles(rows, levels, kept: int, settings: NeighbourSettings):
+def _best_tiles(rows, levels, kept: int):
     """The `kept` tiles nearest to any of the rows by their centres, coarse to fine."""
-    fan_out, beam = settings.fan_out, settings.beam
+    fan_out, beam = FAN_OUT, BEAM
 
     def nearest(centres, offsets, num):
         dist = offsets[:, None] - 2 * inner_products(centres, rows)

@@ -13,7 +13,7 @@ from jaxtyping import Array, Bool, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
-from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.neighbours._search import NeighbourSettings
 from jfsf.types import Neighbours
 
 # Block sizes; they do not change results.

@@ -15,8 +15,15 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array import einsum
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
-from jfsf.neighbours._settings import NeighbourSettings
+from jfsf.neighbours._search import NeighbourSettings
 from jfsf.types import Spectrum, Tiles
+
+# Eigenpairs whose eigenfunctions place a vertex. Higher ones vary within a tile and
+# make it less compact.
+TILE_EIGENPAIRS = 60
+# Steps to the principal axis of a part. A rough axis is enough: it need only be a long
+# side of the part.
+POWER_ITERATIONS = 3
 
 
 @jit(static_argnames=("size", "settings"))
@@ -37,7 +44,7 @@ def tiles(
         valid: points that get a slot; all when absent. Points that are not finite never
             do.
         size: points of a tile, at most; `settings.tile_size` when absent.
-        settings: `tile_size` and `power_iterations` are read.
+        settings: `tile_size` is read.
 
     Raises:
         ValueError: there are no points, or size is below 1.
@@ -64,7 +71,7 @@ def tiles(
         # all levels have equal shapes, and one loop compiles for all of them.
         part = cell >> (depth - level)
         cells = placed[order].reshape(len(cell), -1, points.shape[1])
-        along = _along_axis(cells, part, settings.power_iterations)
+        along = _along_axis(cells, part, POWER_ITERATIONS)
         part_of_slot = jnp.broadcast_to(part[:, None], along.shape).ravel()
         return jax.lax.sort((part_of_slot, along.ravel(), order), num_keys=2)[2]
 
@@ -87,12 +94,12 @@ def spectral_tiles(
 
     Args:
         size: vertices of a tile, at most; `settings.tile_size` when absent.
-        settings: those of `tiles`, and `tile_eigenpairs`.
+        settings: `tile_size` is read.
 
     Raises:
         ValueError: size is below 1.
     """
-    num = settings.tile_eigenpairs
+    num = TILE_EIGENPAIRS
     evals = spec.evals[1:num]
     points = spec.evecs[:, 1:num] / jnp.sqrt(jnp.maximum(evals, 1e-6))[None]
     return tiles(points, spec.mass > 0, size=size, settings=settings)
