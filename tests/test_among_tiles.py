@@ -21,7 +21,7 @@ from jfsf.neighbours import (
     mutual_neighbours,
     spectral_tiles,
 )
-from jfsf.neighbours._among_tiles import ROOT_TILES, tiled_neighbours
+from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.neighbours._tiles import tiles
 from jfsf.refine import soft_sinkhorn, zoomout
@@ -58,7 +58,8 @@ def recall(near, queries, points, k0):
 
 def test_the_sizes_are_awkward():
     held = tiles(jnp.zeros((M, 2))).member
-    assert NeighbourSettings().tiles < len(held) and len(held) > ROOT_TILES
+    settings = NeighbourSettings()
+    assert settings.tiles < len(held) and len(held) > _among_tiles.ROOT_TILES
     assert held.size > M
 
 
@@ -445,6 +446,8 @@ def test_zoomout_with_tiles_ends_in_the_same_map():
     "options",
     [
         {"bins": 0},
+        {"margin": -1},
+        {"product_rows": 100},
         {"tiles": 27},
         {"tiles": 194},
         {"tolerance": float("nan")},

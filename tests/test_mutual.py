@@ -12,9 +12,8 @@ from precisions import FLOATS
 
 from jfsf import data, testing
 from jfsf.neighbours import NeighbourSettings, mutual_neighbours
-from jfsf.neighbours._mutual import PRODUCT_ROWS
 
-ROWS, BINS = PRODUCT_ROWS, NeighbourSettings().bins
+ROWS, BINS = NeighbourSettings().product_rows, NeighbourSettings().bins
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
 FEWEST = 13  # with so many neighbours or more, M points have no bins
 MANY_X, MANY_Y, K0 = 2101, 1303, 20  # with K0, bins of 8 and of 4 points
@@ -197,8 +196,11 @@ def test_widths_that_differ_are_an_error():
         mutual_neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)
 
 
-def test_more_bins_miss_fewer():
-    settings = NeighbourSettings(bins=100)
+@pytest.mark.parametrize(
+    "settings",
+    [NeighbourSettings(bins=100), NeighbourSettings(bins=100, product_rows=32)],
+)
+def test_more_bins_miss_fewer(settings):
     x, y = random(0, MANY_X, WIDTH), random(1, MANY_Y, WIDTH)
     plain, _ = mutual_neighbours(*arrays(x, y), k0=K0)
     found, _ = mutual_neighbours(*arrays(x, y), k0=K0, settings=settings)

@@ -29,7 +29,7 @@ def test_each_field_counts(name):
         "samples": 512,
         "zoomout": jfsf.ZoomOutSettings(slack=0.1),
         "bend": ArapSettings(reach=0.1),
-        "neighbours": NeighbourSettings(tiles=30),
+        "neighbours": NeighbourSettings(tiles=32),
         "bend_converter": sinkhorn,
         "evidence": jfsf.EvidenceSettings(missed=0.4),
         "parts": jfsf.PartSettings(anchors=12),

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.neighbours import spectral_tiles
+from jfsf.neighbours import NeighbourSettings, spectral_tiles
 from jfsf.neighbours._tiles import tiles, tiles_of_pair
 from jfsf.runtime._sizes import pad
 
@@ -84,10 +84,15 @@ def test_signs_and_padding_of_a_spectrum():
     assert (padded[:n] >= 0).all() and (padded[n:] == -1).all()
 
 
-def test_the_size_is_that_of_a_tile_at_most():
-    spec = testing.blob_spectrum(0, 30)
-    small, large = (spectral_tiles(spec, size=size).member for size in (7, 30))
-    assert small.shape[1] <= 7 and large.shape[1] <= 30 and len(large) < len(small)
+def test_the_size_is_a_setting_unless_it_is_given():
+    spec, settings = testing.blob_spectrum(0, 30), NeighbourSettings(tile_size=7)
+    by_setting = spectral_tiles(spec, settings=settings)
+    by_size = spectral_tiles(spec, size=7)
+    assert by_setting.member.shape[1] <= 7
+    assert np.array_equal(by_setting.member, by_size.member)
+    assert len(spectral_tiles(spec, size=30, settings=settings).member) < len(
+        by_size.member
+    )
 
 
 @pytest.mark.parametrize("other", [0, 1])

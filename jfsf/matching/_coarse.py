@@ -14,8 +14,7 @@ from scipy.spatial import KDTree
 from jfsf.matching._arguments import MatchInputs, padded_inputs
 from jfsf.matching._settings import Settings
 from jfsf.mesh import decimate, vertex_areas, vertex_normals
-from jfsf.refine._follow import follow
-from jfsf.refine._rest import at_rest, rotations_of
+from jfsf.refine._rest import at_rest, follow, rotations_of
 from jfsf.runtime._sizes import padded, padded_shapes
 from jfsf.types import ArrayLike, Mesh, Spectrum
 

@@ -142,7 +142,9 @@ def pair_search(
     """
     larger = max(len(spec_x.mass), len(spec_y.mass))
     return NeighbourSearch(
-        tiles_of_pair(spec_x, spec_y) if larger > settings.tiles_above else None,
+        tiles_of_pair(spec_x, spec_y, settings=settings.neighbours)
+        if larger > settings.tiles_above
+        else None,
         # To compare a million points with all others would take hours.
         0.0 if larger > settings.exhaustive_up_to else settings.min_recall,
         settings.neighbours,

@@ -33,21 +33,23 @@ from jfsf.neighbours._exhaustive import (
     square_norms,
     valid_rows,
 )
-from jfsf.neighbours._settings import BEAM, FAN_OUT, NeighbourSettings
+from jfsf.neighbours._search import BEAM, FAN_OUT, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
-BLOCKS = 32  # blocks of queries at a time; this does not change results
-# Tuned together on aligned shapes of 1000 to 100 000 vertices, see bench_large.py in
-# experiments/bench/
-CANDIDATES_PER_NEIGHBOUR = 6  # candidates for each of the k0 neighbours, at least
-BLOCK_QUERIES = 64  # queries that share their candidates, at most, in whole tiles
-RANKING_STRIDE = 2  # one in so many queries of a block ranks the tiles
+# The numbers below were tuned together (experiments/bench_large.py).
+# Candidates for each of the k0 neighbours, at least.
+CANDIDATES_PER_NEIGHBOUR = 6
+# Queries that share their candidates, at most: as many tiles as fit, at least one.
+BLOCK_QUERIES = 64
+# One in so many queries of a block ranks the tiles.
+RANKING_STRIDE = 2
 # Share of a tile's mean square radius that is subtracted from its squared distance,
 # because points of a wide tile may be nearer than its centre.
 SPREAD = 0.5
-# The largest number of tiles, or groups of tiles, that are all ranked. Larger ones are
-# grouped into a tree.
+# Tiles, or groups of tiles, that are all ranked, at most. More are grouped into a tree.
 ROOT_TILES = 64
+
+BLOCKS = 32  # blocks of queries at a time; this does not change results
 UNREACHABLE = 1e30  # a squared distance above all others, and finite
 
 
@@ -140,21 +142,23 @@ def tiled_one_way(
     if min_recall > 0:
         # The choice of indices alone, because jax cannot differentiate through the loop
         # that vmap makes of it. Distances are measured below.
-        choose = partial(_all_compared_if, k0=k0)
+        choose = partial(_all_compared_if, k0=k0, settings=settings)
         args = searched_all, idx, queries, points, tiled_q, tiled_p
         idx = sequential_vmap(choose, everywhere=True)(*jax.lax.stop_gradient(args))
     near = measure_distances(queries, idx, points, valid_q, valid_p)
     return near, jnp.where(searched_all, 1, recall), searched_all
 
 
-def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0):
+def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0, settings):
     """Indices of an exhaustive search if it is needed, else `idx`.
 
     Where there is no neighbour the index is the number of points.
     """
 
     def exhaustive():
-        near = neighbours_of_valid(queries, points, valid_q, valid_p, k0=k0)
+        near = neighbours_of_valid(
+            queries, points, valid_q, valid_p, k0=k0, settings=settings
+        )
         return jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
 
     return jax.lax.cond(needed, exhaustive, lambda: idx)
@@ -223,7 +227,7 @@ def _search(
 def _tree(points, valid):
     """(centres, offsets) of tiles, of groups of tiles, and so on up to the root.
 
-    The squared distance of a query q from a centre c is offset - 2 c . q, less SPREAD
+    The squared distance of a query q from a centre c is offset - 2 c . q, less `SPREAD`
     and up to |q|^2, which is the same for all centres.
     """
     weight = valid.astype(points.dtype)
@@ -253,6 +257,7 @@ def _tree(points, valid):
 
 def _best_tiles(rows, levels, kept: int):
     """The `kept` tiles nearest to any of the rows by their centres, coarse to fine."""
+    fan_out, beam = FAN_OUT, BEAM
 
     def nearest(centres, offsets, num):
         dist = offsets[:, None] - 2 * inner_products(centres, rows)
@@ -262,12 +267,12 @@ def _best_tiles(rows, levels, kept: int):
         return jax.lax.top_k(-excess, min(num, len(excess)))[1]
 
     *lower, (centres, offsets) = levels
-    at = nearest(centres, offsets, BEAM if lower else kept)
+    at = nearest(centres, offsets, beam if lower else kept)
     for depth in reversed(range(len(lower))):
-        children = (a.reshape(-1, FAN_OUT, *a.shape[1:])[at] for a in lower[depth])
+        children = (a.reshape(-1, fan_out, *a.shape[1:])[at] for a in lower[depth])
         centres, offsets = (a.reshape(-1, *a.shape[2:]) for a in children)
-        best = nearest(centres, offsets, BEAM if depth else kept)
-        at = at[best // FAN_OUT] * FAN_OUT + best % FAN_OUT
+        best = nearest(centres, offsets, beam if depth else kept)
+        at = at[best // fan_out] * fan_out + best % fan_out
     return at
 
 

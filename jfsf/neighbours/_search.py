@@ -1,11 +1,79 @@
-"""How neighbours are searched, as one value that goes from function to function."""
+"""How neighbours are searched: the tuned numbers, and one value with all of it."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 
 import jax
 
-from jfsf.neighbours._settings import NeighbourSettings
 from jfsf.types import Tiles
+
+# Groups of each level of the tree of tiles whose children are ranked next, and children
+# of a group, a power of two.
+BEAM = 24
+FAN_OUT = 8
+
+
+@dataclass(frozen=True)
+class NeighbourSettings:
+    """Numbers that change which neighbours are found. Hashable, static under jit.
+
+    With the defaults, the search among tiles finds 99.6 % or more of the nearest
+    neighbours and 98 % of the others on aligned shapes of 1000 to 100 000 vertices
+    (experiments/bench_large.py). Its numbers were tuned together.
+
+    Exhaustive search:
+
+    margin: candidates beyond k0 of `neighbours`. float32 selects them, and the input's
+        precision ranks them again.
+    bins: bins of points for each neighbour of `mutual_neighbours`, at least; twice as
+        many at most. One point of a bin is found. On average, one neighbour in 2 `bins`
+        or fewer shares a bin with a nearer one; tests/test_mutual.py measures it.
+    product_rows: points of X in one product of `mutual_neighbours`, a power of two. A
+        bin has at most so many points.
+
+    Tiles:
+
+    tile_size: points of a tile, at most.
+
+    Search among tiles:
+
+    tiles: tiles whose points are compared with a block of queries; even. More are
+        taken where 6 candidates for each of the k0 neighbours need them.
+    checked: queries of each direction that are compared with the exhaustive search to
+        estimate the recall. The standard error is 0.5 / sqrt(checked) at most.
+    tolerance: relative difference between a distance and the smallest that still counts
+        as found. On a mesh of 300 000 vertices the second nearest neighbour is 0.1 %
+        farther than the nearest, which is less than the error of the map. It is no
+        reason to compare all points.
+    """
+
+    margin: int = 3
+    bins: int = 12
+    product_rows: int = 128
+    tile_size: int = 16
+    tiles: int = 28
+    checked: int = 64
+    tolerance: float = 1e-3
+
+    def __post_init__(self) -> None:
+        """ValueError for values that no search can work with."""
+        at_least_0 = "margin", "tolerance"
+        for name in (f.name for f in fields(self)):
+            value, least = getattr(self, name), 0 if name in at_least_0 else 1
+            if not value >= least:
+                raise ValueError(
+                    f"NeighbourSettings: {name} is {value}; it must be {least} or more"
+                )
+        rows = self.product_rows
+        if rows & (rows - 1) or rows < 2:
+            raise ValueError(
+                f"NeighbourSettings: product_rows is {rows}; it must be a power of two"
+            )
+        most = BEAM * FAN_OUT
+        if self.tiles % 2 or self.tiles > most:
+            raise ValueError(
+                f"NeighbourSettings: tiles is {self.tiles}; it must be even, and at "
+                f"most {most}"
+            )
 
 
 @jax.tree_util.register_dataclass

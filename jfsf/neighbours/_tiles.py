@@ -6,6 +6,8 @@ once for each shape, from coordinates in which neighbours on the surface are clo
 depend neither on the pose nor on the map.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -13,10 +15,9 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array import einsum
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
+from jfsf.neighbours._search import NeighbourSettings
 from jfsf.types import Spectrum, Tiles
 
-# Tuned together with the numbers of `_among_tiles` (experiments/bench_large.py).
-TILE_SIZE = 16  # points of a tile, at most
 # Eigenpairs whose eigenfunctions place a vertex. Higher ones vary within a tile and
 # make it less compact.
 TILE_EIGENPAIRS = 60
@@ -25,12 +26,13 @@ TILE_EIGENPAIRS = 60
 POWER_ITERATIONS = 3
 
 
-@jit(static_argnames="size")
+@jit(static_argnames=("size", "settings"))
 def tiles(
     points: Float[Array, "n d"],
     valid: Bool[Array, " n"] | None = None,
     *,
-    size: int = TILE_SIZE,
+    size: int | None = None,
+    settings: NeighbourSettings = NeighbourSettings(),
 ) -> Tiles:
     """Halve the points along the principal axis of each part until `size` are left.
 
@@ -41,12 +43,13 @@ def tiles(
         points: rows of one Euclidean space in which tiles are to be compact.
         valid: points that get a slot; all when absent. Points that are not finite never
             do.
-        size: points of a tile, at most.
+        size: points of a tile, at most; `settings.tile_size` when absent.
+        settings: `tile_size` is read.
 
     Raises:
         ValueError: there are no points, or size is below 1.
     """
-    n = len(points)
+    n, size = len(points), settings.tile_size if size is None else size
     if n < 1 or size < 1:
         raise ValueError(
             f"tiles: size is {size}, there are {n} points; both must be 1 or more"
@@ -76,11 +79,12 @@ def tiles(
     return Tiles(member[order].astype(jnp.int32), own[order])
 
 
-@jit(static_argnames="size")
+@jit(static_argnames=("size", "settings"))
 def spectral_tiles(
     spec: Spectrum,
     *,
-    size: int = TILE_SIZE,
+    size: int | None = None,
+    settings: NeighbourSettings = NeighbourSettings(),
 ) -> Tiles:
     """Tiles of a shape's vertices, compact on its surface; padding gets no slot.
 
@@ -89,7 +93,8 @@ def spectral_tiles(
     do not matter.
 
     Args:
-        size: vertices of a tile, at most.
+        size: vertices of a tile, at most; `settings.tile_size` when absent.
+        settings: `tile_size` is read.
 
     Raises:
         ValueError: size is below 1.
@@ -97,12 +102,17 @@ def spectral_tiles(
     num = TILE_EIGENPAIRS
     evals = spec.evals[1:num]
     points = spec.evecs[:, 1:num] / jnp.sqrt(jnp.maximum(evals, 1e-6))[None]
-    return tiles(points, spec.mass > 0, size=size)
+    return tiles(points, spec.mass > 0, size=size, settings=settings)
 
 
-def tiles_of_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles]:
+def tiles_of_pair(
+    spec_x: Spectrum,
+    spec_y: Spectrum,
+    *,
+    settings: NeighbourSettings = NeighbourSettings(),
+) -> tuple[Tiles, Tiles]:
     """`spectral_tiles` of both shapes, compiled once if their sizes are equal."""
-    return map_sides(spectral_tiles, (spec_x,), (spec_y,))
+    return map_sides(partial(spectral_tiles, settings=settings), (spec_x,), (spec_y,))
 
 
 def _along_axis(

@@ -6,14 +6,12 @@ Read in this order:
 - `_icp`: the functional map is made orthonormal each time
 - `_soft`: differentiable steps of both, for losses on pairs
 - `_arap`: both shapes are deformed onto each other, as rigid as possible
-- `_rotations`: nearest rotations of many matrices, on the host
-- `_rest`: a mesh at rest, for deformations that are solved with a sparse factor
-- `_follow`: points that follow the deformation of a coarse shape
+- `_rest`: a mesh at rest, its rotations, and points that follow it, on the host
 """
 
 from jfsf.refine._arap import ArapSettings, arap, deform
 from jfsf.refine._icp import icp
-from jfsf.refine._rotations import closest_rotations
+from jfsf.refine._rest import closest_rotations
 from jfsf.refine._soft import (
     soft_functional_map,
     soft_icp_step,

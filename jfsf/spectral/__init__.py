@@ -2,8 +2,7 @@
 
 Read in this order:
 
-- `_laplacian`: stiffness and mass of a mesh
-- `_definite`: solves with a sparse matrix that is positive definite
+- `_laplacian`: stiffness and mass of a mesh, and solves with such matrices
 - `_lanczos`: the largest eigenpairs of an operator, many at a time
 - `_eigenpairs`: `Mesh` to `Spectrum`, on the host
 - `_descriptors`: wave and heat kernel signatures, curvature

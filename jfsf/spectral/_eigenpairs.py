@@ -11,12 +11,12 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 from jfsf.mesh import MeshError, validate
 from jfsf.mesh._geometry import in_unit_box
 from jfsf.runtime._shared import one_blas_thread
-from jfsf.spectral._definite import definite_solver
 from jfsf.spectral._lanczos import largest_eigenpairs
 from jfsf.spectral._laplacian import (
     Laplacian,
     Mass,
     check_options,
+    definite_solver,
     operators,
     plain_arrays,
 )

@@ -18,8 +18,8 @@ from jfsf.apps.registration._unfold import unfold
 from jfsf.mesh import vertex_normals
 from jfsf.mesh._closest import on_rim
 from jfsf.refine import closest_rotations
-from jfsf.refine._rest import Rest, edges_of, rotations_of, turned
-from jfsf.spectral._definite import definite_solver
+from jfsf.refine._rest import Rest, edges_of, rotated_edges, rotations_of
+from jfsf.spectral._laplacian import definite_solver
 
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
@@ -222,13 +222,13 @@ def _solved(rest: Rest, rotation, scale: float, pull, goal, moved):
     """
     tiny = TINY * pull.mean()
     solve = definite_solver(rest.laplacian + sp.diags(pull + tiny))
-    ahead = scale * turned(rest, rotation)
+    ahead = scale * rotated_edges(rest, rotation)
     return solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal + tiny * moved)
 
 
 def _rescaled(rest: Rest, moved, scale: float) -> float:
     """Half way to the scale that fits the edges best."""
-    ahead = turned(rest, rotations_of(rest, moved))
+    ahead = rotated_edges(rest, rotations_of(rest, moved))
     best = np.sum(rest.stiff[:, None] * edges_of(rest, moved) * ahead)
     best /= np.sum(rest.stiff[:, None] * rest.along**2)
     return (scale + float(best)) / 2

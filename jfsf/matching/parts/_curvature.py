@@ -14,7 +14,7 @@ import scipy.sparse as sp
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_normals
 from jfsf.spectral import operators
-from jfsf.spectral._definite import definite_solver
+from jfsf.spectral._laplacian import definite_solver
 from jfsf.types import ArrayLike, Mesh
 
 # Of a normal distribution: the standard deviation over the median absolute value.

@@ -44,7 +44,7 @@ from jfsf.matching.parts._register import Registered
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.matching.parts._sides import Sides, both_sides
 from jfsf.matching.parts._starts import Start, first_starts
-from jfsf.refine._follow import follow
+from jfsf.refine._rest import follow
 from jfsf.types import ArrayLike, Certificate, Mesh
 
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both

@@ -15,8 +15,8 @@ from scipy.spatial import KDTree
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_areas, vertex_normals
 from jfsf.refine import closest_rotations
-from jfsf.refine._rest import Rest, at_rest, edges_of, rotations_of, turned
-from jfsf.spectral._definite import definite_solver
+from jfsf.refine._rest import Rest, at_rest, edges_of, rotated_edges, rotations_of
+from jfsf.spectral._laplacian import definite_solver
 from jfsf.types import Mesh
 
 TINY = 1e-9  # of the pull: without any, what nothing draws could be anywhere
@@ -118,10 +118,10 @@ def register(
         goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach, settings)
         solve = definite_solver(rest.laplacian + sp.diags(pull + TINY))
         for _ in range(settings.updates if step else settings.first_updates):
-            ahead = scale * turned(rest, rotations_of(rest, moved))
+            ahead = scale * rotated_edges(rest, rotations_of(rest, moved))
             moved = solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal)
         rotation = rotations_of(rest, moved)
-        ahead = turned(rest, rotation)
+        ahead = rotated_edges(rest, rotation)
         best = np.sum(rest.stiff[:, None] * edges_of(rest, moved) * ahead)
         best /= np.sum(rest.stiff[:, None] * rest.along**2)
         scale = (scale + float(np.clip(best, 0.5, 2))) / 2
