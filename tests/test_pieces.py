@@ -13,9 +13,15 @@ from jfsf import testing
 from jfsf.apps.cli import app
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import MapFileError, read_notes, read_stored
-from jfsf.apps.pieces import candidates, cost, match_components, write_components
-from jfsf.apps.pieces._assign import TIE, assign, places_apart
-from jfsf.apps.pieces._split import pieces_of
+from jfsf.apps.pieces import match_components, write_components
+from jfsf.apps.pieces._match import cost
+from jfsf.apps.pieces._pieces import (
+    TIE,
+    best_assignment,
+    candidates,
+    pieces_of,
+    places_apart,
+)
 from jfsf.evaluate import geodesic_error
 from jfsf.mesh import MeshError, check, largest_component, vertex_colours
 from jfsf.mesh._edit import split_components
@@ -85,23 +91,24 @@ def test_a_mesh_is_split_into_its_components():
 def test_pieces_that_cannot_be_matched_are_counted():
     crumb = Mesh(BLOBS[1].vertices * 0.01, BLOBS[1].faces)
     large = Mesh(BLOBS[2].vertices * 2, BLOBS[2].faces)
-    found = pieces_of(together(TRIANGLE, STRAY, BLOBS[0], crumb, TRIANGLE, large))
-    assert [len(piece.index) for piece in found.kept] == [N, N]
-    assert found.kept[0].share > found.kept[1].share
-    assert found.kept[0].index[0] > found.kept[1].index[0]
-    assert [(out.why, out.pieces, out.vertices) for out in found.left_out] == [
+    whole = together(TRIANGLE, STRAY, BLOBS[0], crumb, TRIANGLE, large)
+    pieces, left_out = pieces_of(whole)
+    assert [len(piece.index) for piece in pieces] == [N, N]
+    assert pieces[0].share > pieces[1].share
+    assert pieces[0].index[0] > pieces[1].index[0]
+    assert [(out.why, out.pieces, out.vertices) for out in left_out] == [
         ("of fewer than 160 vertices", 2, 6),
         ("of less than 0.01 of the area", 1, N),
         ("without a face", 0, 1),
     ]
-    shares = [piece.share for piece in (*found.kept, *found.left_out)]
+    shares = [piece.share for piece in (*pieces, *left_out)]
     assert sum(shares) == pytest.approx(1)
 
 
 def test_a_piece_in_one_place_is_left_out():
     point = Mesh(np.zeros((N, 3)), BLOBS[0].faces)
-    found = pieces_of(together(BLOBS[0], point), min_share=0)
-    assert "coincide" in found.left_out[0].why and len(found.kept) == 1
+    pieces, left_out = pieces_of(together(BLOBS[0], point), min_share=0)
+    assert "coincide" in left_out[0].why and len(pieces) == 1
 
 
 @pytest.mark.parametrize(
@@ -121,14 +128,13 @@ def test_what_has_no_pieces_is_refused(mesh, options, error):
 @pytest.mark.parametrize("shape", [(3, 3), (2, 4), (4, 2), (1, 1)])
 def test_the_assignment_is_the_best_of_all(shape):
     costs = np.random.default_rng(sum(shape)).random(shape)
-    found = assign(costs, np.zeros(shape))
+    found, margins = best_assignment(costs, np.zeros(shape))
     table = costs if shape[0] <= shape[1] else costs.T
     orders = permutations(range(table.shape[1]), table.shape[0])
     pairs = [[*enumerate(order)] for order in orders]
     sums = [sum(table[pair] for pair in one) for one in pairs]
-    assert costs[found.of_x, found.of_y].sum() == pytest.approx(min(sums))
-    turned = zip(found.of_x, found.of_y, strict=True)
-    for (i, j), margin in zip(turned, found.margin, strict=True):
+    assert sum(costs[pair] for pair in found) == pytest.approx(min(sums))
+    for (i, j), margin in zip(found, margins, strict=True):
         pair = (i, j) if shape[0] <= shape[1] else (j, i)
         others = [s for s, one in zip(sums, pairs, strict=True) if pair not in one]
         least = min(others) - min(sums) if others else np.inf
@@ -139,22 +145,21 @@ def test_places_decide_where_costs_are_equal():
     here = np.array([[0.0, 0, 0], [1, 0, 0], [4, 0, 0]])
     apart = places_apart(here, 10 * here[[2, 0, 1]] + 7)
     assert apart.max() == 1
-    found = assign(np.full((3, 3), 0.5), apart)
-    assert found.of_y.tolist() == [1, 2, 0]
-    assert (found.margin < TIE).all()
+    found, margins = best_assignment(np.full((3, 3), 0.5), apart)
+    assert found == [(0, 1), (1, 2), (2, 0)] and max(margins) < TIE
     # Not where they differ.
     costs = np.where(np.eye(3), 0.1, 0.5)
-    found = assign(costs, apart)
-    assert found.of_y.tolist() == [0, 1, 2] and (found.margin > TIE).all()
+    found, margins = best_assignment(costs, apart)
+    assert found == [(0, 0), (1, 1), (2, 2)] and min(margins) > TIE
     assert not places_apart(here[:1], here[:1]).any()
 
 
 def test_pairs_that_were_not_matched_are_not_assigned():
     inf = np.inf
-    found = assign(np.array([[0.9, inf], [0.1, inf]]), np.zeros((2, 2)))
-    assert (found.of_x.tolist(), found.of_y.tolist()) == ([1], [0])
-    found = assign(np.array([[0.9, inf], [inf, 0.1]]), np.zeros((2, 2)))
-    assert found.of_y.tolist() == [0, 1] and np.isinf(found.margin).all()
+    found = best_assignment(np.array([[0.9, inf], [0.1, inf]]), np.zeros((2, 2)))
+    assert found[0] == [(1, 0)]
+    found = best_assignment(np.array([[0.9, inf], [inf, 0.1]]), np.zeros((2, 2)))
+    assert found == ([(0, 0), (1, 1)], [inf, inf])
 
 
 def test_candidates_are_the_nearest_and_an_assignment():
@@ -398,7 +403,7 @@ def test_whole_numbers_for_coordinates_are_no_other_shape():
     faces = np.concatenate([BLOBS[0].faces, BLOBS[0].faces + N])
     both = np.concatenate([large, small])
     exact, whole = (
-        pieces_of(Mesh(both.astype(kind), faces)).kept for kind in (float, np.uint16)
+        pieces_of(Mesh(both.astype(kind), faces))[0] for kind in (float, np.uint16)
     )
     for one, other in zip(exact, whole, strict=True):
         assert one.share == pytest.approx(other.share)

@@ -20,10 +20,9 @@ from jfsf.apps.export import export_textured
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
 from jfsf.apps.mapfiles import write_map, write_match
 from jfsf.apps.transfer._atlas import MARGIN
-from jfsf.apps.transfer._files import Column, write_column
-from jfsf.apps.transfer._image import png_of, read_image
-from jfsf.apps.transfer._laid import Laid, extended, lay_template
-from jfsf.apps.transfer._points import in_faces, nearest, place, sides, target
+from jfsf.apps.transfer._files import Column, png_of, read_image, write_column
+from jfsf.apps.transfer._nearest import finder, in_faces, nearest, place, placed
+from jfsf.apps.transfer._overlay import Overlay, extended, overlay_template
 from jfsf.apps.transfer._texture import look_up
 from jfsf.mesh import (
     MeshError,
@@ -61,14 +60,14 @@ N_X, N_Y = len(X.vertices), len(Y.vertices)
 
 
 @pytest.fixture(scope="module")
-def laid():
-    return transfer.lay(X, Y, T_XY)
+def both():
+    return transfer.overlay(X, Y, T_XY)
 
 
 def exact():
     """X where it lies on Y, without a registration."""
     known = np.ones(N_X, bool)
-    return Laid(X, Y, COARSE.vertices, Y.vertices, known, 1)
+    return Overlay(X, Y, COARSE.vertices, Y.vertices, known, 1)
 
 
 def at_faces(mesh):
@@ -86,13 +85,13 @@ def run(*args):
 # Values, labels and landmarks.
 
 
-def test_values_are_those_of_the_points(laid):
-    found = transfer.values(laid, Y.vertices)
+def test_values_are_those_of_the_points(both):
+    found = transfer.values(both, Y.vertices)
     assert np.linalg.norm(found - COARSE.vertices, axis=1).mean() < 0.012 * UNIT
     # The images of the map are vertices only.
     snapped = np.linalg.norm(Y.vertices[T_XY] - COARSE.vertices, axis=1).mean()
     assert np.linalg.norm(found - COARSE.vertices, axis=1).mean() < snapped
-    assert laid.orientation_sign == 1 and laid.known_x.all()
+    assert both.orientation_sign == 1 and both.known_x.all()
 
 
 def test_values_keep_their_shape_and_their_unknowns():
@@ -106,7 +105,7 @@ def test_values_keep_their_shape_and_their_unknowns():
 
 
 def test_a_mesh_on_itself_has_its_own_values():
-    same = Laid(Y, Y, Y.vertices, Y.vertices, np.ones(N_Y, bool), 1)
+    same = Overlay(Y, Y, Y.vertices, Y.vertices, np.ones(N_Y, bool), 1)
     values = RNG.normal(size=N_Y)
     assert np.allclose(transfer.values(same, values), values)
     names = np.array([f"n{i}" for i in range(N_Y)])
@@ -132,28 +131,28 @@ def test_a_face_takes_the_label_of_most_of_its_area():
     # Y is the same triangle, cut at x = 0.4: a ninth of that, and the rest.
     points = np.array([[0, 0, 0], [0.4, 0, 0], [0.4, 0.4, 0], [1, 0, 0], [1, 1, 0.0]])
     y = Mesh(points, np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2]]))
-    laid = Laid(x, y, x.vertices, y.vertices, np.ones(3, bool), 0)
+    both = Overlay(x, y, x.vertices, y.vertices, np.ones(3, bool), 0)
     labels = np.array(["left", "right", "right"])
-    assert transfer.labels(laid, labels, of="faces").tolist() == ["right"]
-    to = transfer.labels(laid, labels, of="faces", to="vertices")
+    assert transfer.labels(both, labels, of="faces").tolist() == ["right"]
+    to = transfer.labels(both, labels, of="faces", to="vertices")
     assert to.tolist() == ["left", "right", "right"]
 
 
-def test_landmarks_lie_on_the_surface_of_x(laid):
+def test_landmarks_lie_on_the_surface_of_x(both):
     at = RNG.integers(0, N_Y, 40)
     named = Landmarks(tuple(f"p{i}" for i in at), Y.vertices[at], system="LPS")
-    found = transfer.landmarks(laid, named)
+    found = transfer.landmarks(both, named)
     assert found.names == named.names and found.system == "LPS"
     assert closest(surface_tree(X), found.points).distance.max() < 1e-9
     away = np.linalg.norm(found.points - bent(Y.vertices[at]), axis=1)
     assert away.mean() < 0.012 * UNIT
-    by_vertex = transfer.landmarks(laid, named._replace(points=None, vertices=at))
+    by_vertex = transfer.landmarks(both, named._replace(points=None, vertices=at))
     assert np.allclose(by_vertex.points, found.points)
 
 
 def test_a_map_that_mirrors():
     turned = mirror(X)
-    found = transfer.lay(turned, Y, T_XY)
+    found = transfer.overlay(turned, Y, T_XY)
     assert found.orientation_sign == -1
     carried = transfer.values(found, Y.vertices)
     assert np.linalg.norm(carried - COARSE.vertices, axis=1).mean() < 0.02 * UNIT
@@ -161,7 +160,7 @@ def test_a_map_that_mirrors():
 
 def test_what_is_not_matched_gets_nothing():
     known = COARSE.vertices[:, 2] < 0.8
-    found = transfer.lay(X, Y, T_XY, matched_x=known)
+    found = transfer.overlay(X, Y, T_XY, matched_x=known)
     assert (np.isnan(transfer.values(found, Y.vertices[:, 0])) == ~known).all()
     assert ((transfer.labels(found, quadrant(Y.vertices)) == -1) == ~known).all()
     names = np.array(["a", "b"])[(Y.vertices[:, 0] > 0).astype(int)]
@@ -176,23 +175,23 @@ def test_the_other_side_of_a_thin_part_is_not_taken():
     y = Mesh(np.asarray(plate.vertices), np.asarray(plate.faces, np.int32))
     # The upper side of X is nearer to the lower one of Y.
     x = Mesh(y.vertices * [0.99, 0.99, 1] - [0, 0, 0.015], y.faces)
-    laid = Laid(x, y, x.vertices, y.vertices, np.ones(len(x[0]), bool), 1)
-    side_x, side_y = sides(laid)
-    points = in_faces(side_x, np.full((1, 3), 1 / 3))
+    both = Overlay(x, y, x.vertices, y.vertices, np.ones(len(x[0]), bool), 1)
+    side_x, side_y = placed(both)
+    points = in_faces(side_x.faces, np.full((1, 3), 1 / 3))
     at, normals = place(side_x, points)
     assert normals is not None
-    found = nearest(target(side_y), at, normals)
+    found = nearest(finder(side_y), at, normals)
     flat = np.abs(normals[:, 2]) > 0.9
     height = np.einsum("qc,qc->q", found.weights, y.vertices[found.corners, 2])
     assert (np.sign(height) == np.sign(normals[:, 2]))[flat].all()
 
 
 def test_walking_finds_the_nearest_points():
-    laid = exact()._replace(mesh_x=blob(0), at_x=blob(0).vertices)
-    side_x, side_y = sides(laid)
-    points = in_faces(side_x, RNG.dirichlet([1, 1, 1], 5))
+    both = exact()._replace(mesh_x=blob(0), at_x=blob(0).vertices)
+    side_x, side_y = placed(both)
+    points = in_faces(side_x.faces, RNG.dirichlet([1, 1, 1], 5))
     at, normals = place(side_x, points)
-    found = nearest(target(side_y), at, normals)
+    found = nearest(finder(side_y), at, normals)
     mine = np.einsum("qc,qcd->qd", found.weights, Y.vertices[found.corners])
     best = closest(surface_tree(Y), at)
     assert np.linalg.norm(mine - at, axis=1).max() < best.distance.max() + 0.02 * UNIT
@@ -202,7 +201,7 @@ def test_walking_finds_the_nearest_points():
 def test_point_clouds_go_by_their_nearest_vertices():
     cloud_x, cloud_y = (Mesh(m.vertices, np.zeros((0, 3), int)) for m in (X, Y))
     for x, y in ((cloud_x, Y), (X, cloud_y), (cloud_x, cloud_y)):
-        found = transfer.lay(x, y, T_XY)
+        found = transfer.overlay(x, y, T_XY)
         assert np.allclose(transfer.values(found, Y.vertices), Y.vertices[T_XY])
         assert (transfer.labels(found, quadrant(Y.vertices)).shape) == (N_X,)
     with pytest.raises(ValueError, match="X has no faces"):
@@ -215,43 +214,43 @@ def registered():
 
 
 def test_a_template_that_was_registered(registered):
-    found = lay_template(X, Y, registered)
+    found = overlay_template(X, Y, registered)
     carried = transfer.values(found, X.vertices)  # from X, the template, to Y
     assert np.linalg.norm(carried - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
     with pytest.raises(ValueError, match="registration has"):
-        lay_template(Y, X, registered)
+        overlay_template(Y, X, registered)
 
 
-def test_whole_files_in_place_of_what_was_kept(laid):
+def test_whole_files_in_place_of_what_was_kept(both):
     stray = Mesh(np.vstack([X.vertices[:1], [[9, 9, 9]], X.vertices]), X.faces + 2)
     whole_y = Mesh(np.vstack([Y.vertices, Y.vertices[:1] + 9]), Y.faces)
-    found = extended(laid, stray, whole_y)
+    found = extended(both, stray, whole_y)
     carried = transfer.values(found, np.append(Y.vertices[:, 0], 0))
-    expected = transfer.values(laid, Y.vertices[:, 0])
+    expected = transfer.values(both, Y.vertices[:, 0])
     assert np.isnan(carried[1]) and np.allclose(carried[0], expected[0])
     assert np.allclose(carried[2:], expected)
     with_names = transfer.labels(found, np.append(quadrant(Y.vertices), 7))
     assert with_names[1] == -1
-    assert (with_names[2:] == transfer.labels(laid, quadrant(Y.vertices))).all()
+    assert (with_names[2:] == transfer.labels(both, quadrant(Y.vertices))).all()
 
 
-def test_vertices_that_are_not_finite_get_nothing_and_give_nothing(laid):
+def test_vertices_that_are_not_finite_get_nothing_and_give_nothing(both):
     nowhere = [[np.nan, 0, 0]]
     whole_x = Mesh(np.vstack([X.vertices, nowhere]), [*X.faces, [0, 1, N_X]])
     whole_y = Mesh(np.vstack([Y.vertices, nowhere]), [*Y.faces, [0, 1, N_Y]])
-    found = extended(laid, whole_x, whole_y)
+    found = extended(both, whole_x, whole_y)
     assert not np.isfinite(found.at_x[-1]).any() and not found.known_x[-1]
     carried = transfer.values(found, np.append(Y.vertices[:, 0], 0))
     assert np.isnan(carried[-1])
-    assert np.allclose(carried[:-1], transfer.values(laid, Y.vertices[:, 0]))
+    assert np.allclose(carried[:-1], transfer.values(both, Y.vertices[:, 0]))
     with pytest.raises(MeshError, match="a face names vertex 900000"):
-        extended(laid, X, Mesh(Y.vertices, Y.faces + 900000))
+        extended(both, X, Mesh(Y.vertices, Y.faces + 900000))
 
 
 def test_landmarks_on_pieces_without_a_place_are_an_error(registered):
     piece = np.array([[8.0, 0, 0], [9, 0, 0], [8, 1, 0]])
     whole = Mesh(np.vstack([X.vertices, piece]), [*X.faces, N_X + np.arange(3)])
-    found = extended(lay_template(X, Y, registered), Y, whole)
+    found = extended(overlay_template(X, Y, registered), Y, whole)
     on_it = Landmarks(("tip", "crumb"), np.stack([X.vertices[0], piece.mean(0)]))
     with pytest.raises(ValueError, match=r"\['crumb'\] lie on pieces of Y"):
         transfer.landmarks(found, on_it)
@@ -299,8 +298,8 @@ def painted(mesh, uv, size=256):
 def test_a_texture_has_no_smear_at_seams():
     uv = charts(Y)
     image, colour = painted(Y, uv)
-    laid = exact()
-    baked = transfer.texture(laid, uv, image, size=512)
+    both = exact()
+    baked = transfer.texture(both, uv, image, size=512)
     assert baked.image.shape == (512, 512, 3) and baked.image.dtype == np.uint8
     weights = RNG.dirichlet([1, 1, 1], 20)
     at = np.einsum("wc,fcd->fwd", weights, baked.uv).reshape(-1, 2)
@@ -312,7 +311,7 @@ def test_a_texture_has_no_smear_at_seams():
     # One texture coordinate a vertex smears.
     per_vertex = np.zeros((N_Y, 2))
     per_vertex[Y.faces] = uv
-    one = transfer.values(laid, per_vertex)[X.faces]
+    one = transfer.values(both, per_vertex)[X.faces]
     smeared = look_up(image, np.einsum("wc,fcd->fwd", weights, one).reshape(-1, 2))
     assert (np.abs(smeared - colour(on_y)).max(1) > 8).mean() > 0.05
 
@@ -501,30 +500,30 @@ def test_wrong_columns_name_what_was_found(tmp_path):
         transfer.read_values(tmp_path / "a.mat", 2)
 
 
-def test_wrong_arguments_say_what_was_found(laid):
+def test_wrong_arguments_say_what_was_found(both):
     with pytest.raises(ValueError, match="does it run the other way"):
-        transfer.lay(X, Y, np.zeros(N_Y, int))
+        transfer.overlay(X, Y, np.zeros(N_Y, int))
     with pytest.raises(ValueError, match="names vertices 0 to 9999"):
-        transfer.lay(X, Y, np.where(np.arange(N_X) == 3, 9999, 0))
+        transfer.overlay(X, Y, np.where(np.arange(N_X) == 3, 9999, 0))
     with pytest.raises(ValueError, match="matched_x is float64"):
-        transfer.lay(X, Y, T_XY, matched_x=np.ones(N_X))
+        transfer.overlay(X, Y, T_XY, matched_x=np.ones(N_X))
     with pytest.raises(ValueError, match="one row a vertex of Y"):
-        transfer.values(laid, np.zeros(N_X))
+        transfer.values(both, np.zeros(N_X))
     with pytest.raises(ValueError, match="whole numbers or names"):
-        transfer.labels(laid, np.zeros(N_Y))
+        transfer.labels(both, np.zeros(N_Y))
     with pytest.raises(ValueError, match=f"has 3 labels, and Y has {N_Y} vertices"):
-        transfer.labels(laid, np.arange(3))
+        transfer.labels(both, np.arange(3))
     with pytest.raises(ValueError, match="to is 'edges'"):
-        transfer.labels(laid, np.arange(N_Y), to="edges")
+        transfer.labels(both, np.arange(N_Y), to="edges")
     image, uv = np.zeros((2, 2, 3), np.uint8), charts(Y)
     with pytest.raises(ValueError, match="uv_y is"):
-        transfer.texture(laid, uv[:5], image)
+        transfer.texture(both, uv[:5], image)
     with pytest.raises(ValueError, match="image_y is float64"):
-        transfer.texture(laid, uv, image.astype(float))
+        transfer.texture(both, uv, image.astype(float))
     with pytest.raises(ValueError, match="power of two"):
-        transfer.texture(laid, uv, image, size=100)
+        transfer.texture(both, uv, image, size=100)
     with pytest.raises(ValueError, match="do not fit"):
-        transfer.texture(laid, uv, image, size=64)
+        transfer.texture(both, uv, image, size=64)
 
 
 def test_a_collection_carries_what_its_template_has(tmp_path, registered):

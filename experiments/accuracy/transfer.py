@@ -36,7 +36,7 @@ from jfsf import data
 from jfsf.apps import transfer
 from jfsf.apps.landmarks import Landmarks, carry_landmarks
 from jfsf.apps.mapfiles import read_match, write_match
-from jfsf.apps.transfer._laid import Laid
+from jfsf.apps.transfer._overlay import Overlay
 from jfsf.apps.transfer._texture import look_up
 from jfsf.mesh import closest, face_normals, surface_area, vertex_normals
 from jfsf.mesh._closest import surface_tree
@@ -93,11 +93,11 @@ def measure(maps: Path | None, name_x: str, name_y: str) -> dict:
     found = match(maps, name_x, name_y)
     T_xy, T_yx = np.asarray(found.T_xy), np.asarray(found.T_yx)
     row: dict = {"confidence": float(found.certificate.confidence)}
-    laid = transfer.lay(x.mesh, y.mesh, T_xy)
-    row["map"] = _figures(x, y, laid, T_xy, T_yx)
-    row["map"]["texture"] = _smear(laid, T_xy)
+    both = transfer.overlay(x.mesh, y.mesh, T_xy)
+    row["map"] = _figures(x, y, both, T_xy, T_yx)
+    row["map"]["texture"] = _smear(both, T_xy)
     T_xy, T_yx = true_map(x, y), true_map(y, x)
-    row["truth"] = _figures(x, y, transfer.lay(x.mesh, y.mesh, T_xy), T_xy, T_yx)
+    row["truth"] = _figures(x, y, transfer.overlay(x.mesh, y.mesh, T_xy), T_xy, T_yx)
     return row
 
 
@@ -159,11 +159,11 @@ def parts_of(sample: data.Sample) -> tuple[np.ndarray, np.ndarray]:
     return votes.argmax(1)[np.flatnonzero(known)[near]], known
 
 
-def _figures(x, y, laid, T_xy, T_yx) -> dict:
+def _figures(x, y, both, T_xy, T_yx) -> dict:
     """Labels, landmarks and values of one map."""
     (of_x, known), (of_y, _) = parts_of(x), parts_of(y)
-    vertices = transfer.labels(laid, of_y)
-    by_face = transfer.labels(laid, of_y, to="faces")
+    vertices = transfer.labels(both, of_y)
+    by_face = transfer.labels(both, of_y, to="faces")
     corner = of_x[x.mesh.faces]
     inside = (corner == corner[:, :1]).all(1)
     most = np.where(corner[:, 1] == corner[:, 2], corner[:, 1], corner[:, 0])
@@ -175,7 +175,7 @@ def _figures(x, y, laid, T_xy, T_yx) -> dict:
     true = x.mesh.vertices[x.template_to_vertex[points]]
     marks = Landmarks(("",) * len(points), there)
     ways = {
-        "error": transfer.landmarks(laid, marks),
+        "error": transfer.landmarks(both, marks),
         "along": carry_landmarks(marks, y.mesh, x.mesh, T_yx),
     }
     away = {k: np.linalg.norm(v.points - true, axis=1) for k, v in ways.items()}
@@ -195,7 +195,7 @@ def _figures(x, y, laid, T_xy, T_yx) -> dict:
             "most": float(away["error"].max() / unit_x),
         },
         "values": {
-            "error": error(transfer.values(laid, y.mesh.vertices)),
+            "error": error(transfer.values(both, y.mesh.vertices)),
             "snapped": error(y.mesh.vertices[T_xy]),
         },
     }
@@ -214,18 +214,18 @@ def landmark_points() -> np.ndarray:
     return np.array(chosen)
 
 
-def _smear(laid: Laid, T_xy) -> dict:
+def _smear(both: Overlay, T_xy) -> dict:
     """Shares of X's area, by the baked image and by one texture coordinate a vertex."""
-    x, y = laid.mesh_x, laid.mesh_y
+    x, y = both.mesh_x, both.mesh_y
     low, high = y.vertices.min(0), y.vertices.max(0)
     colour = lambda points: 255 * (points - low) / (high - low)
     corners = y.vertices[y.faces]
     chart = unwrapped(y, lambda face, weights: colour(weights @ corners[face]))
-    baked = transfer.texture(laid, chart.uv, chart.image, size=BAKED)
+    baked = transfer.texture(both, chart.uv, chart.image, size=BAKED)
     weights = np.random.default_rng(0).dirichlet([1, 1, 1], SAMPLES)
     at = lambda corners: np.einsum("wc,fcd->fwd", weights, corners)
     flat = lambda corners: at(corners).reshape(-1, corners.shape[2])
-    on_y = closest(surface_tree(y), flat(laid.at_x[x.faces])).position
+    on_y = closest(surface_tree(y), flat(both.at_x[x.faces])).position
     true = colour(on_y)
     area = np.repeat(face_areas(*x), SAMPLES)
 
@@ -317,9 +317,9 @@ def draw(maps: Path | None, path: Path, name_x: str, name_y: str) -> None:
     """Y and X with a texture and with labels, and X with one uv a vertex."""
     x, y = data.load(name_x), data.load(name_y)
     T_xy = np.asarray(match(maps, name_x, name_y).T_xy)
-    laid = transfer.lay(x.mesh, y.mesh, T_xy)
+    both = transfer.overlay(x.mesh, y.mesh, T_xy)
     chart = unwrapped(y.mesh, _clothes(y))
-    baked = transfer.texture(laid, chart.uv, chart.image, size=BAKED)
+    baked = transfer.texture(both, chart.uv, chart.image, size=BAKED)
     one = np.zeros((len(y.mesh.vertices), 2))
     one[y.mesh.faces] = chart.uv
     parts = parts_of(y)[0]
@@ -327,7 +327,7 @@ def draw(maps: Path | None, path: Path, name_x: str, name_y: str) -> None:
         [[204, 204, 204], [230, 159, 0], [86, 180, 233], [0, 158, 115], [213, 94, 0]]
         + [[0, 114, 178]]
     )
-    of_x = tints[transfer.labels(laid, parts, to="faces")]
+    of_x = tints[transfer.labels(both, parts, to="faces")]
     of_y = tints[parts[y.mesh.faces]].mean(1)
     at = lambda image, uv: (
         lambda f, w: look_up(image, np.einsum("qc,qcd->qd", w, uv[f]))

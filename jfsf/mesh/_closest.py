@@ -81,7 +81,7 @@ def surface_tree(mesh: Mesh) -> SurfaceTree:
     owner, centre = [], []
     for number in np.unique(parts):
         which = np.flatnonzero(parts == number)
-        weight = _middles(number)
+        weight = middles(number)
         owner.append(np.repeat(which, len(weight)))
         centre.append(np.einsum("wc,fcd->fwd", weight, corner[which]).reshape(-1, 3))
     owner, centre = np.concatenate(owner), np.concatenate(centre)
@@ -172,8 +172,8 @@ def on_rim(surface: SurfaceTree, found: OnSurface) -> Any:
     return (at_edge | at_vertex) & (found.face >= 0)
 
 
-def _middles(parts: int):
-    """Barycentric centres of the parts^2 triangles that a triangle is cut into."""
+def middles(parts: int):
+    """(parts^2, 3) barycentric centres of the triangles that a triangle is cut into."""
     i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
     up = np.stack([i, j], 2)[i + j < parts] + 1 / 3
     down = np.stack([i, j], 2)[i + j < parts - 1] + 2 / 3

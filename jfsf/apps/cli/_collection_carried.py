@@ -66,7 +66,7 @@ def write_carried(
     from jfsf.apps.registration import Registration
     from jfsf.apps.transfer import labels, values
     from jfsf.apps.transfer._files import write_column
-    from jfsf.apps.transfer._laid import extended, lay_template
+    from jfsf.apps.transfer._overlay import extended, overlay_template
     from jfsf.mesh import mirror_image, read
 
     carry = {"labels": labels, "values": values}
@@ -80,11 +80,12 @@ def write_carried(
         name = row["name"]
         with np.load(registered(out, name)) as file:
             found = Registration(*(file[field] for field in Registration._fields))
-        laid = lay_template(shapes[template].mesh, shapes[name].mesh, found)
+        part = overlay_template(shapes[template].mesh, shapes[name].mesh, found)
         file = read(paths[name], finite=False)
-        laid = extended(laid, mirror_image(file) if name in turned else file, source)
+        scan = mirror_image(file) if name in turned else file
+        whole = extended(part, scan, source)
         for one in carried:
-            result = one.column._replace(rows=carry[one.what](laid, one.column.rows))
+            result = one.column._replace(rows=carry[one.what](whole, one.column.rows))
             write_column(out / one.what / f"{name}{one.suffix}", result)
     return [out / one.what for one in carried]
 

@@ -127,8 +127,8 @@ def transfer(
 
     Example: jfsf transfer a.off b.off map.npz --labels b_parts.txt --out a_parts.txt
     """
-    from jfsf.apps.transfer import lay
-    from jfsf.apps.transfer._laid import extended
+    from jfsf.apps.transfer import overlay
+    from jfsf.apps.transfer._overlay import extended
     from jfsf.mesh import read
 
     given = {"values": values, "labels": labels}
@@ -169,16 +169,17 @@ def transfer(
         stage("registration")
         if matched is not None:
             matched = of_kept(np.asarray(matched), goal, mesh_x)
-        laid = extended(lay(mesh_x, mesh_y, T, matched_x=matched), goal, own)
+        part = overlay(mesh_x, mesh_y, T, matched_x=matched)
+        whole = extended(part, goal, own)
         stage(work.what)
-        result = work.carry(laid)
+        result = work.carry(whole)
         stage("writing")
         work.write(result)
     console = Console()
     shown = f"{work.what} carried from {paths[1]} to {paths[0]}"
     console.print(shown, soft_wrap=True, markup=False)
     notes: list[str] = list(getattr(result, "said", ()))
-    if share := 1 - laid.known_x.mean():
+    if share := 1 - whole.known_x.mean():
         notes.append(
             f"the map counts for nothing at {share:.1%} of the vertices of {paths[0]}: "
             f"{work.unknown}"
@@ -222,7 +223,7 @@ def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
     column = read_values(path, len(own.vertices))
     return Work(
         "values",
-        lambda laid: values(laid, column.rows),
+        lambda on: values(on, column.rows),
         lambda rows: write_column(out, column._replace(rows=rows)),
         "their values are nan",
     )
@@ -237,7 +238,7 @@ def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
     goal = None if to is None else to.value
     return Work(
         "labels",
-        lambda laid: labels(laid, column.rows, to=goal),  # type: ignore
+        lambda on: labels(on, column.rows, to=goal),  # type: ignore
         lambda rows: write_column(out, column._replace(rows=rows)),
         "their labels are -1, or empty names",
     )
@@ -259,7 +260,7 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
         raise ValueError(f"{path}: {error}") from None
     return Work(
         "landmarks",
-        lambda laid: landmarks(laid, found),
+        lambda on: landmarks(on, found),
         lambda carried: write_landmarks(out, carried),
         "landmarks there are at the nearest points",
     )
@@ -269,14 +270,14 @@ def _texture(path: Path, goal: Mesh, own: Mesh, file: Path, out, size: int) -> W
     from jfsf.apps.export import export_textured
     from jfsf.apps.transfer import texture
     from jfsf.apps.transfer._atlas import check_size
-    from jfsf.apps.transfer._image import png_of, read_image
+    from jfsf.apps.transfer._files import png_of, read_image
     from jfsf.mesh import read_uv
 
     check_size(len(goal.faces), size)
     uv, image = read_uv(file, own), read_image(path)
     return Work(
         "texture",
-        lambda laid: texture(laid, uv, image, size=size),
+        lambda on: texture(on, uv, image, size=size),
         lambda baked: export_textured(out, goal, baked.uv, png_of(baked.image)),
         "it is grey there",
     )

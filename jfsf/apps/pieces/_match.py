@@ -1,27 +1,39 @@
-"""Two meshes of several connected pieces -> the best assignment, and one map of all."""
+"""Two meshes of several connected pieces -> one map of all, and its file."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
+from jfsf._figures import FIGURES
 from jfsf.apps.collections import unlikeness
 from jfsf.apps.collections._sketch import sketch
-from jfsf.apps.pieces._assign import TIE, assign, candidates, places_apart
-from jfsf.apps.pieces._split import LeftOut, Piece, Pieces, pieces_of
+from jfsf.apps.mapfiles import MapFileError
+from jfsf.apps.pieces._pieces import (
+    TIE,
+    LeftOut,
+    Piece,
+    best_assignment,
+    candidates,
+    pieces_of,
+    places_apart,
+)
 from jfsf.initial import Orientation
 from jfsf.matching import Settings, basis, confidence, match
+from jfsf.storage._atomic import write_atomically
 from jfsf.types import ArrayLike, Certificate, Match, Mesh
 
 
 class PiecePair(NamedTuple):
     """A piece of X and the one of Y that it goes to.
 
-    x, y: the pieces, with their vertices' numbers in the whole (`Piece.index`).
+    x: the piece of X, with its vertices' numbers in the whole (`Piece.index`).
+    y: the piece of Y, with its vertices' numbers in the whole.
     match: of the two alone: its maps count the vertices of the pieces.
-    margin: by how much the sum of the costs grows if this pair is forbidden, see
-        `jfsf.apps.pieces.Assignment`.
+    margin: by how much the sum of the costs grows if this pair is forbidden; inf if
+        there is no other assignment of as many pieces.
     """
 
     x: Piece
@@ -45,11 +57,14 @@ class MatchedComponents(NamedTuple):
 
     T_xy: the vertex of Y for each vertex of X, -1 where a vertex belongs to no piece
         that has a partner. As an index of numpy, -1 is the last vertex: ask first.
-    T_yx: the vertex of X for each vertex of Y, likewise.
-    pair_x, pair_y: the number in `pairs` for each vertex, -1 likewise.
+    T_yx: the vertex of X for each vertex of Y; -1 as in T_xy.
+    pair_x: the number in `pairs` for each vertex of X; -1 as in T_xy.
+    pair_y: the number in `pairs` for each vertex of Y; -1 as in T_xy.
     pairs: of pieces, the largest piece of X first.
-    alone_x, alone_y: pieces that could be matched, and have no partner.
-    left_out_x, left_out_y: what could not be matched.
+    alone_x: pieces of X that could be matched, and have no partner.
+    alone_y: pieces of Y that could be matched, and have no partner.
+    left_out_x: what of X could not be matched.
+    left_out_y: what of Y could not be matched.
     """
 
     T_xy: Int[ArrayLike, " n_x"]
@@ -105,37 +120,49 @@ def match_components(
     """
     if nearest < 1:
         raise ValueError(f"match_components: nearest is {nearest}; give 1 or more")
-    x, y = (
+    (x, left_out_x), (y, left_out_y) = (
         pieces_of(mesh, min_share=min_share, name=name, settings=settings)
         for name, mesh in (("mesh_x", mesh_x), ("mesh_y", mesh_y))
     )
     say = progress or (lambda stage: None)
-    apart = places_apart(*([piece.place for piece in side.kept] for side in (x, y)))
-    sizes, options = apart.shape, {"settings": settings, "cache": cache}
-    chosen = np.ones(sizes, bool)
+    options = {"settings": settings, "cache": cache}
+    apart = places_apart(*([piece.place for piece in side] for side in (x, y)))
+    chosen = np.ones(apart.shape, bool)
     if chosen.size > nearest**2:
         say("spectra of the pieces")
-        rows = [
-            sketch(basis(piece.mesh, **options)).signature
-            for piece in (*x.kept, *y.kept)
-        ]
-        unlike = unlikeness(rows)[: sizes[0], sizes[0] :]
+        rows = [sketch(basis(p.mesh, **options)).signature for p in (*x, *y)]
+        unlike = unlikeness(rows)[: len(x), len(x) :]
         chosen = candidates(unlike, apart, nearest=nearest)
-    costs, found = np.full(sizes, np.inf), {}
-    pairs = [(int(i), int(j)) for i, j in np.argwhere(chosen)]
-    for number, (i, j) in enumerate(pairs, 1):
-        say(f"piece {i} of X, {j} of Y: pair {number} of {len(pairs)}")
-        both = x.kept[i].mesh, y.kept[j].mesh
-        found[i, j] = match(*both, orientation=orientation, **options)
-        costs[i, j] = cost(found[i, j].certificate)
-    best = assign(costs, apart)
-    return _joined(
-        (len(mesh_x.vertices), len(mesh_y.vertices)),
-        (x, y),
-        tuple(
-            PiecePair(x.kept[i], y.kept[j], found[i, j], float(margin))
-            for i, j, margin in zip(*best, strict=True)
-        ),
+    costs, matches = np.full(apart.shape, np.inf), {}
+    numbers = [(int(i), int(j)) for i, j in np.argwhere(chosen)]
+    for number, (i, j) in enumerate(numbers, 1):
+        say(f"piece {i} of X, {j} of Y: pair {number} of {len(numbers)}")
+        matches[i, j] = match(x[i].mesh, y[j].mesh, orientation=orientation, **options)
+        costs[i, j] = cost(matches[i, j].certificate)
+    best = zip(*best_assignment(costs, apart), strict=True)
+    pairs = tuple(PiecePair(x[i], y[j], matches[i, j], m) for (i, j), m in best)
+    # The maps of the pieces as maps between all vertices.
+    sizes = [len(mesh.vertices) for mesh in (mesh_x, mesh_y)]
+    T_xy, T_yx, pair_x, pair_y = (np.full(n, -1, np.int32) for n in (*sizes, *sizes))
+    for number, pair in enumerate(pairs):
+        on_x, on_y = np.asarray(pair.x.index), np.asarray(pair.y.index)
+        T_xy[on_x] = on_y[np.asarray(pair.match.T_xy)]
+        T_yx[on_y] = on_x[np.asarray(pair.match.T_yx)]
+        pair_x[on_x] = pair_y[on_y] = number
+    alone_x, alone_y = (
+        tuple(piece for piece in side if taken[piece.index[0]] < 0)
+        for side, taken in ((x, pair_x), (y, pair_y))
+    )
+    return MatchedComponents(
+        T_xy,
+        T_yx,
+        pair_x,
+        pair_y,
+        pairs,
+        alone_x,
+        alone_y,
+        left_out_x,
+        left_out_y,
     )
 
 
@@ -160,29 +187,47 @@ def cost(certificate: Certificate) -> float:
     return 1 - float(np.nan_to_num(likely)) + misfit
 
 
-def _joined(
-    sizes: tuple[int, int],
-    sides: tuple[Pieces, Pieces],
-    pairs: tuple[PiecePair, ...],
-) -> MatchedComponents:
-    """The maps of the pieces as maps between all vertices."""
-    T_xy, T_yx, pair_x, pair_y = (np.full(n, -1, np.int32) for n in (*sizes, *sizes))
-    for number, (x, y, matched, _) in enumerate(pairs):
-        T_xy[x.index] = np.asarray(y.index)[np.asarray(matched.T_xy)]
-        T_yx[y.index] = np.asarray(x.index)[np.asarray(matched.T_yx)]
-        pair_x[x.index] = pair_y[y.index] = number
-    alone_x, alone_y = (
-        tuple(piece for piece in side.kept if taken[piece.index[0]] < 0)
-        for side, taken in zip(sides, (pair_x, pair_y), strict=True)
-    )
-    return MatchedComponents(
-        T_xy,
-        T_yx,
-        pair_x,
-        pair_y,
-        pairs,
-        alone_x,
-        alone_y,
-        sides[0].left_out,
-        sides[1].left_out,
-    )
+def write_components(
+    path: str | Path, matched: MatchedComponents, *, notes: Sequence[str] = ()
+) -> None:
+    """Write what `match_components` returns as `.npz`.
+
+    The file has T_xy and T_yx (int32, 0-based, -1 for a vertex without a partner),
+    pair_x and pair_y (the number of its pair for each vertex, or -1), confidence_x and
+    confidence_y (nan for a vertex without a partner), and for each pair pair_margin and
+    pair_NAME for each figure of the certificate, such as pair_confidence.
+    `jfsf.apps.mapfiles.read_stored` reads it. It appears complete or not at all.
+
+    Args:
+        path: `.npz`.
+        matched: the result.
+        notes: sentences on how it was made, for `jfsf.apps.mapfiles.read_notes`.
+
+    Raises:
+        MapFileError: the suffix is not `.npz`, or a folder that cannot be written.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".npz":
+        raise MapFileError(f"{path}: pieces are written as .npz, not {path.suffix!r}")
+    arrays = {name: getattr(matched, name) for name in matched._fields[:4]}
+    for side in "xy":
+        values = np.full(len(arrays[f"pair_{side}"]), np.nan)
+        for pair in matched.pairs:
+            likely = getattr(pair.match, f"confidence_{side}")
+            if likely is not None:
+                values[getattr(pair, side).index] = np.asarray(likely)
+        arrays[f"confidence_{side}"] = values
+    arrays["pair_margin"] = np.array([pair.margin for pair in matched.pairs])
+    for name in FIGURES:
+        figures = [
+            np.asarray(getattr(p.match.certificate, name)) for p in matched.pairs
+        ]
+        arrays[f"pair_{name}"] = np.array(figures)
+    if notes:
+        arrays["notes"] = np.array(list(notes))
+    try:
+        write_atomically(path, lambda file: np.savez_compressed(file, **arrays))
+    except OSError as error:
+        raise MapFileError(
+            f"{path}: cannot be written ({error.strerror}); check the folder"
+        ) from None

@@ -6,15 +6,14 @@ point of the scan that faces alike. One whose nearest point lies on the rim of t
 is not drawn: there the template bridges a hole.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
-from jfsf.apps.registration._flaws import flaws_of
+from jfsf.apps.registration._flaws import flaws_of, unfold
 from jfsf.apps.registration._scan import Scan, facing
-from jfsf.apps.registration._settings import RegistrationSettings
-from jfsf.apps.registration._unfold import unfold
 from jfsf.mesh import vertex_normals
 from jfsf.mesh._closest import on_rim
 from jfsf.refine import closest_rotations
@@ -25,7 +24,56 @@ TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
 MENDED_RINGS = 2  # of faces around a flaw
-LEAST_KNOWN = 0.1  # of the area: with fewer images all are taken
+MENDING_ROUNDS = 2  # after the last round, at most; then corners of faces are moved
+MENDING_REACH = 0.005  # how far rotations around a flaw come from, in sqrt(area)
+EASING = 0.1  # factor of the force around a flaw, each time
+LEAST_MATCHED = 0.1  # of the area: with fewer images all are taken
+UPDATES = 3  # of a round: rotations, each followed by a linear solve
+ROTATION_RINGS = 2  # surroundings that the first rotations are read from
+TURN_REACH = 0.05  # how far the first rotations are smoothed, in sqrt(area)
+# Where normals of the images look away from the scan's, over a region of this size in
+# sqrt(area), the map is inside out there and does not count.
+SIDE_REACH = 0.05
+# Mean cosine between both normals: 1 is no angle between them, 0 a right one.
+MIN_SIDE = 0.2
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """How a template is deformed onto a scan. Lengths are in sqrt(area) of the scan.
+
+    A vertex is drawn with the force of its area over the square of a reach: the larger
+    the reach, the stiffer the template.
+
+    map_reaches: those of the rounds in which a vertex is drawn to its image.
+    reaches: those of the rounds after these, to the nearest point of the scan.
+    hold: reach with which the images go on to draw in these: the smaller, the less the
+        template slides along the scan. Of 0.03, 0.05, 0.1 and none 0.05 had the least
+        error on pairs of one body and of two.
+    max_distance: no point of the scan farther away draws a vertex.
+    unmatched_distance: no point of the scan farther away draws a vertex whose image
+        does not count.
+    """
+
+    map_reaches: tuple[float, ...] = (0.1, 0.06, 0.04)
+    reaches: tuple[float, ...] = (0.03, 0.02, 0.014, 0.01, 0.007, 0.005, 0.0035, 0.0025)
+    hold: float = 0.05
+    max_distance: float = 0.1
+    unmatched_distance: float = 0.02
+
+    def __post_init__(self) -> None:
+        """ValueError for numbers that nothing can be registered with."""
+        if not self.reaches or not min([*self.map_reaches, *self.reaches]) > 0:
+            raise ValueError(
+                f"RegistrationSettings: map_reaches are {self.map_reaches} and reaches "
+                f"{self.reaches}; give one or more of these, all above 0"
+            )
+        for name in ("hold", "max_distance"):
+            if not getattr(self, name) > 0:
+                raise ValueError(
+                    f"RegistrationSettings: {name} is {getattr(self, name)}; give more "
+                    "than 0"
+                )
 
 
 class Template(NamedTuple):
@@ -43,7 +91,7 @@ class Template(NamedTuple):
     matched: np.ndarray
 
 
-class Drawn(NamedTuple):
+class Deformed(NamedTuple):
     """A template on a scan.
 
     moved: (n, 3) positions.
@@ -63,7 +111,7 @@ def draw(
     scan: Scan,
     T: np.ndarray,
     settings: RegistrationSettings,
-) -> Drawn:
+) -> Deformed:
     """Deform a template onto a scan.
 
     Args:
@@ -77,17 +125,17 @@ def draw(
     """
     image = scan.surface.mesh.vertices[T]
     # Beyond a hole all images are on its rim.
-    known = template.matched & (template.rim | ~scan.surface.rim_vertex[T])
-    sign, side = _sides(template, scan, T, settings)
-    known &= side > settings.min_side
-    if template.mass @ known < LEAST_KNOWN * template.mass.sum():
-        known = template.matched
-    placed = _to_images(template, image, known, sign, settings)
-    hold = template.mass * known / settings.hold**2
+    counts = template.matched & (template.rim | ~scan.surface.rim_vertex[T])
+    sign, side = _sides(template, scan, T)
+    counts &= side > MIN_SIDE
+    if template.mass @ counts < LEAST_MATCHED * template.mass.sum():
+        counts = template.matched
+    placed = _to_images(template, image, counts, sign, settings)
+    hold = template.mass * counts / settings.hold**2
     return _to_surface(template, scan, placed, (hold, image), settings)
 
 
-def _sides(template: Template, scan: Scan, T, settings):
+def _sides(template: Template, scan: Scan, T):
     """Which way the normals of the images look, beside those of the scan.
 
     What a map turns inside out, such as a head whose face is at the back, would stay
@@ -101,37 +149,37 @@ def _sides(template: Template, scan: Scan, T, settings):
     image = scan.surface.mesh.vertices[T]
     alike = np.sum(vertex_normals(image, rest.mesh.faces) * scan.normal[T], 1)
     sign = -1 if mass @ alike < 0 else 1
-    return sign, sign * _spread(rest, mass / settings.side_reach**2, alike)
+    return sign, sign * _spread(rest, mass / SIDE_REACH**2, alike)
 
 
-def _to_images(template: Template, image, known, sign, settings) -> Drawn:
-    """The template drawn to the images of its vertices, where these are known."""
+def _to_images(template: Template, image, counts, sign, settings) -> Deformed:
+    """The template drawn to the images of its vertices, where these count."""
     rest, mass = template.rest, template.mass
     moved, scale = image, 1.0
-    rotation = rotations_of(rest, moved, settings.rotation_rings)
-    rotation = _from_around(rest, rotation, mass * known, settings.turn_reach)
+    rotation = rotations_of(rest, moved, ROTATION_RINGS)
+    rotation = _from_around(rest, rotation, mass * counts, TURN_REACH)
     for reach in settings.map_reaches:
-        for _ in range(settings.updates):
-            pull = mass * known / reach**2
+        for _ in range(UPDATES):
+            pull = mass * counts / reach**2
             moved = _solved(rest, rotation, scale, pull, pull[:, None] * image, moved)
             rotation = rotations_of(rest, moved)
         scale = _rescaled(rest, moved, scale)
-    return Drawn(moved, scale, known, sign)
+    return Deformed(moved, scale, counts, sign)
 
 
-def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
+def _to_surface(template: Template, scan: Scan, placed: Deformed, hold, settings):
     """The template drawn to the surface of the scan, with as few flaws as may be."""
     force = np.ones(len(placed.moved))
     state = best = _softer(template, scan, placed, hold, settings)
     fewest = np.inf
-    for number in range(settings.mending_rounds + 1):
+    for number in range(MENDING_ROUNDS + 1):
         around, count = _around_flaws(template, scan, state)
         if count < fewest:
             best, fewest = state, count
         if count == 0:
             return state
-        force = force * np.where(around, settings.easing, 1)
-        if number < settings.mending_rounds:
+        force = force * np.where(around, EASING, 1)
+        if number < MENDING_ROUNDS:
             eased, reach = (around, force), settings.reaches[-1]
             state = _round(template, scan, state, hold, eased, reach, settings)
 
@@ -143,18 +191,20 @@ def _to_surface(template: Template, scan: Scan, placed: Drawn, hold, settings):
     return best._replace(moved=moved)
 
 
-def _softer(template: Template, scan: Scan, state: Drawn, hold, settings):
+def _softer(template: Template, scan: Scan, state: Deformed, hold, settings):
     """The rounds from the stiffest to the softest."""
     for reach in settings.reaches:
         flawed = _around_flaws(template, scan, state)[0]
         # Here and now only: with the next round the surroundings may be right.
-        eased = flawed, np.where(flawed, settings.easing, 1)
+        eased = flawed, np.where(flawed, EASING, 1)
         state = _round(template, scan, state, hold, eased, reach, settings)
         state = state._replace(scale=_rescaled(template.rest, *state[:2]))
     return state
 
 
-def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, settings):
+def _round(
+    template: Template, scan: Scan, state: Deformed, hold, eased, reach, settings
+):
     """Some updates with one reach.
 
     Args:
@@ -170,21 +220,21 @@ def _round(template: Template, scan: Scan, state: Drawn, hold, eased, reach, set
     rotation = rotations_of(rest, moved)
     if flawed.any():
         # A fold keeps itself: its vertices have turned with it.
-        rotation = _from_around(rest, rotation, mass * ~flawed, settings.mending_reach)
-    for _ in range(settings.updates):
+        rotation = _from_around(rest, rotation, mass * ~flawed, MENDING_REACH)
+    for _ in range(UPDATES):
         normal = sign * vertex_normals(moved, rest.mesh.faces)
-        found = facing(scan, moved, normal, settings)
-        drawn = found.distance < limit
-        drawn &= rim | ~on_rim(scan.surface, found)
+        nearest = facing(scan, moved, normal)
+        drawn = nearest.distance < limit
+        drawn &= rim | ~on_rim(scan.surface, nearest)
         force = factor * mass * drawn / reach**2
-        there = np.where(drawn[:, None], found.position, 0)
+        there = np.where(drawn[:, None], nearest.position, 0)
         goal = force[:, None] * there + (factor * held)[:, None] * image
         moved = _solved(rest, rotation, scale, force + factor * held, goal, moved)
         rotation = rotations_of(rest, moved)
-    return Drawn(moved, scale, drawn, sign)
+    return Deformed(moved, scale, drawn, sign)
 
 
-def _around_flaws(template: Template, scan: Scan, state: Drawn):
+def _around_flaws(template: Template, scan: Scan, state: Deformed):
     """(n,) whether each vertex is near a face with a flaw, or nearly one; how many."""
     rest = template.rest
     nearly = {"least_area": NEARLY_COLLAPSED, "least_cosine": NEARLY_FLIPPED}

@@ -4,17 +4,19 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
-from jfsf.apps.registration._draw import Template, draw
+from jfsf.apps.registration._draw import RegistrationSettings, Template, draw
 from jfsf.apps.registration._flaws import flaws_of
 from jfsf.apps.registration._scan import scan_of
-from jfsf.apps.registration._settings import RegistrationSettings
-from jfsf.apps.registration._start import start_of
 from jfsf.matching._arguments import checked_map
 from jfsf.mesh import MeshError, closest, orient, surface_area, validate, vertex_areas
 from jfsf.mesh._geometry import boundary_edges
 from jfsf.refine._rest import at_rest
 from jfsf.types import ArrayLike, Mesh
+
+SAMPLES = 400  # neighbourhoods that scale and sign are read from
+SCALE_NEIGHBOURS = 0.01  # share of the vertices in each of these
 
 
 class Registration(NamedTuple):
@@ -25,8 +27,8 @@ class Registration(NamedTuple):
     distance: from there to the nearest point of the scan's surface, without a sign.
     bridged: whether the scan has no surface for a vertex: the nearest point lies on its
         rim, or nothing near looks the same way. There the template keeps its own form.
-    on_face, barycentric: that nearest point: a face of the scan, and weights of its
-        corners.
+    on_face: the face of the scan that the nearest point lies on.
+    barycentric: weights of the corners of that face in the nearest point.
     flipped: number of faces that are turned over: by more than a right angle from
         where their surroundings turn them, and from where the scan looks there.
     collapsed: number of faces with less than 1e-4 of their area at rest, at the scale
@@ -109,14 +111,16 @@ def register(
         )
     onto, place = _in_own_unit(scan)
     alone, own = _in_own_unit(template)
-    start = start_of(alone.vertices[matched], onto.vertices[T[matched]], settings)
-    sign = start.sign if orientation_sign is None else orientation_sign
+    first_scale, sign = scale_and_sign(
+        alone.vertices[matched], onto.vertices[T[matched]]
+    )
+    sign = sign if orientation_sign is None else orientation_sign
     wound = orient(alone)
-    rest = at_rest(Mesh(wound.vertices * start.scale, wound.faces), sign)
+    rest = at_rest(Mesh(wound.vertices * first_scale, wound.faces), sign)
     rim = np.zeros(len(T), bool)
     rim[boundary_edges(wound.faces)] = True
     whole = Template(rest, vertex_areas(*rest.mesh), rim, matched)
-    target = scan_of(orient(onto), settings)
+    target = scan_of(orient(onto))
     moved, scale, drawn, side = draw(whole, target, T, settings)
     flaws = flaws_of(rest, moved, scale, target, side)
     # Faces as the scan has them, so that the corners keep their order.
@@ -129,9 +133,33 @@ def register(
         below.barycentric,
         np.asarray(flaws.flipped.sum()),
         np.asarray(flaws.collapsed.sum()),
-        np.asarray(start.scale * scale * place.unit / own.unit),
+        np.asarray(first_scale * scale * place.unit / own.unit),
         np.asarray(sign),
     )
+
+
+def scale_and_sign(vertices, images) -> tuple[float, int]:
+    """Factor of the template's lengths, and -1 for a map that mirrors, else 1.
+
+    They are read in small neighbourhoods, since the shape as a whole bends: the scale
+    is the median of what the map stretches these by, the sign that of most of their
+    volume.
+
+    Args:
+        vertices: (n, 3) of the template.
+        images: (n, 3) their images.
+    """
+    n = len(vertices)
+    size = min(n, max(12, round(SCALE_NEIGHBOURS * n)))
+    at = np.unique(np.linspace(0, n - 1, min(n, SAMPLES)).round().astype(int))
+    near = np.asarray(KDTree(vertices).query(vertices[at], size)[1])
+    here, there = (p[near] - p[near].mean(1, keepdims=True) for p in (vertices, images))
+    before, after = ((one**2).sum((1, 2)) for one in (here, there))
+    scale = np.sqrt(np.median(after / np.maximum(before, 1e-300)))
+    spread = np.einsum("skc,skd->scd", there, here)
+    least = np.linalg.svd(spread, compute_uv=False)[:, 2]
+    side = np.sum(np.sign(np.linalg.det(spread)) * least)
+    return float(scale), -1 if side < 0 else 1
 
 
 class _Place(NamedTuple):

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Float, Shaped, UInt8
 
 from jfsf.apps.transfer._atlas import atlas
-from jfsf.apps.transfer._laid import Laid
-from jfsf.apps.transfer._points import Points, nearest, place, sides, target
+from jfsf.apps.transfer._nearest import Points, from_x_to_y
+from jfsf.apps.transfer._overlay import Overlay
 from jfsf.types import ArrayLike
 
 SIZE = 2048
@@ -32,7 +32,7 @@ class Baked(NamedTuple):
 
 
 def texture(
-    laid: Laid,
+    overlay: Overlay,
     uv_y: Float[ArrayLike, "m_y 3 2"],
     image_y: Shaped[ArrayLike, "h w c"],
     *,
@@ -41,7 +41,7 @@ def texture(
     """A texture carried from Y to X, as a new image.
 
     Args:
-        laid: X and Y laid on each other (`lay`); both with faces.
+        overlay: X and Y laid over each other (`overlay`); both with faces.
         uv_y: texture coordinates of the corners of Y's faces (`jfsf.mesh.read_uv`): u
             to the right, v up; the image repeats at whole numbers.
         image_y: of 8 bits a channel, the first row at the top.
@@ -56,7 +56,7 @@ def texture(
             cloud; or X has too many faces for the size.
     """
     uv_y, image_y = np.asarray(uv_y, np.float64), np.asarray(image_y)
-    m_x, m_y = len(laid.mesh_x.faces), len(laid.mesh_y.faces)
+    m_x, m_y = len(overlay.mesh_x.faces), len(overlay.mesh_y.faces)
     if not m_x or not m_y:
         raise ValueError(
             f"texture: X has {m_x} faces and Y {m_y}; a texture needs faces on both"
@@ -71,9 +71,9 @@ def texture(
             f"texture: image_y is {image_y.dtype} {image_y.shape}; give uint8 rows, "
             "columns and channels"
         )
-    x, y = sides(laid)
-    on_y = target(y)
-    corners = np.asarray(laid.mesh_x.vertices, np.float64)[x.faces]
+    to_y = from_x_to_y(overlay)
+    faces = np.asarray(overlay.mesh_x.faces)
+    corners = np.asarray(overlay.mesh_x.vertices, np.float64)[faces]
     where = atlas(corners, size)
     grey = _grey(image_y)
     image = np.tile(grey.astype(np.uint8), (size, size, 1))
@@ -82,14 +82,14 @@ def texture(
         for start in range(0, len(cells.face), number):
             face = cells.face[start : start + number]
             first = cells.first[start : start + number]
-            turned = np.take_along_axis(x.faces[face], where.turn[face], 1)
+            turned = np.take_along_axis(faces[face], where.turn[face], 1)
             vertices = np.repeat(turned, len(cells.weights), axis=0)
             weights = np.tile(cells.weights, (len(face), 1))
             points = Points(np.repeat(face, len(cells.weights)), vertices, weights)
-            found = nearest(on_y, *place(x, points))
-            uv = np.einsum("qc,qcd->qd", found.weights, uv_y[found.face])
+            on_y = to_y(points)
+            uv = np.einsum("qc,qcd->qd", on_y.weights, uv_y[on_y.face])
             colour = look_up(image_y, uv)
-            colour[~laid.known_x[vertices].all(1)] = grey
+            colour[~overlay.known_x[vertices].all(1)] = grey
             texel = (first[:, None] + cells.texels[None]).reshape(-1, 2)
             image[texel[:, 0], texel[:, 1]] = np.rint(colour)
     return Baked(image, where.uv)

@@ -1,4 +1,4 @@
-"""Two meshes laid on each other, by a map between their vertices or a registration.
+"""Two meshes laid over each other, by a map of vertices or by a registration.
 
 A map gives each vertex of X one of Y, and says nothing of what lies between vertices.
 X is registered to Y (`jfsf.apps.registration`): its vertices move onto Y's surface,
@@ -21,11 +21,13 @@ from jfsf.types import ArrayLike, Mesh
 SAME = 1e-9  # of the size of a mesh: points that are one
 
 
-class Laid(NamedTuple):
+class Overlay(NamedTuple):
     """X and Y, and where their vertices are when one lies on the other.
 
-    mesh_x, mesh_y: each in its own coordinates; n_x and n_y vertices.
-    at_x, at_y: positions in common coordinates; nan for a vertex that has no place.
+    mesh_x: gets what is carried; in its own coordinates, n_x vertices.
+    mesh_y: has what is carried; in its own coordinates, n_y vertices.
+    at_x: positions of X in common coordinates; nan for a vertex that has no place.
+    at_y: positions of Y in common coordinates; nan for a vertex that has no place.
     known_x: whether Y has a surface for a vertex of X, which has a place.
     orientation_sign: -1 where the outer sides of both look away from each other, since
         the map mirrors; 0 if it is not known which side is outside.
@@ -39,15 +41,15 @@ class Laid(NamedTuple):
     orientation_sign: int
 
 
-def lay(
+def overlay(
     mesh_x: Mesh,
     mesh_y: Mesh,
     T_xy: Int[ArrayLike, " n_x"],
     *,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
     settings: RegistrationSettings = RegistrationSettings(),
-) -> Laid:
-    """Lay X on Y, to carry what Y has to X.
+) -> Overlay:
+    """Lay X over Y, to carry what Y has to X.
 
     To carry from X to Y, exchange the meshes and give `T_yx` and `matched_y`.
 
@@ -68,17 +70,17 @@ def lay(
     """
     mesh_x, mesh_y = checked_mesh(mesh_x, "X"), checked_mesh(mesh_y, "Y")
     sizes = len(mesh_x.vertices), len(mesh_y.vertices)
-    T_xy, known = checked_map(T_xy, matched_x, sizes, caller="lay")
+    T_xy, matched = checked_map(T_xy, matched_x, sizes, caller="overlay")
     if len(mesh_x.faces) and len(mesh_y.faces):
-        found = register(mesh_x, mesh_y, T_xy, matched=known, settings=settings)
-        at_x, sign = found.vertices, int(found.orientation_sign)
+        on_y = register(mesh_x, mesh_y, T_xy, matched=matched, settings=settings)
+        at_x, sign = on_y.vertices, int(on_y.orientation_sign)
     else:
         at_x, sign = np.asarray(mesh_y.vertices, np.float64)[T_xy], 0
     at_y = np.asarray(mesh_y.vertices, np.float64)
-    return Laid(mesh_x, mesh_y, at_x, at_y, known, _clear(mesh_x, mesh_y) * sign)
+    return Overlay(mesh_x, mesh_y, at_x, at_y, matched, _clear(mesh_x, mesh_y) * sign)
 
 
-def lay_template(template: Mesh, scan: Mesh, registration: Registration) -> Laid:
+def overlay_template(template: Mesh, scan: Mesh, registration: Registration) -> Overlay:
     """A template that was registered to a scan: to carry what the template has.
 
     Args:
@@ -98,18 +100,18 @@ def lay_template(template: Mesh, scan: Mesh, registration: Registration) -> Laid
     at_y = np.asarray(registration.vertices, np.float64)
     if at_y.shape != template.vertices.shape:
         raise ValueError(
-            f"lay_template: the registration has {len(at_y)} vertices, and the "
+            f"overlay_template: the registration has {len(at_y)} vertices, and the "
             f"template {len(template.vertices)}; give that of this template"
         )
     sign = _clear(scan, template) * int(registration.orientation_sign)
-    return Laid(scan, template, at_x, at_y, np.ones(len(at_x), bool), sign)
+    return Overlay(scan, template, at_x, at_y, np.ones(len(at_x), bool), sign)
 
 
-def extended(laid: Laid, mesh_x: Mesh, mesh_y: Mesh) -> Laid:
+def extended(overlay: Overlay, mesh_x: Mesh, mesh_y: Mesh) -> Overlay:
     """Whole meshes in place of what was kept of them, as by a repair.
 
     Args:
-        laid: of what was kept.
+        overlay: of what was kept.
         mesh_x, mesh_y: the whole meshes. A vertex lies where one at the same point was
             put, and has no place if none is there, or if it is not finite.
 
@@ -122,9 +124,11 @@ def extended(laid: Laid, mesh_x: Mesh, mesh_y: Mesh) -> Laid:
     mesh_x, mesh_y = (Mesh(*map(np.asarray, mesh)) for mesh in (mesh_x, mesh_y))
     check_values(*mesh_x, "X", finite=False)
     check_values(*mesh_y, "Y", finite=False)
-    at_x, known_x = _places(laid.mesh_x, laid.at_x, mesh_x, laid.known_x)
-    at_y, _ = _places(laid.mesh_y, laid.at_y, mesh_y, np.ones(len(laid.at_y), bool))
-    return Laid(mesh_x, mesh_y, at_x, at_y, known_x, laid.orientation_sign)
+    at_x, known_x = _places(overlay.mesh_x, overlay.at_x, mesh_x, overlay.known_x)
+    at_y, _ = _places(
+        overlay.mesh_y, overlay.at_y, mesh_y, np.ones(len(overlay.at_y), bool)
+    )
+    return Overlay(mesh_x, mesh_y, at_x, at_y, known_x, overlay.orientation_sign)
 
 
 def _places(part: Mesh, at, whole: Mesh, known):

@@ -7,17 +7,15 @@ coarse mesh cut through them.
 Most points lie so near to the other surface that a face below them is the one: it is
 found by walking over edges from the face with the nearest centre. All pieces of faces
 around are compared for the others only (`jfsf.mesh.closest`).
-
-This file is long because points go either way, from vertices and from faces, and to
-point clouds.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.apps.transfer._laid import Laid
+from jfsf.apps.transfer._overlay import Overlay
 from jfsf.mesh import closest, orient, vertex_normals
 from jfsf.mesh._closest import SurfaceTree, nearest_of, surface_tree
 from jfsf.mesh._geometry import face_areas
@@ -45,7 +43,7 @@ class Points(NamedTuple):
     weights: ArrayLike
 
 
-class Side(NamedTuple):
+class PlacedMesh(NamedTuple):
     """A mesh as it lies on the other.
 
     vertices: (n, 3) in common coordinates; nan for one without a place.
@@ -59,10 +57,10 @@ class Side(NamedTuple):
     faces: ArrayLike
 
 
-class Target(NamedTuple):
-    """A side whose nearest points can be asked for.
+class Finder(NamedTuple):
+    """A mesh whose nearest points can be asked for.
 
-    side: the mesh.
+    mesh: as it lies on the other.
     kept: (p,) its faces with an area; the vertices with a place, of a point cloud.
     surface: of these; None of a point cloud.
     tree: of its vertices, of a point cloud; of the centres and weighted normals of the
@@ -72,7 +70,7 @@ class Target(NamedTuple):
     planes: of the surface; None of a point cloud.
     """
 
-    side: Side
+    mesh: PlacedMesh
     kept: ArrayLike
     surface: SurfaceTree | None
     tree: KDTree | None
@@ -96,61 +94,73 @@ class Planes(NamedTuple):
     beyond: ArrayLike
 
 
-def sides(laid: Laid) -> tuple[Side, Side]:
+def placed(overlay: Overlay) -> tuple[PlacedMesh, PlacedMesh]:
     """X and Y as they lie on each other."""
-    found = []
+    both = []
     for mesh, at, sign in (
-        (laid.mesh_x, laid.at_x, laid.orientation_sign),
-        (laid.mesh_y, laid.at_y, abs(laid.orientation_sign)),
+        (overlay.mesh_x, overlay.at_x, overlay.orientation_sign),
+        (overlay.mesh_y, overlay.at_y, abs(overlay.orientation_sign)),
     ):
         faces, normals = np.asarray(mesh.faces), None
         if sign and len(faces):
             there = np.isfinite(at[faces]).all((1, 2))
             wound = orient(Mesh(mesh.vertices, faces[there])).faces
             normals = sign * vertex_normals(at, wound)
-        found.append(Side(at, normals, faces))
-    return found[0], found[1]
+        both.append(PlacedMesh(at, normals, faces))
+    return both[0], both[1]
 
 
-def target(side: Side) -> Target:
-    """Prepare a side for `nearest`."""
-    vertices, normals, faces = side
+def finder(mesh: PlacedMesh) -> Finder:
+    """Prepare a mesh for `nearest`."""
+    vertices, normals, faces = mesh
     areas = face_areas(vertices, faces)
     kept = np.flatnonzero(areas > 0)  # nan is not
     there = np.isfinite(vertices).all(1)
     if len(kept) == 0:
         kept = np.flatnonzero(there)
-        return Target(side, kept, None, KDTree(vertices[kept]))
+        return Finder(mesh, kept, None, KDTree(vertices[kept]))
     surface = surface_tree(Mesh(np.where(there[:, None], vertices, 0), faces[kept]))
     planes = _planes(surface)
     if normals is None:
-        return Target(side, kept, surface, None, planes=planes)
+        return Finder(mesh, kept, surface, None, planes=planes)
     normal = _unit(normals[faces[kept]].sum(1))
     weight = NORMAL_WEIGHT * float(np.sqrt(areas[kept].sum()))
     tree = KDTree(np.hstack([surface.centre, weight * normal[surface.owner]]))
-    return Target(side, kept, surface, tree, normal, weight, planes)
+    return Finder(mesh, kept, surface, tree, normal, weight, planes)
 
 
-def place(side: Side, points: Points) -> tuple[ArrayLike, ArrayLike | None]:
-    """Positions (q, 3) of points of a side, and their unit normals.
+def weighted(rows: ArrayLike, points: Points) -> ArrayLike:
+    """Values (q, ...) at points: the weighted sum of the rows (n, ...) of the corners.
+
+    A corner of weight 0 does not matter, even if its row is nan.
+    """
+    corners = np.asarray(rows)[points.corners]
+    weights = np.asarray(points.weights).reshape(-1, 3, *[1] * (corners.ndim - 2))
+    return (weights * np.where(weights > 0, corners, 0)).sum(1)
+
+
+def place(mesh: PlacedMesh, points: Points) -> tuple[ArrayLike, ArrayLike | None]:
+    """Positions (q, 3) of points of a mesh, and their unit normals.
 
     nan where a corner that counts has no place.
     """
-    counts = np.asarray(points.weights)[..., None]
-
-    def mean(rows):
-        corners = np.where(counts > 0, rows[points.corners], 0)  # 0 * nan is nan
-        return (counts * corners).sum(1)
-
-    normals = side.normals
-    return mean(side.vertices), None if normals is None else _unit(mean(normals))
+    normals = mesh.normals
+    unit = None if normals is None else _unit(weighted(normals, points))
+    return weighted(mesh.vertices, points), unit
 
 
-def nearest(target: Target, positions: ArrayLike, normals: ArrayLike | None) -> Points:
-    """The nearest points of a side that face alike.
+def from_x_to_y(overlay: Overlay) -> Callable[[Points], Points]:
+    """The nearest points of Y for points of X: a function, prepared once."""
+    x, y = placed(overlay)
+    of_y = finder(y)
+    return lambda points: nearest(of_y, *place(x, points))
+
+
+def nearest(finder: Finder, positions: ArrayLike, normals: ArrayLike | None) -> Points:
+    """The nearest points of a mesh that face alike.
 
     Args:
-        target: `target` of a side.
+        finder: of the mesh.
         positions: (q, 3) in common coordinates.
         normals: (q, 3) unit normals, or None.
 
@@ -158,35 +168,33 @@ def nearest(target: Target, positions: ArrayLike, normals: ArrayLike | None) -> 
         Where none near faces alike, the nearest of all. Any for a position of nan.
     """
     positions = np.nan_to_num(positions)
-    if target.surface is None:
-        assert target.tree is not None
-        at = target.kept[np.asarray(target.tree.query(positions)[1])]
-        weights = np.zeros((len(at), 3))
-        weights[:, 0] = 1
-        corners = np.repeat(at[:, None], 3, axis=1)
-        return Points(np.full(len(at), -1), corners, weights)
+    if finder.surface is None:
+        assert finder.tree is not None
+        return vertices_as_points(
+            finder.kept[np.asarray(finder.tree.query(positions)[1])]
+        )
     face = np.zeros(len(positions), int)
     weights = np.zeros((len(positions), 3))
     for start in range(0, len(positions), ROWS):
         rows = slice(start, start + ROWS)
-        own = None if normals is None else normals[rows]
-        face[rows], weights[rows] = _on_surface(target, positions[rows], own)
-    face = target.kept[face]
-    return Points(face, target.side.faces[face], weights)
+        facing = None if normals is None else normals[rows]
+        face[rows], weights[rows] = _on_surface(finder, positions[rows], facing)
+    face = finder.kept[face]
+    return Points(face, finder.mesh.faces[face], weights)
 
 
-def _on_surface(target: Target, positions, normals):
-    face, weights = _below(target, positions, normals)
+def _on_surface(finder: Finder, positions, normals):
+    face, weights = _below(finder, positions, normals)
     rest = np.flatnonzero(face < 0)
     if len(rest):
-        own = None if normals is None else normals[rest]
-        face[rest], weights[rest] = _nearest_of_all(target, positions[rest], own)
+        facing = None if normals is None else normals[rest]
+        face[rest], weights[rest] = _nearest_of_all(finder, positions[rest], facing)
     return face, weights
 
 
-def _below(target: Target, positions, normals):
+def _below(finder: Finder, positions, normals):
     """The face each point lies above or below, near; -1 where the walk finds none."""
-    surface, planes = target.surface, target.planes
+    surface, planes = finder.surface, finder.planes
     assert surface is not None and planes is not None
     face = surface.owner[surface.tree.query(positions)[1]]
     weights, found = np.zeros((len(face), 3)), np.zeros(len(face), bool)
@@ -199,8 +207,8 @@ def _below(target: Target, positions, normals):
         least = bary.argmin(1)
         inside = np.take_along_axis(bary, least[:, None], 1)[:, 0] >= 0
         near = inside & (np.abs(height) <= NEAR * surface.radius)
-        if normals is not None and target.normal is not None:
-            near &= (target.normal[at] * normals[left]).sum(1) > MIN_ALIKE
+        if normals is not None and finder.normal is not None:
+            near &= (finder.normal[at] * normals[left]).sum(1) > MIN_ALIKE
         weights[left[near]], found[left[near]] = bary[near], True
         beyond = planes.beyond[at, least]
         on = ~inside & (beyond >= 0)
@@ -209,21 +217,21 @@ def _below(target: Target, positions, normals):
     return np.where(found, face, -1), weights
 
 
-def _nearest_of_all(target: Target, positions, normals):
-    surface = target.surface
+def _nearest_of_all(finder: Finder, positions, normals):
+    surface = finder.surface
     assert surface is not None
     found = closest(surface, positions)
     face, weights = found.face, found.barycentric
-    if normals is None or target.normal is None or target.tree is None:
+    if normals is None or finder.normal is None or finder.tree is None:
         return face, weights
-    away = np.flatnonzero((target.normal[face] * normals).sum(1) <= MIN_ALIKE)
+    away = np.flatnonzero((finder.normal[face] * normals).sum(1) <= MIN_ALIKE)
     if len(away) == 0:
         return face, weights
     k = min(CANDIDATES, len(surface.owner))
-    queries = np.hstack([positions[away], target.weight * normals[away]])
-    piece = np.asarray(target.tree.query(queries, np.arange(1, k + 1))[1]).ravel()
+    queries = np.hstack([positions[away], finder.weight * normals[away]])
+    piece = np.asarray(finder.tree.query(queries, np.arange(1, k + 1))[1]).ravel()
     row, others = np.repeat(np.arange(len(away)), k), surface.owner[piece]
-    alike = (target.normal[others] * normals[away][row]).sum(1) > MIN_ALIKE
+    alike = (finder.normal[others] * normals[away][row]).sum(1) > MIN_ALIKE
     better = nearest_of(surface, positions[away], row[alike], others[alike])
     there = better.face >= 0
     face[away[there]] = better.face[there]
@@ -254,18 +262,18 @@ def _planes(surface: SurfaceTree) -> Planes:
     return Planes(origin, axes, np.roll(beyond.reshape(-1, 3), -1, 1))
 
 
-def at_vertices(side: Side) -> Points:
-    """The vertices of a side as points."""
-    at = np.arange(len(side.vertices))
-    weights = np.zeros((len(at), 3))
+def vertices_as_points(vertices: ArrayLike) -> Points:
+    """Vertices (q,) of a mesh as points."""
+    weights = np.zeros((len(vertices), 3))
     weights[:, 0] = 1
-    return Points(np.full(len(at), -1), np.repeat(at[:, None], 3, axis=1), weights)
+    corners = np.repeat(np.asarray(vertices)[:, None], 3, axis=1)
+    return Points(np.full(len(weights), -1), corners, weights)
 
 
-def in_faces(side: Side, weights: ArrayLike) -> Points:
+def in_faces(faces: ArrayLike, weights: ArrayLike) -> Points:
     """Points with the same barycentric coordinates (s, 3) in each face: (m s) rows."""
-    face = np.repeat(np.arange(len(side.faces)), len(weights))
-    return Points(face, side.faces[face], np.tile(weights, (len(side.faces), 1)))
+    face = np.repeat(np.arange(len(faces)), len(weights))
+    return Points(face, faces[face], np.tile(weights, (len(faces), 1)))
 
 
 def _unit(rows):
