@@ -44,7 +44,7 @@ def test_a_pair_that_does_not_fit_is_said(machine):
 
 
 def test_what_is_measured_fits():
-    # In GB, of two shapes of so many vertices: experiments/bench_files.py.
+    # In GB, of two shapes of so many vertices: experiments/bench/bench_files.py.
     for vertices, measured in (5076, 0.72), (100_000, 1.31), (1_000_000, 7.9):
         needs = _memory.needed_bytes(2 * vertices) / 1e9
         assert measured < needs < 1.2 * measured

@@ -13,7 +13,7 @@ from scipy.special import expit, logit
 
 from jfsf import EvidenceSettings, Settings
 from jfsf.initial import Start
-from jfsf.matching import _bending, _others, _pairs, _policy, _sources, confidence
+from jfsf.matching import _bent_copies, _others, _pairs, _policy, _sources, confidence
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._confidence import confidence_of, mirror_probability
 from jfsf.matching._pairs import PairState
@@ -157,7 +157,7 @@ def alike(monkeypatch):
         return Ranking(shares_of(expit(odds)), rank, differ, 1.0 * differ)
 
     monkeypatch.setattr(_pairs, "coarse_copy", lambda spec, settings: Copy(spec))
-    monkeypatch.setattr(_bending, "bends_copies", lambda *_: False)
+    monkeypatch.setattr(_bent_copies, "bends_copies", lambda *_: False)
     monkeypatch.setattr(_sources, "padded_copies", padded_copies)
     monkeypatch.setattr(_sources, "share_among", share_among)
     monkeypatch.setattr(_others, "share_among", share_among)

@@ -2,7 +2,7 @@
 
 Regressions of "the mean geodesic error is below 0.1 of sqrt(area)". Their factors stand
 in confidence.json beside this file, with the data they were fitted to and the scores on
-data that they were not (experiments/calibration.py).
+data that they were not (experiments/fit/calibration.py).
 
 Of a map alone, with the evidence e_f of `Certificate`, as `regressor` reads it:
 
@@ -33,15 +33,15 @@ The mirror image of a map is right with the probability
 
 s being the share of the mirror image in the odds of both, and E and E' the energies
 (`Certificate.energy`) of map and mirror image, on coarse copies: a regression of "one
-of the shapes is mirrored" (mirror.json, by experiments/fit_mirror.py). Shapes that are
-symmetric, such as bodies, fit as well either way: t is near 0.
+of the shapes is mirrored" (mirror.json, by experiments/fit/fit_mirror.py). Shapes that
+are symmetric, such as bodies, fit as well either way: t is near 0.
 
 The region that two parts share, and the map in it, are right with the probability
 
     p = 1 / (1 + exp(-(r_constant + r_log_odds z + r_region_cost c))),
 
 z being the log odds of the map between the regions and c its `region_cost`
-(regions.json, by experiments/fit_parts.py).
+(regions.json, by experiments/fit/fit_parts.py).
 """
 
 import json

@@ -83,17 +83,17 @@ class Settings:
     copies_above: vertices of the larger shape, padding included, above which `match`
         bends coarse copies first, for `bend_rounds`. The whole shapes follow them, and
         are bent for `last_rounds`. It takes less time, and the mean errors are smaller
-        (`experiments/choose_copies.py`). Not with a `deform` of one's own.
+        (`experiments/fit/choose_copies.py`). Not with a `deform` of one's own.
     nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
         those that differ and rank highest. The map so far is one of them, if it ranks
         first: so with 1 nothing more is attempted then. With two the mean error of
         creatures is smaller than with one, and with three no smaller; of SHREC'07 it
-        is the same (`experiments/fit_attempts.py`).
+        is the same (`experiments/fit/fit_attempts.py`).
     rigid_below: where a similarity fitted to the map lays the shapes so near to each
         other, in the mean and both ways, the nearest points after it are the start of
         a last map, which is kept: of faces and teeth it slides less. Two disks may lie
         twice as far apart. 0 leaves it out. Not with landmarks or a map that is given.
-        Chosen by `experiments/fit_rigid.py`.
+        Chosen by `experiments/fit/fit_rigid.py`.
     ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
@@ -115,7 +115,7 @@ class Settings:
     neighbours: how neighbours are searched, for all converters.
     tiles_above: vertices of the larger shape, padding included, above which neighbours
         are searched among tiles, at a cost that grows like n
-        (`experiments/bench_large.py`).
+        (`experiments/bench/bench_large.py`).
     samples_above: vertices of a shape, padding included, above which the functional map
         is refined on samples.
     samples: of these; a power of two.

@@ -32,7 +32,7 @@ from jfsf.matching._settings import Settings
 from jfsf.runtime._runners import Runner
 
 # Eigenfunctions of disks depend on where they were cut, so there a motion is better
-# from farther on (`experiments/fit_rigid.py`).
+# from farther on (`experiments/fit/fit_rigid.py`).
 DISKS = 2.0
 
 

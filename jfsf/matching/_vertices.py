@@ -9,7 +9,7 @@ apart, or are turned, or stretched.
 e are the numbers of `vertex_evidence`, c is the confidence of the whole map. The
 factors b, a logistic regression of "the error of the vertex is below 0.05", stand in
 vertex_constants.json beside this file, with the data that they were fitted to and the
-scores on data that they were not (experiments/calibrate_vertices.py).
+scores on data that they were not (experiments/fit/calibrate_vertices.py).
 """
 
 import jax

@@ -6,8 +6,8 @@ from jfsf.mesh._geometry import boundary_edges, face_areas, vertex_components
 from jfsf.types import ArrayLike, Mesh
 
 # Length of a rim that is closed, at most, in sqrt(area) of its component: the rim of a
-# separate triangle or flake is no hole. The 20 holes of a
-# body in experiments/damage.py have 0.35; where an arm was cut it is about as much.
+# separate triangle or flake is no hole. The 20 holes of a body in
+# experiments/accuracy/damage.py have 0.35; where an arm was cut it is about as much.
 LONGEST = 0.4
 
 

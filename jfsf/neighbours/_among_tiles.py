@@ -36,7 +36,7 @@ from jfsf.neighbours._exhaustive import (
 from jfsf.neighbours._search import BEAM, FAN_OUT, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
-# The numbers below were tuned together (experiments/bench_large.py).
+# The numbers below were tuned together (experiments/bench/bench_large.py).
 # Candidates for each of the k0 neighbours, at least.
 CANDIDATES_PER_NEIGHBOUR = 6
 # Queries that share their candidates, at most: as many tiles as fit, at least one.
@@ -81,7 +81,7 @@ def tiled_neighbours(
     Returns:
         Neighbours as from `mutual_neighbours`, in the order of float32 distances. On
         aligned shapes of 1000 to 100 000 vertices 99.6 % or more of the nearest are
-        right, and 98 % of the others (experiments/bench_large.py). Distances are
+        right, and 98 % of the others (experiments/bench/bench_large.py). Distances are
         differentiable.
 
     Raises:

@@ -18,7 +18,7 @@ class NeighbourSettings:
 
     With the defaults, the search among tiles finds 99.6 % or more of the nearest
     neighbours and 98 % of the others on aligned shapes of 1000 to 100 000 vertices
-    (experiments/bench_large.py). Its numbers were tuned together.
+    (experiments/bench/bench_large.py). Its numbers were tuned together.
 
     Exhaustive search:
 

@@ -3,8 +3,8 @@
 import os
 from pathlib import Path
 
-# Of a process `jfsf match`, measured by experiments/bench_files.py: 0.72 GB for two
-# files of 5000 vertices, 1.3 GB for 100 000, 8 GB for a million.
+# Of a process `jfsf match`, measured by experiments/bench/bench_files.py: 0.72 GB for
+# two files of 5000 vertices, 1.3 GB for 100 000, 8 GB for a million.
 ALWAYS, A_VERTEX = 0.7e9, 3.7e3  # bytes
 _MEMINFO = Path("/proc/meminfo")
 _CGROUP = Path("/sys/fs/cgroup")

@@ -16,7 +16,7 @@ from jfsf.mesh._closest import surface_tree
 from jfsf.types import ArrayLike, Mesh
 
 # Of distances from 0.005 to 1 those from 0.01 to 0.04 are equally good
-# (experiments/fit_agree.py).
+# (experiments/fit/fit_agree.py).
 WITHIN = 0.02
 
 

@@ -19,7 +19,7 @@ from jfsf.apps.collections._sketch import Sketch
 from jfsf.types import ArrayLike, Maps
 
 # The probability that the maps round a triangle agree, by how many of them are wrong:
-# `experiments/fit_cycles.py`.
+# `experiments/fit/fit_cycles.py`.
 AGREE = np.array([0.98, 0.2, 0.53, 0.07])
 SWEEPS, DAMPING = 50, 0.5
 LEAST = 0.02  # no confidence counts for more than 1 - LEAST, nor for less than this
