@@ -3,7 +3,7 @@
 What is kept is machine code. A fresh process gets the programs of a match of 5000
 vertices in 1.2 s, against 15 s from `jax.export`'s StableHLO, which XLA compiles again,
 and 20 s by tracing and compiling (`experiments/bench/bench_programs.py`, two cores).
-Exports with jax's own cache of compiled programs take 1.4 s, but that cache is set for the
+Exports with jax's own cache of compiled programs take 1.4 s, but that is set for the
 whole process. It holds machine code too, so a hostile file is no safer there;
 `jfsf.storage.read_private` refuses files that another user can have written.
 """
