@@ -15,8 +15,9 @@ the first is in doubt is said in `jfsf.matching`, on the host. `refine_start` re
 samples, equally many whatever the size of a shape, so its program serves all sizes.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
@@ -136,12 +137,60 @@ def attempt(
         landmarks: vertices of X, and their partners.
         settings: of all stages.
     """
-    search = samples[0].search, samples[1].search
+    work = begin(pair, samples, start, sign, landmarks)
+    for step in steps_of(landmarks):
+        work = step.done(work, step.run(*step.reads(work), settings=settings))
+    return cast(Match, work.match)
+
+
+class Work(NamedTuple):
+    """An attempt on its way.
+
+    spectra, samples, start, sign, landmarks: what `attempt` is given.
+    features: of the refinement, without the landmarks that the start misses.
+    C_yx: the map, refined; or both shapes, as their coarse copies have bent them.
+    match: what the last step makes.
+    """
+
+    spectra: SpectrumPair
+    samples: SamplesPair
+    start: Start
+    sign: Int[Array, ""] | int
+    landmarks: Landmarks | None
+    features: tuple[Features, Features]
+    C_yx: Float[Array, "k l"] | Bent | None = None
+    match: Match | None = None
+
+
+class Step(NamedTuple):
+    """A step of an attempt.
+
+    name: one of `jfsf.types.STAGES`.
+    run: a jitted function of arrays, with `settings`.
+    reads: its arguments.
+    writes: the field of `Work` that it makes.
+    """
+
+    name: str
+    run: Callable[..., Any]
+    reads: Callable[[Work], tuple]
+    writes: str
+
+    def done(self, work: Work, made: Any) -> Work:
+        """The work with what this step has made."""
+        return work._replace(**{self.writes: made})
+
+
+def begin(
+    spectra: SpectrumPair,
+    samples: SamplesPair,
+    start: Start,
+    sign: Int[Array, ""] | int,
+    landmarks: Landmarks | None,
+) -> Work:
+    """The work before the first step."""
     features = samples[0].refinement, samples[1].refinement
-    if landmarks is not None:
-        features = kept_landmarks(pair, features, start, landmarks, settings=settings)
-    C_yx = refine_start(features, start, settings=settings)
-    return finish(pair, search, C_yx, start, sign, landmarks, settings=settings)
+    return Work(spectra, samples, start, sign, landmarks, features)
 
 
 @jit(static_argnames="settings")
@@ -275,6 +324,39 @@ def finish(
     evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
     match = Match(*maps_of(maps), final, evidence)
     return match._replace(confidence_x=likely[0], confidence_y=likely[1])
+
+
+KEEP_LANDMARKS = Step(
+    "kept landmarks",
+    kept_landmarks,
+    lambda work: (work.spectra, work.features, work.start, work.landmarks),
+    "features",
+)
+REFINE = Step(
+    "refinement", refine_start, lambda work: (work.features, work.start), "C_yx"
+)
+FINISH = Step(
+    "bending and conversion",
+    finish,
+    lambda work: (
+        work.spectra,
+        tuple(side.search for side in work.samples),
+        work.C_yx,
+        work.start,
+        work.sign,
+        work.landmarks,
+    ),
+    "match",
+)
+
+
+def steps_of(landmarks: Any) -> tuple[Step, ...]:
+    """The steps of an attempt: `attempt` folds them, and the policy maps each of them.
+
+    Args:
+        landmarks: those that there are, or None.
+    """
+    return (*([] if landmarks is None else [KEEP_LANDMARKS]), REFINE, FINISH)
 
 
 def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import numpy as np
 
 from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._attempt import bend
+from jfsf.matching._attempt import Work, bend
 from jfsf.matching._coarse import carried, padded_copies
 from jfsf.matching._pairs import PairState
 from jfsf.matching._settings import Settings
@@ -37,48 +36,58 @@ def bends_copies(pair: PairState, settings: Settings) -> bool:
 
 
 def bent_as_copies(
-    tried: Sequence[tuple[PairState, Start]],
-    maps: Sequence[Any],
+    pairs: Sequence[PairState],
+    works: Sequence[Work],
     runner: Runner,
     settings: Settings,
-) -> list[Any]:
-    """The maps; of large shapes, these as the maps of their copies bend them."""
-    started, found = perf_counter(), list(maps)
-    large = [i for i, (pair, _) in enumerate(tried) if bends_copies(pair, settings)]
+) -> list[Work]:
+    """The works before their last step; large shapes bent as their copies are."""
+    started, bent_works = perf_counter(), list(works)
+    large = [i for i, pair in enumerate(pairs) if bends_copies(pair, settings)]
     if not large:
-        return found
-    copies = [tried[i][0].coarse_copies(settings) for i in large]
+        return bent_works
     inputs = [
-        (padded_copies(few, MatchInputs())[0], maps[i], tried[i][1])
-        for i, few in zip(large, copies, strict=True)
+        (_spectra_of_copies(pairs[i], settings), works[i].C_yx, works[i].start)
+        for i in large
     ]
     bent = runner.map(STAGE, partial(bend, settings=settings), inputs)
-    for i, few, moved in zip(large, copies, bent, strict=True):
-        pair, start = tried[i]
-        mirrored = bool(start.sign < 0)
-        sides = zip(moved, few, pair.spectra, strict=True)
-        whole = (carried(*side, mirrored=mirrored) for side in sides)
-        dtype = pair.spectra[0].vertices.dtype
-        found[i] = Bent(*(jnp.asarray(points, dtype) for points in whole))
+    for i, moved in zip(large, bent, strict=True):
+        whole = _whole_as(moved, pairs[i], works[i].start, settings)
+        bent_works[i] = works[i]._replace(C_yx=whole)
     share = (perf_counter() - started) / len(large)
     for i in large:
-        seconds = tried[i][0].seconds
+        seconds = pairs[i].seconds
         seconds[STAGE] = seconds.get(STAGE, 0.0) + share
-    return found
+    return bent_works
 
 
-def bent_like(
-    pair: PairState, C_yx: Any, start: Start, runner: Runner, settings: Settings
-) -> Any:
-    """As `bent_as_copies`, of shapes and types in place of arrays; it compiles."""
-    if not bends_copies(pair, settings):
-        return C_yx
+def _spectra_of_copies(
+    pair: PairState, settings: Settings
+) -> tuple[Spectrum, Spectrum]:
+    """Of a pair of shapes and types, those that its copies will have."""
+    if not _only_shapes(pair):
+        return padded_copies(pair.coarse_copies(settings), MatchInputs())[0]
     few = [min(n, settings.coarse_vertices) for n in _sizes(pair)]
     sizes = padded_shapes(len(pair.spectra[0].evals), [(n, 2 * n) for n in few])
     sides = zip(sizes, pair.spectra, strict=True)
     x, y = (spectrum_like(size, spec.vertices.dtype) for size, spec in sides)
-    runner.map(STAGE, partial(bend, settings=settings), [((x, y), C_yx, start)])
-    return Bent(*(spec.vertices for spec in pair.spectra))
+    return x, y
+
+
+def _whole_as(moved: Bent, pair: PairState, start: Start, settings: Settings) -> Bent:
+    """The whole shapes, bent as their copies."""
+    if _only_shapes(pair):
+        return Bent(*(spec.vertices for spec in pair.spectra))
+    copies, mirrored = pair.coarse_copies(settings), bool(start.sign < 0)
+    sides = zip(moved, copies, pair.spectra, strict=True)
+    whole = (carried(*side, mirrored=mirrored) for side in sides)
+    dtype = pair.spectra[0].vertices.dtype
+    return Bent(*(jnp.asarray(points, dtype) for points in whole))
+
+
+def _only_shapes(pair: PairState) -> bool:
+    """Whether programs are only compiled: there are shapes and types, no arrays."""
+    return isinstance(pair.spectra[0].vertices, jax.ShapeDtypeStruct)
 
 
 def _sizes(pair: PairState) -> list[int]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._attempt import SamplesPair
+from jfsf.matching._attempt import SamplesPair, ShapeSamples, Work, begin
 from jfsf.matching._coarse import CoarseCopy, coarse_copy
 from jfsf.matching._confidence import confidence_of
 from jfsf.matching._settings import Settings
@@ -74,6 +74,13 @@ class PairState:
             x, y = (coarse_copy(spec, settings=settings) for spec in self.spectra)
             self.coarse = x, y
         return self.coarse
+
+    def begin(self, start: Start) -> Work:
+        """The work of an attempt: the evidence does not know the landmarks."""
+        both = zip(self.samples, self.landmark_samples, strict=True)
+        x, y = (ShapeSamples(plain.search, known.refinement) for plain, known in both)
+        sign, landmarks = self.inputs.sign, self.inputs.landmarks
+        return begin(self.spectra, (x, y), start, sign, landmarks)
 
     def in_doubt(self, settings: Settings) -> bool:
         """Whether another start is to be attempted."""

@@ -2,25 +2,25 @@
 
 from collections.abc import Sequence
 from functools import partial
+from time import perf_counter
 
 import jax
 
 from jfsf.initial._start import nonisometric_starts
-from jfsf.matching._bent_copies import bent_like
 from jfsf.matching._pairs import Attempt, PairState
 from jfsf.matching._run_stages import (
+    attempt_starts,
     describe,
-    finish_each,
-    finish_maps,
-    match_starts,
-    refined_starts,
     run_stage,
     search_inputs,
 )
 from jfsf.matching._settings import Settings
-from jfsf.matching._sources import Proposal, Source, sources_of
+from jfsf.matching._sources import Comparison, Proposal, Source, sources_of
 from jfsf.runtime._runners import Runner
 from jfsf.types import Match
+
+# Sources whose time is noted as a whole, beside that of the stages in it.
+TIMED = ("coarse copies", "motion")
 
 
 def match_pairs(
@@ -47,8 +47,17 @@ def attempt_pairs(
     describe(pairs, runner, settings)
     for source in sources_of(pairs[0].inputs, settings):
         open_pairs = [pair for pair in pairs if source.asked(pair, settings)]
-        starts = source.make(open_pairs, runner, settings) if open_pairs else []
-        for turn in range(max(map(len, starts), default=0)):
+        if not open_pairs:
+            continue
+        started = perf_counter()
+        comparisons = source.make(open_pairs, runner, settings)
+        seconds = (perf_counter() - started) / len(open_pairs)
+        for pair, compared in zip(open_pairs, comparisons, strict=True):
+            _note(pair, compared)
+            if source.name in TIMED:
+                pair.seconds[source.name] = seconds
+        starts = [compared.proposals for compared in comparisons]
+        for turn in range(max(map(len, starts))):
             tried = [
                 (pair, own[turn])
                 for pair, own in zip(open_pairs, starts, strict=True)
@@ -56,6 +65,18 @@ def attempt_pairs(
             ]
             if tried:
                 _attempt(source, tried, runner, settings)
+
+
+def _note(pair: PairState, compared: Comparison) -> None:
+    """Write what a source says of a pair into it."""
+    if compared.others is not None:
+        pair.others = compared.others
+    if compared.copies is not None:
+        pair.copies = compared.copies
+    if compared.mirrored is not None:
+        pair.mirrored = compared.mirrored
+    if compared.share is not None and compared.rivals is not None:
+        pair.shares[pair.won], pair.rivals[pair.won] = compared.share, compared.rivals
 
 
 def _worth(
@@ -78,12 +99,8 @@ def compile_first_attempt(
         settings: of all stages.
     """
     describe([pair], runner, settings)
-    source = sources_of(pair.inputs, settings)[0]
-    (((start, *_),),) = source.make([pair], runner, settings)
-    tried = [(pair, start)]
-    (C_yx,) = refined_starts(tried, runner, settings)
-    bent = bent_like(pair, C_yx, start, runner, settings)
-    finish_each(tried, [bent], runner, settings)
+    (compared,) = sources_of(pair.inputs, settings)[0].make([pair], runner, settings)
+    attempt_starts([(pair, compared.proposals[0].start)], runner, settings)
 
 
 def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> None:
@@ -99,22 +116,20 @@ def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> No
     stage = partial(nonisometric_starts, settings=settings.search)
     (stacked,) = run_stage(runner, "further starts", stage, [copy], inputs)
     one = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), stacked)
-    match_starts([(copy, one)], runner, settings)
+    attempt_starts([(copy, one)], runner, settings)
 
 
 def _attempt(
     source: Source, tried: list[tuple[PairState, Proposal]], runner, settings
 ) -> None:
     """Attempt each start of a pair, and keep its match there."""
-    starts = [(pair, proposal.start) for pair, proposal in tried]
+    starts, refined = [(pair, proposal.start) for pair, proposal in tried], None
     if source.refined:
-        maps = [start.C_yx for _, start in starts]
+        refined = [start.C_yx for _, start in starts]
         # As large as any other start, so that one program finishes both.
         k = settings.search.final_ks[-1]
         starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
-        matches = finish_maps(starts, maps, runner, settings)
-    else:
-        matches = match_starts(starts, runner, settings)
+    matches = attempt_starts(starts, runner, settings, refined=refined)
     for (pair, (start, *standing)), match in zip(tried, matches, strict=True):
         attempt = Attempt(source.name, start, match)
         pair.keep(attempt, *standing, settings=settings, wins=source.wins)

@@ -3,16 +3,18 @@
 from collections.abc import Sequence
 from functools import partial
 from time import perf_counter
+from typing import Any, cast
 
 from jfsf.initial import Start
-from jfsf.matching._attempt import finish, refine_start, shape_samples
+from jfsf.matching._attempt import FINISH, shape_samples, steps_of
 from jfsf.matching._bent_copies import bent_as_copies
-from jfsf.matching._kept_landmarks import kept_landmarks
 from jfsf.matching._pairs import PairState
+from jfsf.matching._settings import Settings
+from jfsf.runtime._runners import Runner
 from jfsf.types import Match
 
 
-def describe(pairs: Sequence[PairState], runner, settings) -> None:
+def describe(pairs: Sequence[PairState], runner: Runner, settings: Settings) -> None:
     """Both shapes of each pair at samples, without landmarks and with them."""
 
     def both(with_landmarks: bool):
@@ -34,63 +36,40 @@ def describe(pairs: Sequence[PairState], runner, settings) -> None:
             pair.landmark_samples = samples
 
 
-def match_starts(
-    tried: list[tuple[PairState, Start]], runner, settings, at_a_time: int = 1
+def attempt_starts(
+    tried: Sequence[tuple[PairState, Start]],
+    runner: Runner,
+    settings: Settings,
+    *,
+    refined: Sequence[Any] | None = None,
+    at_a_time: int = 1,
 ) -> list[Match]:
-    """Refine and finish each start; `jfsf.matching.attempt` in programs of its own.
+    """`jfsf.matching.attempt` of each start, each step in a program of its own.
 
-    That of the refinement serves shapes of all sizes.
+    The program of the refinement serves shapes of all sizes. Large shapes are bent as
+    coarse copies before the last step.
+
+    Args:
+        tried: pairs, all with landmarks or all without, and a start for each.
+        runner: of the steps; `CompileOnly` has their programs compiled.
+        settings: of all stages.
+        refined: the map C_yx of each start, where it needs no refinement.
+        at_a_time: as `Runner.map`.
     """
-    maps = refined_starts(tried, runner, settings, at_a_time)
-    return finish_maps(tried, maps, runner, settings, at_a_time)
-
-
-def refined_starts(
-    tried: list[tuple[PairState, Start]], runner, settings, at_a_time: int = 1
-) -> list:
-    """C_yx of each start, refined, with the landmarks that it keeps."""
     pairs = [pair for pair, _ in tried]
-    features = [
-        tuple(side.refinement for side in pair.landmark_samples) for pair in pairs
-    ]
-    if pairs[0].inputs.landmarks is not None:
-        inputs = [
-            (pair.spectra, own, start, pair.inputs.landmarks)
-            for (pair, start), own in zip(tried, features, strict=True)
-        ]
-        stage = partial(kept_landmarks, settings=settings)
-        features = run_stage(runner, "kept landmarks", stage, pairs, inputs, at_a_time)
-    inputs = [(own, start) for (_, start), own in zip(tried, features, strict=True)]
-    stage = partial(refine_start, settings=settings)
-    return run_stage(runner, "refinement", stage, pairs, inputs, at_a_time)
-
-
-def finish_maps(
-    tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
-) -> list[Match]:
-    """`finish_each` of each refined map, large shapes bent as coarse copies before."""
-    maps = bent_as_copies(tried, maps, runner, settings)
-    return finish_each(tried, maps, runner, settings, at_a_time)
-
-
-def finish_each(
-    tried: list[tuple[PairState, Start]], maps, runner, settings, at_a_time: int = 1
-) -> list[Match]:
-    """`jfsf.matching.finish` of each map."""
-    inputs = [
-        (
-            pair.spectra,
-            tuple(side.search for side in pair.samples),
-            C_yx,
-            start,
-            pair.inputs.sign,
-            pair.inputs.landmarks,
-        )
-        for (pair, start), C_yx in zip(tried, maps, strict=True)
-    ]
-    stage = partial(finish, settings=settings)
-    pairs = [pair for pair, _ in tried]
-    return run_stage(runner, "bending and conversion", stage, pairs, inputs, at_a_time)
+    works = [pair.begin(start) for pair, start in tried]
+    steps = steps_of(pairs[0].inputs.landmarks)
+    if refined is not None:
+        works = [w._replace(C_yx=C) for w, C in zip(works, refined, strict=True)]
+        steps = (FINISH,)
+    for step in steps:
+        if step is FINISH:
+            works = bent_as_copies(pairs, works, runner, settings)
+        inputs = [step.reads(work) for work in works]
+        stage = partial(step.run, settings=settings)
+        made = run_stage(runner, step.name, stage, pairs, inputs, at_a_time)
+        works = [step.done(*both) for both in zip(works, made, strict=True)]
+    return [cast(Match, work.match) for work in works]
 
 
 def search_inputs(pairs, sides) -> list[tuple]:
@@ -99,7 +78,14 @@ def search_inputs(pairs, sides) -> list[tuple]:
     return [(x.search, y.search, own.sign, own.self_map) for own, (x, y) in both]
 
 
-def run_stage(runner, name: str, stage: partial, pairs, inputs, at_a_time: int = 1):
+def run_stage(
+    runner: Runner,
+    name: str,
+    stage: partial,
+    pairs: Sequence[PairState],
+    inputs: Sequence[tuple],
+    at_a_time: int = 1,
+) -> list[Any]:
     """The results of a stage; each pair notes its share of the seconds."""
     started = perf_counter()
     results = runner.map(name, stage, inputs, at_a_time)

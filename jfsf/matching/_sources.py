@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from time import perf_counter
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +26,7 @@ from jfsf.matching._others import (
 from jfsf.matching._pairs import Attempt, PairState
 from jfsf.matching._rigid import moved_by_map
 from jfsf.matching._rivals import rivals_among, share_among
-from jfsf.matching._run_stages import describe, match_starts, run_stage, search_inputs
+from jfsf.matching._run_stages import attempt_starts, describe, run_stage, search_inputs
 from jfsf.matching._settings import Settings
 from jfsf.runtime._runners import Runner
 
@@ -48,18 +47,37 @@ class Proposal(NamedTuple):
     rivals: float = np.nan
 
 
+class Comparison(NamedTuple):
+    """What a source says of a pair.
+
+    proposals: starts to attempt, the best first.
+    share, rivals: of the map so far among the maps of the coarse copies, see
+        `PairState`; None if it was not compared with them.
+    mirrored: probability that the mirror image is right; None if it was not tried.
+    others: the other candidates of a search; None without one.
+    copies: the coarse copies with the attempts that were made on them, or None.
+    """
+
+    proposals: Sequence[Proposal] = ()
+    share: float | None = None
+    rivals: float | None = None
+    mirrored: float | None = None
+    others: Start | None = None
+    copies: PairState | None = None
+
+
 class Source(NamedTuple):
     """A source of starts.
 
     name: one of `jfsf.types.SOURCES`.
-    make: a list of starts for each of the pairs, the best first.
+    make: what it says of each of the pairs, which it leaves as they are.
     asked: whether it is asked for a pair.
     refined: its maps are refined already: they are bent at once.
     wins: what it finds is the map so far, made better: it is the match in any case.
     """
 
     name: str
-    make: Callable[[Sequence[PairState], Runner, Settings], list[list[Proposal]]]
+    make: Callable[[Sequence[PairState], Runner, Settings], list[Comparison]]
     asked: Callable[[PairState, Settings], bool] = PairState.in_doubt
     refined: bool = False
     wins: bool = False
@@ -90,94 +108,89 @@ def _needs_copies(pair: PairState, settings: Settings) -> bool:
     return pair.in_doubt(settings) or has_others(pair, settings)
 
 
-def _moved(pairs, runner, settings) -> list[list[Proposal]]:
+def _moved(pairs, runner, settings) -> list[Comparison]:
     """Where shapes nearly coincide after a similarity, nearest points as a start."""
     del runner
-    started, found = perf_counter(), []
+    comparisons = []
     for pair in pairs:
-        found.append([])
         known, match, (x, y) = pair.attempts[pair.won].start, pair.best, pair.spectra
         mirrors = bool(np.asarray(match.certificate.orientation) < 0)
         moved = moved_by_map(x, y, np.asarray(match.T_xy), mirrors=mirrors)
-        if moved is None:
+        disks = moved is not None and is_disk(x) and is_disk(y)
+        limit = settings.rigid_below * (DISKS if disks else 1)
+        if moved is None or moved.apart >= limit:
+            comparisons.append(Comparison())
             continue
-        disks = is_disk(x) and is_disk(y)
-        if moved.apart < settings.rigid_below * (DISKS if disks else 1):
-            # As large as any other map, so that one program finishes all.
-            C_yx = pulled_back(moved.T_xy, pair.spectra, settings.ks[-1])
-            standing = pair.shares[pair.won], pair.rivals[pair.won]
-            found[-1].append(Proposal(known._replace(C_yx=C_yx), *standing))
-    share = (perf_counter() - started) / max(len(pairs), 1)
-    for pair in pairs:
-        pair.seconds["motion"] = share
-    return found
+        # As large as any other map, so that one program finishes all.
+        C_yx = pulled_back(moved.T_xy, pair.spectra, settings.ks[-1])
+        standing = pair.shares[pair.won], pair.rivals[pair.won]
+        start = Proposal(known._replace(C_yx=C_yx), *standing)
+        comparisons.append(Comparison([start]))
+    return comparisons
 
 
-def _given(pairs, runner, settings) -> list[list[Proposal]]:
+def _given(pairs, runner, settings) -> list[Comparison]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
     stage = partial(given_start, settings=settings)
-    return [[Proposal(s)] for s in run_stage(runner, "search", stage, pairs, inputs)]
+    starts = run_stage(runner, "search", stage, pairs, inputs)
+    return [Comparison([Proposal(start)]) for start in starts]
 
 
-def _search(pairs, runner, settings, *, landmarks: bool) -> list[list[Proposal]]:
+def _search(pairs, runner, settings, *, landmarks: bool) -> list[Comparison]:
     sides = [pair.landmark_samples if landmarks else pair.samples for pair in pairs]
-    found = _searched(pairs, sides, runner, settings)
-    for pair, (_, others) in zip(pairs, found, strict=True):
-        pair.others = others
-    return [[Proposal(first)] for first, _ in found]
+    return [
+        Comparison([Proposal(first)], others=others)
+        for first, others in _search_starts(pairs, sides, runner, settings)
+    ]
 
 
-def _searched(pairs, sides, runner, settings) -> list[tuple[Start, Start]]:
+def _search_starts(pairs, sides, runner, settings) -> list[tuple[Start, Start]]:
     stage = partial(search_starts, settings=settings.search)
     inputs = search_inputs(pairs, sides)
     return run_stage(runner, "search", stage, pairs, inputs)
 
 
-def _rivals_of_given(pairs, runner, settings) -> list[list[Proposal]]:
+def _rivals_of_given(pairs, runner, settings) -> list[Comparison]:
     """No starts: the given map is kept. But its share is known."""
     # Of shapes without a surface there are no copies, and no evidence to compare.
-    known = [p for p in pairs if not np.isnan(p.best.certificate.log_odds)]
-    if known:
-        _from_copies(known, runner, settings)
-    return [[] for _ in pairs]
+    comparable = [not np.isnan(pair.best.certificate.log_odds) for pair in pairs]
+    some = [pair for pair, there in zip(pairs, comparable, strict=True) if there]
+    compared = iter(_from_copies(some, runner, settings) if some else [])
+    return [
+        next(compared)._replace(proposals=()) if there else Comparison()
+        for there in comparable
+    ]
 
 
-def _from_copies(pairs, runner, settings) -> list[list[Proposal]]:
+def _from_copies(pairs, runner, settings) -> list[Comparison]:
     """The maps of coarse copies that are most likely there, as starts."""
-    started = perf_counter()
     copies = [_copied(pair, settings) for pair in pairs]
-    for pair, copy in zip(pairs, copies, strict=True):
-        pair.copies = copy
     describe(copies, runner, settings)
     further = _further_starts(pairs, copies, runner, settings)
     tried = []
     for pair, copy, starts in zip(pairs, copies, further, strict=True):
         # The best so far is a rival: of the copies, too.
-        known = pair.attempts[pair.won]
-        own = [known.start._replace(C_yx=known.match.C_yx), *starts]
+        best = pair.attempts[pair.won]
+        own = [best.start._replace(C_yx=best.match.C_yx), *starts]
         own += [*near_ties(pair, settings), *disk_starts(pair, copy, settings)]
         tried += [(copy, start) for start in own]
     mirrors = {i: mirror_of(copies[i]) for i in mirrored_pairs(pairs, settings)}
     if mirrors:
         asked = list(mirrors.values())
-        found = _searched(asked, [one.samples for one in asked], runner, settings)
+        found = _search_starts(asked, [one.samples for one in asked], runner, settings)
         tried += [(one, first) for one, (first, _) in zip(asked, found, strict=True)]
     size = min(len(start.C_yx) for _, start in tried)
     tried = [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for copy, s in tried]
-    matches = match_starts(tried, runner, settings, at_a_time=2)
+    matches = attempt_starts(tried, runner, settings, at_a_time=2)
     for (copy, start), match in zip(tried, matches, strict=True):
         copy.keep(Attempt("coarse copies", start, match), settings=settings)
-    proposed = [
-        _proposals(pair, copy, settings)
-        for pair, copy in zip(pairs, copies, strict=True)
-    ]
-    for i, mirror in mirrors.items():
-        if figures := mirror_figures(copies[i], mirror, settings):
-            pairs[i].mirrored = mirror_probability(*figures)
-    share = (perf_counter() - started) / max(len(pairs), 1)
-    for pair in pairs:
-        pair.seconds["coarse copies"] = share
-    return proposed
+    comparisons = []
+    for i, copy in enumerate(copies):
+        compared = _compared(copy, settings)._replace(copies=copy)
+        if i in mirrors and (figures := mirror_figures(copy, mirrors[i], settings)):
+            compared = compared._replace(mirrored=mirror_probability(*figures))
+        comparisons.append(compared)
+    return comparisons
 
 
 def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
@@ -193,44 +206,46 @@ def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
     inputs = search_inputs(some, sides)
     stacked = run_stage(runner, "further starts", stage, some, inputs)
     if given:
-        for i, (first, _) in zip(
-            chosen, _searched(some, sides, runner, settings), strict=True
-        ):
+        firsts = _search_starts(some, sides, runner, settings)
+        for i, (first, _) in zip(chosen, firsts, strict=True):
             further[i].append(first)
     for i, starts in zip(chosen, stacked, strict=True):
         further[i] += unstacked(starts)
     return further
 
 
-def _proposals(pair: PairState, copy: PairState, settings: Settings) -> list[Proposal]:
-    """What is attempted on the whole shapes, the map so far counted.
+def _compared(copy: PairState, settings: Settings) -> Comparison:
+    """How the map so far stands, and what is attempted on the whole shapes.
 
-    The first attempt of the copy is the map so far, which gets its share.
+    Args:
+        copy: the first of its attempts is the map so far.
     """
-    own = [attempt.match for attempt in copy.attempts]
-    if len(own) == 1:  # the mirror image only is compared with it
-        return []
-    standing = share_among(own, copy.spectra, settings=settings)
-    rivals = rivals_among(own, standing, settings=settings)
-    share, rank, differ, _ = standing
+    matches = [attempt.match for attempt in copy.attempts]
+    if len(matches) == 1:  # the mirror image only is compared with it
+        return Comparison()
+    ranking = share_among(matches, copy.spectra, settings=settings)
+    rivals = rivals_among(matches, ranking, settings=settings)
+    share, rank, differ, _ = ranking
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     another = bool(differ[best, 0])
     # A near copy of the map so far ranks first: it is the same map, a little better.
     same = 0 if another else best
-    pair.shares[pair.won], pair.rivals[pair.won] = float(share[same]), rivals[same]
+    so_far = Comparison((), float(share[same]), float(rivals[same]))
     # Two maps that cannot be told apart: the first stays, with both counted.
     ahead = COMPARED["scale"] * float(rank[best] - rank[0])
     if rivals[same] > 0 and ahead <= settings.evidence.tie:
-        return []
+        return so_far
     number, chosen = settings.nonisometric_attempts - (not another), [0]
     for i in order:
         if all(differ[i, j] for j in chosen):
             chosen.append(int(i))
-    return [
-        Proposal(_of_copies(copy.attempts[i]), float(share[i]), float(rivals[i]))
-        for i in chosen[1 : 1 + number]
-    ]
+    return so_far._replace(
+        proposals=[
+            Proposal(_of_copies(copy.attempts[i]), float(share[i]), float(rivals[i]))
+            for i in chosen[1 : 1 + number]
+        ]
+    )
 
 
 def _copied(pair: PairState, settings: Settings) -> PairState:
