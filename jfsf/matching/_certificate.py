@@ -14,8 +14,7 @@ from jfsf.matching._bending import Bending, bending
 from jfsf.matching._confidence import LEAST, log_odds, of_certificate
 from jfsf.matching._kept_landmarks import Landmarks, landmark_distances
 from jfsf.matching._settings import Settings
-from jfsf.spectral import orientation_score
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral._orientation import brackets, orientation_score
 from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 

@@ -27,7 +27,7 @@ from jfsf.apps.interop._bases import (
 )
 from jfsf.apps.interop._packages import need
 from jfsf.mesh._values import checked_mesh
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # pyFM has no types of its own.
@@ -120,7 +120,7 @@ def spectrum_to_pyfm(spec: Spectrum) -> TriMesh:
     """pyFM's TriMesh of area 1 with these eigenpairs, areas and positions.
 
     C_yx and FM_12 are then the same matrix. The stiffness is that of
-    `jfsf.spectral.operators`, computed again from the positions.
+    `spectral._laplacian.operators`, computed again from the positions.
 
     Raises:
         ImportError: pyfmaps is missing.
