@@ -18,11 +18,10 @@ from jfsf.neighbours import (
     NeighbourSearch,
     NeighbourSettings,
     _among_tiles,
-    mutual_neighbours,
     spectral_tiles,
 )
 from jfsf.neighbours._among_tiles import tiled_neighbours
-from jfsf.neighbours._both_ways import neighbours_both_ways
+from jfsf.neighbours._both_ways import mutual_neighbours, neighbours_both_ways
 from jfsf.neighbours._tiles import tiles
 from jfsf.refine import soft_sinkhorn, zoomout
 from jfsf.spectral import restrict, uniform

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from jfsf.refine import closest_rotations
+from jfsf.refine._rest import closest_rotations
 from jfsf.spectral._laplacian import definite_solver
 
 ENTRIES = st.floats(-100, 100, allow_nan=False).filter(lambda x: x == 0 or abs(x) > 0.1)

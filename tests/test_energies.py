@@ -14,8 +14,8 @@ from jfsf.initial import _proportions, _search
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._search import with_orientation
-from jfsf.spectral import farthest_points, features, orientation_score
-from jfsf.spectral._orientation import PULLED_BACK, brackets
+from jfsf.spectral import farthest_points, features
+from jfsf.spectral._orientation import PULLED_BACK, brackets, orientation_score
 
 K = 9
 OPTIONS = {"compared": 6, "curvature_energy": 0.3}

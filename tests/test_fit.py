@@ -17,8 +17,8 @@ from jfsf import initial
 from jfsf.initial import Weights
 from jfsf.initial._linear import solve
 from jfsf.initial._terms import combine, shape_terms, terms
-from jfsf.spectral import functional_map, orientation_score, spectrum, wks
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral import functional_map, spectrum, wks
+from jfsf.spectral._orientation import brackets, orientation_score
 from jfsf.testing import cast
 from jfsf.types import Mesh
 

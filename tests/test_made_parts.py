@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 
 from jfsf import data
 from jfsf.mesh import surface_area, vertex_normals
-from jfsf.refine import closest_rotations
+from jfsf.refine._rest import closest_rotations
 from jfsf.types import Mesh
 
 FOLDER = Path(__file__).parents[1] / "experiments"

@@ -31,7 +31,7 @@ from jfsf.evaluate import (
     spectral_chamfer,
     zoomout_energy,
 )
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Maps, Mesh
 
 seeds = st.integers(0, 10**6)

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from precisions import FLOATS
 
 from jfsf import data, testing
-from jfsf.neighbours import NeighbourSettings, mutual_neighbours
+from jfsf.neighbours import NeighbourSettings
+from jfsf.neighbours._both_ways import mutual_neighbours
 
 ROWS, BINS = NeighbourSettings().product_rows, NeighbourSettings().bins
 N, M, WIDTH = 150, 301, 4  # neither fills its last block

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import jfsf.data
-from jfsf.spectral import functional_map, orientation_score, spectrum
+from jfsf.spectral import functional_map, spectrum
 from jfsf.spectral._orientation import (
     COLUMN_WEIGHT,
     FUNCTIONS,
@@ -19,6 +19,7 @@ from jfsf.spectral._orientation import (
     bracket_fields,
     brackets,
     carried_fields,
+    orientation_score,
 )
 from jfsf.testing import cast
 from jfsf.types import Mesh

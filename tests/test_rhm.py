@@ -11,7 +11,7 @@ from experiments.paper.baselines._rhm import embed, rhm_energy, rhm_precise
 from jfsf.convert import to_vertex
 from jfsf.evaluate import bijectivity, smoothness
 from jfsf.geometry import geodesics
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Maps, Mesh
 
 # Methods of others, for a table of the experiments: they seldom change.

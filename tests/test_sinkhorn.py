@@ -21,13 +21,8 @@ from jfsf.convert._scaling import plan_entries, scale_kernel
 from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.mesh import read
 from jfsf.refine import zoomout
-from jfsf.spectral import (
-    embeddings,
-    functional_map,
-    operators,
-    spectrum,
-    truncate,
-)
+from jfsf.spectral import embeddings, functional_map, spectrum, truncate
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Kernel, Neighbours
 
 K0 = 5

@@ -16,7 +16,8 @@ from shapes import small
 
 import jfsf.data
 from jfsf.mesh import MeshError
-from jfsf.spectral import _eigenpairs, operators, spectrum
+from jfsf.spectral import _eigenpairs, spectrum
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh, Spectrum
 
 NO_FACES = np.zeros((0, 3), np.int32)

@@ -18,7 +18,7 @@ from jfsf.geometry._surface import (
 )
 from jfsf.mesh import MeshError, closest, vertex_normals
 from jfsf.mesh._closest import surface_tree
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh
 
 N, K = 162, 4

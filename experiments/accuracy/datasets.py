@@ -21,7 +21,7 @@ from experiments.accuracy.protocol import SETS, DataSet
 from jfsf import data
 from jfsf.apps import mapfiles
 from jfsf.mesh import largest_component
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh
 
 SMOOTHED = 0.1  # weight of the Dirichlet energy, relative to one template point

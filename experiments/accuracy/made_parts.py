@@ -16,7 +16,7 @@ from experiments.accuracy import cuts, datasets, protocol
 from jfsf.data import Sample
 from jfsf.mesh import largest_component, surface_area
 from jfsf.mesh._edit import Submesh
-from jfsf.refine import closest_rotations
+from jfsf.refine._rest import closest_rotations
 from jfsf.types import Mesh
 
 # Pairs of each kind that are made of pairs of a set.

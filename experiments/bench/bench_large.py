@@ -29,13 +29,9 @@ from experiments.bench.upsample import upsample
 from jfsf import data
 from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.convert import sinkhorn
-from jfsf.neighbours import (
-    NeighbourSearch,
-    mutual_neighbours,
-    neighbours,
-    spectral_tiles,
-)
+from jfsf.neighbours import NeighbourSearch, neighbours, spectral_tiles
 from jfsf.neighbours._among_tiles import tiled_neighbours
+from jfsf.neighbours._both_ways import mutual_neighbours
 from jfsf.spectral import spectrum
 
 NAMES = ("man_walk", "woman_up")

@@ -20,7 +20,8 @@ from experiments.bench.bench_filter import interleave
 from experiments.bench.upsample import upsample
 from jfsf import data
 from jfsf.mesh import surface_area
-from jfsf.spectral import operators, spectrum
+from jfsf.spectral import spectrum
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh
 
 OURS, RIVAL = "jfsf spectrum", "plain eigsh"

@@ -25,7 +25,8 @@ from jfsf.convert import authors_sinkhorn, nearest, sinkhorn
 from jfsf.evaluate import coverage, smoothness
 from jfsf.mesh import surface_area
 from jfsf.refine import zoomout
-from jfsf.spectral import embeddings, functional_map, operators, spectrum, truncate
+from jfsf.spectral import embeddings, functional_map, spectrum, truncate
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh, Spectrum
 
 K = 100

@@ -29,7 +29,8 @@ from jfsf.evaluate import (
     spectral_chamfer,
     zoomout_energy,
 )
-from jfsf.spectral import embeddings, functional_map, operators, spectrum
+from jfsf.spectral import embeddings, functional_map, spectrum
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Spectrum
 
 GEOMETRIC = ("error", "bijectivity", "coverage", "smoothness")

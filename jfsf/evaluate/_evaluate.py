@@ -14,7 +14,7 @@ from jfsf.evaluate._map_metrics import (
     smoothness,
 )
 from jfsf.geometry._geodesics import Progress
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh
 
 

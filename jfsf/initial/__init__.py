@@ -30,7 +30,7 @@ from jfsf.initial._search import (
 )
 from jfsf.initial._settings import SearchSettings
 from jfsf.initial._start import Start, search_starts
-from jfsf.initial._terms import Terms, Weights
+from jfsf.initial._terms import Weights
 
 __all__ = [
     "Candidates",
@@ -38,7 +38,6 @@ __all__ = [
     "Orientation",
     "SearchSettings",
     "Start",
-    "Terms",
     "Weights",
     "candidates",
     "fit",

@@ -44,7 +44,8 @@ from jfsf.initial._settings import (
     SearchSettings,
 )
 from jfsf.initial._terms import combine
-from jfsf.spectral import Features, FeatureSettings, features, orientation_score
+from jfsf.spectral import Features, FeatureSettings, features
+from jfsf.spectral._orientation import orientation_score
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
@@ -221,7 +222,7 @@ def sample_pair(x: Features, y: Features, sign, self_map) -> SamplePair:
 def with_orientation(energy: Array, C_yx: Array, *, brackets, sign):
     """Energies with that of the orientation added, and orientation scores.
 
-    With s the score of a map (`jfsf.spectral.orientation_score`) times the wanted sign,
+    With s the score of a map (`orientation_score`) times the wanted sign,
 
         E'(C) = E(C) + h (1 - s)  if s >= 0,
         E'(C) = E(C) + w          if s < 0,

@@ -33,8 +33,8 @@ from jfsf.matching._kept_landmarks import Landmarks, kept_landmarks
 from jfsf.matching._settings import Settings
 from jfsf.matching._stages import pair_search
 from jfsf.matching._vertices import vertex_confidence
-from jfsf.spectral import Features, functional_map, orientation_score, truncate, uniform
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral import Features, functional_map, truncate, uniform
+from jfsf.spectral._orientation import brackets, orientation_score
 from jfsf.spectral._sampling import even_points
 from jfsf.types import Bent, Filtered, Match, Spectrum
 

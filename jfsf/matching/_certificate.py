@@ -22,8 +22,7 @@ from jfsf.initial._samples import SearchSamples
 from jfsf.matching._confidence import LEAST, confidence_of, log_odds
 from jfsf.matching._kept_landmarks import Landmarks, landmark_distances
 from jfsf.matching._settings import EvidenceSettings, Settings
-from jfsf.spectral import orientation_score
-from jfsf.spectral._orientation import brackets
+from jfsf.spectral._orientation import brackets, orientation_score
 from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 

@@ -17,7 +17,7 @@ from scipy.spatial import KDTree
 from jfsf.matching._rigid import motion, surface_of
 from jfsf.mesh._geometry import boundary_edges, edges
 from jfsf.mesh._holes import rims
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # A rim is one if it is at least so long, in sqrt(area): that of a flat round disk has

@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from jfsf.mesh import closest, vertex_normals
 from jfsf.mesh._closest import surface_tree
-from jfsf.refine import closest_rotations
+from jfsf.refine._rest import closest_rotations
 from jfsf.types import Mesh, Spectrum
 
 # All set by hand. Root mean square between moved points and their images, in

@@ -13,7 +13,6 @@ recall is below `NeighbourSearch.min_recall`, `tiled_one_way` compares all point
 is 0 in rounds of a refinement, which therefore never do.
 """
 
-from jfsf.neighbours._both_ways import mutual_neighbours
 from jfsf.neighbours._exhaustive import neighbours
 from jfsf.neighbours._search import NeighbourSearch, NeighbourSettings
 from jfsf.neighbours._tiles import spectral_tiles
@@ -21,7 +20,6 @@ from jfsf.neighbours._tiles import spectral_tiles
 __all__ = [
     "NeighbourSearch",
     "NeighbourSettings",
-    "mutual_neighbours",
     "neighbours",
     "spectral_tiles",
 ]

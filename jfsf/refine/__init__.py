@@ -11,7 +11,6 @@ Read in this order:
 
 from jfsf.refine._arap import ArapSettings, arap, deform
 from jfsf.refine._icp import icp
-from jfsf.refine._rest import closest_rotations
 from jfsf.refine._soft import (
     soft_functional_map,
     soft_icp_step,
@@ -25,7 +24,6 @@ __all__ = [
     "ArapSettings",
     "ZoomOutSettings",
     "arap",
-    "closest_rotations",
     "deform",
     "icp",
     "soft_functional_map",

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
-from jfsf.spectral import Space, embeddings, functional_map, polar, truncate, uniform
+from jfsf.spectral import embeddings, functional_map, polar, truncate, uniform
+from jfsf.spectral._functional_maps import Space
 from jfsf.types import Spectrum
 
 

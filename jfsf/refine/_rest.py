@@ -12,7 +12,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry._surface import STIFFNESS_RANGE
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh
 
 # The Newton steps end below this, and rows that have not come so far get an SVD.

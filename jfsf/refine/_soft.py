@@ -18,8 +18,8 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.convert import pull_back, sinkhorn
 from jfsf.neighbours import NeighbourSearch
-from jfsf.spectral import Space, embeddings, polar, truncate, uniform
-from jfsf.spectral._functional_maps import coefficients
+from jfsf.spectral import embeddings, polar, truncate, uniform
+from jfsf.spectral._functional_maps import Space, coefficients
 from jfsf.types import Filtered, Spectrum
 
 # Ten neighbours, and so soft that a row of the plan has a slope.

@@ -19,7 +19,8 @@ from jfsf.array import matmul
 from jfsf.array._jit import jit
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
-from jfsf.spectral import Space, embeddings, uniform
+from jfsf.spectral import embeddings, uniform
+from jfsf.spectral._functional_maps import Space
 from jfsf.spectral._orientation import COLUMN_WEIGHT, PULLED_BACK, carried_fields
 from jfsf.types import Spectrum
 

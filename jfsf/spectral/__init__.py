@@ -16,7 +16,6 @@ from jfsf.spectral._descriptors import curvature, hks, wks
 from jfsf.spectral._eigenpairs import spectrum
 from jfsf.spectral._features import Features, FeatureSettings, features
 from jfsf.spectral._functional_maps import (
-    Space,
     embeddings,
     functional_map,
     polar,
@@ -24,22 +23,17 @@ from jfsf.spectral._functional_maps import (
     truncate_pair,
     uniform,
 )
-from jfsf.spectral._laplacian import operators
-from jfsf.spectral._orientation import orientation_score
 from jfsf.spectral._sampling import farthest_points, restrict, tile_points
 
 __all__ = [
     "FeatureSettings",
     "Features",
-    "Space",
     "curvature",
     "embeddings",
     "farthest_points",
     "features",
     "functional_map",
     "hks",
-    "operators",
-    "orientation_score",
     "polar",
     "restrict",
     "spectrum",

@@ -21,7 +21,8 @@ import numpy as np
 
 from jfsf.convert import functional_map_precise, nearest, precise, to_vertex
 from jfsf.geometry._geodesics import vertex_indices
-from jfsf.spectral import Space, embeddings, functional_map, truncate
+from jfsf.spectral import embeddings, functional_map, truncate
+from jfsf.spectral._functional_maps import Space
 from jfsf.types import ArrayLike, Maps, PreciseMap, Spectrum
 
 

@@ -43,8 +43,7 @@ from jfsf.geometry._geodesics import vertex_indices
 from jfsf.mesh import farthest_vertices
 from jfsf.mesh._geometry import vertex_components
 from jfsf.runtime._shared import one_blas_thread
-from jfsf.spectral import operators
-from jfsf.spectral._laplacian import definite_solver
+from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap
 
 SAMPLES = 500  # points of the multidimensional scaling

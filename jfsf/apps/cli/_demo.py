@@ -76,7 +76,8 @@ def measure(
     from jfsf.initial import search
     from jfsf.matching import Settings, match
     from jfsf.refine import zoomout
-    from jfsf.spectral import embeddings, operators, spectrum, wks
+    from jfsf.spectral import embeddings, spectrum, wks
+    from jfsf.spectral._laplacian import operators
 
     start = perf_counter()
     (mesh_x, points_x), (mesh_y, points_y) = load(name_x), load(name_y)

@@ -18,7 +18,7 @@ from jfsf.apps.interop._bases import Bases, Correspondence, at_unit_area, zero_b
 from jfsf.apps.interop._structs import diagonal, matrix, shape_fields, struct
 from jfsf.apps.mapfiles import MapFileError, read_mat, write_mat
 from jfsf.mesh._values import check_values, checked_mesh
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 MOST_BYTES = 1 << 32  # of a variable: MATLAB writes no larger ones with -v7

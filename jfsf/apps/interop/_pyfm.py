@@ -25,7 +25,7 @@ from jfsf.apps.interop._bases import (
     factors_of,
     zero_based_map,
 )
-from jfsf.spectral import operators
+from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # pyFM has no types of its own.
@@ -100,7 +100,7 @@ def spectrum_to_pyfm(spec: Spectrum) -> AnyTriMesh:
     """pyFM's TriMesh of area 1 with these eigenpairs, areas and positions.
 
     C_yx and FM_12 are then the same matrix. The stiffness is that of
-    `jfsf.spectral.operators`, computed again from the positions.
+    `spectral._laplacian.operators`, computed again from the positions.
 
     Raises:
         ImportError: pyfmaps is missing; the message says how to install it.

@@ -16,8 +16,13 @@ from jfsf.apps.registration._flaws import flaws_of, unfold
 from jfsf.apps.registration._scan import Scan, facing
 from jfsf.mesh import vertex_normals
 from jfsf.mesh._closest import on_rim
-from jfsf.refine import closest_rotations
-from jfsf.refine._rest import Rest, edges_of, rotated_edges, rotations_of
+from jfsf.refine._rest import (
+    Rest,
+    closest_rotations,
+    edges_of,
+    rotated_edges,
+    rotations_of,
+)
 from jfsf.spectral._laplacian import definite_solver
 
 TINY = 1e-6  # of the mean force: what nothing draws stays

@@ -13,8 +13,7 @@ import scipy.sparse as sp
 
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_normals
-from jfsf.spectral import operators
-from jfsf.spectral._laplacian import definite_solver
+from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import ArrayLike, Mesh
 
 # Of a normal distribution: the standard deviation over the median absolute value.

@@ -14,8 +14,14 @@ from scipy.spatial import KDTree
 
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_areas, vertex_normals
-from jfsf.refine import closest_rotations
-from jfsf.refine._rest import Rest, at_rest, edges_of, rotated_edges, rotations_of
+from jfsf.refine._rest import (
+    Rest,
+    at_rest,
+    closest_rotations,
+    edges_of,
+    rotated_edges,
+    rotations_of,
+)
 from jfsf.spectral._laplacian import definite_solver
 from jfsf.types import Mesh
 
