@@ -20,7 +20,6 @@ from jfsf.evaluate import geodesic_error
 from jfsf.initial._start import nonisometric_starts, search_starts
 from jfsf.matching import (
     Settings,
-    _bent_copies,
     _policy,
     _run_stages,
     _shapes,
@@ -373,11 +372,10 @@ def all_stages(pair, runner, settings):
     stage = partial(nonisometric_starts, settings=settings.search)
     stacked = runner.one(stage, _run_stages.search_inputs([copy], [copy.samples])[0])
     start = jax.tree.map(lambda a: jax.ShapeDtypeStruct(a.shape[1:], a.dtype), stacked)
-    _run_stages.match_starts([(copy, start)], runner, settings)
+    _run_stages.attempt_starts([(copy, start)], runner, settings)
     # The map of the copies is bent on the whole shapes.
     C_yx = jax.ShapeDtypeStruct((k, k), start.C_yx.dtype)
-    bent = _bent_copies.bent_like(pair, C_yx, start, runner, settings)
-    _run_stages.finish_each([(pair, start)], [bent], runner, settings)
+    _run_stages.attempt_starts([(pair, start)], runner, settings, refined=[C_yx])
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.runtime._runners import CompileOnly, OneByOne
 from jfsf.runtime._shared import one_blas_thread
 from jfsf.runtime._sizes import padded, padded_shapes, spectrum_like
-from jfsf.types import Match, Mesh
+from jfsf.types import Match
 
 
 class Host(NamedTuple):
@@ -38,9 +38,7 @@ def match_shapes(
     host: Host,
 ) -> Match:
     """Of the first shape and the last, which may be one."""
-    surfaces = [shape.surface for shape in shapes.values()]
-    best = attempted(shapes, inputs, settings, host).result(settings)
-    return without_padding(best, surfaces[0], surfaces[-1])
+    return attempted(shapes, inputs, settings, host).result(settings)
 
 
 def attempted(
@@ -76,14 +74,10 @@ def attempted(
         ]
         if not all(program.ready() for program in programs):
             host.say("compiling, once for shapes of about this size")
-    pair = PairState((specs[0], specs[-1]), given)
+    sizes_of_both = [len(surface.vertices) for surface in (surfaces[0], surfaces[-1])]
+    pair = PairState((specs[0], specs[-1]), given, unpadded=tuple(sizes_of_both))
     pair.seconds["spectra"] = perf_counter() - started
 
     runner = OneByOne(host.keep_programs, host.progress)
     attempt_pairs([pair], runner, settings=settings)
     return pair
-
-
-def without_padding(match: Match, mesh_x: Mesh, mesh_y: Mesh) -> Match:
-    """Without padding."""
-    return match.without_padding(len(mesh_x.vertices), len(mesh_y.vertices))

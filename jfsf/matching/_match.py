@@ -13,7 +13,7 @@ from jfsf.matching._arguments import (
     checked_initial,
     checked_landmarks,
 )
-from jfsf.matching._attempted import Host, attempted, match_shapes, without_padding
+from jfsf.matching._attempted import Host, attempted
 from jfsf.matching._pairs import PairState
 from jfsf.matching._partial import match_partial
 from jfsf.matching._rivals import map_distances
@@ -107,7 +107,7 @@ def match(
         T_yx = getattr(initial, "T_yx", None)
         return match_partial(meshes, inputs, T_yx, same_unit, settings, host)
     given = _given(meshes, orientation, landmarks, descriptors, initial)
-    return match_shapes(*given, settings, host)
+    return attempted(*given, settings, host).result(settings)
 
 
 def alternatives(
@@ -158,7 +158,8 @@ def alternatives(
     for i in order:
         if min_distance <= 0 or apart[i, kept].min() >= min_distance:
             kept.append(i)
-    return [without_padding(matches[i], *meshes.values()) for i in kept]
+    sizes = [len(mesh.vertices) for mesh in meshes.values()]
+    return [matches[i].without_padding(*sizes) for i in kept]
 
 
 def symmetry(
@@ -188,7 +189,8 @@ def symmetry(
             "point cloud without a clear outside no left and right; triangulate it"
         )
     inputs = MatchInputs(sign=orientation_sign("reverse"), self_map=True)
-    return match_shapes({"mesh": shape}, inputs, settings, Host(cache, cache))
+    pair = attempted({"mesh": shape}, inputs, settings, Host(cache, cache))
+    return pair.result(settings)
 
 
 def attempted_pair(

@@ -47,6 +47,7 @@ class PairState:
     coarse: the coarse copies of both shapes, once they are made.
     copies: the same as this, of these copies, where starts were tried on them.
     seconds: by stage; its share where a stage ran for several pairs.
+    unpadded: vertices of X and Y without padding; None leaves it to the caller.
     """
 
     spectra: tuple[Spectrum, Spectrum]
@@ -62,6 +63,7 @@ class PairState:
     coarse: tuple[CoarseCopy, CoarseCopy] | None = None
     copies: "PairState | None" = None
     seconds: dict[str, float] = field(default_factory=dict)
+    unpadded: tuple[int, int] | None = None
 
     @property
     def best(self) -> Match:
@@ -171,5 +173,6 @@ class PairState:
         return match._replace(certificate=evidence, confidence_x=x, confidence_y=y)
 
     def result(self, settings: Settings) -> Match:
-        """The best match."""
-        return self.results(settings)[self.won]
+        """The best match, without padding where `unpadded` is known."""
+        best = self.results(settings)[self.won]
+        return best if self.unpadded is None else best.without_padding(*self.unpadded)

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import partial
-from time import perf_counter
 
 import jax
 
@@ -11,8 +10,8 @@ from jfsf.matching._pairs import Attempt, PairState
 from jfsf.matching._run_stages import (
     attempt_starts,
     describe,
-    run_stage,
     search_inputs,
+    seconds_of,
 )
 from jfsf.matching._settings import Settings
 from jfsf.matching._sources import Comparison, Proposal, Source, sources_of
@@ -49,13 +48,10 @@ def attempt_pairs(
         open_pairs = [pair for pair in pairs if source.asked(pair, settings)]
         if not open_pairs:
             continue
-        started = perf_counter()
-        comparisons = source.make(open_pairs, runner, settings)
-        seconds = (perf_counter() - started) / len(open_pairs)
+        with seconds_of(open_pairs if source.name in TIMED else [], source.name):
+            comparisons = source.make(open_pairs, runner, settings)
         for pair, compared in zip(open_pairs, comparisons, strict=True):
             _note(pair, compared)
-            if source.name in TIMED:
-                pair.seconds[source.name] = seconds
         starts = [compared.proposals for compared in comparisons]
         for turn in range(max(map(len, starts))):
             tried = [
@@ -114,7 +110,7 @@ def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> No
     describe([copy], runner, settings)
     inputs = search_inputs([copy], [copy.samples])
     stage = partial(nonisometric_starts, settings=settings.search)
-    (stacked,) = run_stage(runner, "further starts", stage, [copy], inputs)
+    (stacked,) = runner.map("further starts", stage, inputs)
     one = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), stacked)
     attempt_starts([(copy, one)], runner, settings)
 

@@ -1,6 +1,7 @@
 """The stages of an attempt, run for many pairs; each pair notes the seconds."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from time import perf_counter
 from typing import Any, cast
@@ -25,8 +26,8 @@ def describe(pairs: Sequence[PairState], runner: Runner, settings: Settings) -> 
             sides = pair.spectra, descriptors or (None, None), at or (None, None)
             inputs += [(*side, self_map) for side in zip(*sides, strict=True)]
         stage = partial(shape_samples, settings=settings)
-        twice = [pair for pair in pairs for _ in range(2)]
-        sides = run_stage(runner, "features", stage, twice, inputs, at_a_time=2)
+        with seconds_of(pairs, "features"):
+            sides = runner.map("features", stage, inputs, at_a_time=2)
         return zip(sides[::2], sides[1::2], strict=True)
 
     for pair, samples in zip(pairs, both(False), strict=True):
@@ -67,7 +68,8 @@ def attempt_starts(
             works = bent_as_copies(pairs, works, runner, settings)
         inputs = [step.reads(work) for work in works]
         stage = partial(step.run, settings=settings)
-        made = run_stage(runner, step.name, stage, pairs, inputs, at_a_time)
+        with seconds_of(pairs, step.name):
+            made = runner.map(step.name, stage, inputs, at_a_time)
         works = [step.done(*both) for both in zip(works, made, strict=True)]
     return [cast(Match, work.match) for work in works]
 
@@ -78,18 +80,11 @@ def search_inputs(pairs, sides) -> list[tuple]:
     return [(x.search, y.search, own.sign, own.self_map) for own, (x, y) in both]
 
 
-def run_stage(
-    runner: Runner,
-    name: str,
-    stage: partial,
-    pairs: Sequence[PairState],
-    inputs: Sequence[tuple],
-    at_a_time: int = 1,
-) -> list[Any]:
-    """The results of a stage; each pair notes its share of the seconds."""
+@contextmanager
+def seconds_of(pairs: Sequence[PairState], name: str) -> Iterator[None]:
+    """What is done inside counts as a stage of each pair, which notes its share."""
     started = perf_counter()
-    results = runner.map(name, stage, inputs, at_a_time)
+    yield
     share = (perf_counter() - started) / max(len(pairs), 1)
     for pair in pairs:
         pair.seconds[name] = pair.seconds.get(name, 0.0) + share
-    return results

@@ -26,7 +26,12 @@ from jfsf.matching._others import (
 from jfsf.matching._pairs import Attempt, PairState
 from jfsf.matching._rigid import moved_by_map
 from jfsf.matching._rivals import rivals_among, share_among
-from jfsf.matching._run_stages import attempt_starts, describe, run_stage, search_inputs
+from jfsf.matching._run_stages import (
+    attempt_starts,
+    describe,
+    search_inputs,
+    seconds_of,
+)
 from jfsf.matching._settings import Settings
 from jfsf.runtime._runners import Runner
 
@@ -132,7 +137,8 @@ def _moved(pairs, runner, settings) -> list[Comparison]:
 def _given(pairs, runner, settings) -> list[Comparison]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
     stage = partial(given_start, settings=settings)
-    starts = run_stage(runner, "search", stage, pairs, inputs)
+    with seconds_of(pairs, "search"):
+        starts = runner.map("search", stage, inputs)
     return [Comparison([Proposal(start)]) for start in starts]
 
 
@@ -147,7 +153,8 @@ def _search(pairs, runner, settings, *, landmarks: bool) -> list[Comparison]:
 def _search_starts(pairs, sides, runner, settings) -> list[tuple[Start, Start]]:
     stage = partial(search_starts, settings=settings.search)
     inputs = search_inputs(pairs, sides)
-    return run_stage(runner, "search", stage, pairs, inputs)
+    with seconds_of(pairs, "search"):
+        return runner.map("search", stage, inputs)
 
 
 def _rivals_of_given(pairs, runner, settings) -> list[Comparison]:
@@ -204,7 +211,8 @@ def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
     sides = [copy.samples for copy in some]
     stage = partial(nonisometric_starts, settings=settings.search)
     inputs = search_inputs(some, sides)
-    stacked = run_stage(runner, "further starts", stage, some, inputs)
+    with seconds_of(some, "further starts"):
+        stacked = runner.map("further starts", stage, inputs)
     if given:
         firsts = _search_starts(some, sides, runner, settings)
         for i, (first, _) in zip(chosen, firsts, strict=True):

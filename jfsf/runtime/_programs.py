@@ -98,7 +98,14 @@ def compile_ahead(
         found = known.get(asked)
     if found is None:
         path = program_path(function, options, str(tree), shapes) if keep else None
-        found = _compiled(partial(function, **options), tree, shapes, path, pool)
+        with ExitStack() as stack:
+            found, path = _kept(path, len(shapes), stack)
+            if found is None:
+                flat = _Flat(partial(function, **options), tree)
+                choices = compiler_options(jax.default_backend())
+                lowered = jax.jit(flat, compiler_options=choices).lower(*shapes)
+                result = flat.tree_of_result.unflatten(map(_shape, lowered.out_info))
+                found = _compiling(lowered, result, path, pool, stack.pop_all())
     with _known_lock:
         known.pop(asked, None)
         known[asked] = found  # the last to be dropped
@@ -112,32 +119,46 @@ def _shape(leaf) -> jax.ShapeDtypeStruct:
     return jax.ShapeDtypeStruct(aval.shape, aval.dtype, weak_type=aval.weak_type)
 
 
-def _compiled(function, tree, shapes, path, pool) -> Program:
-    trees = []
+class _Flat:
+    """A function of the leaves of its arguments, which notes the tree of its result."""
 
-    def flat(*leaves):
-        found, out = jax.tree.flatten(function(*jax.tree.unflatten(tree, leaves)))
-        trees.append(out)
-        return tuple(found)
+    def __init__(self, function: Callable[..., Any], tree: Any) -> None:
+        self._function, self._tree = function, tree
+        self.__name__ = "flat"
+        self.tree_of_result: Any = None
 
-    with ExitStack() as stack:
-        if path is not None:
-            try:
-                kept = load_program(path, len(shapes))
-                if kept is None:
-                    stack.enter_context(program_lock(path))
-                    # Another process may have compiled it by now.
-                    kept = load_program(path, len(shapes))
-                if kept is not None:
-                    loaded, result = kept
-                    return Program(result, lambda: loaded)
-            except NotPrivateError as error:
-                _warn_once(path.parent, error)
-                path = None
-        options = compiler_options(jax.default_backend())
-        lowered = jax.jit(flat, compiler_options=options).lower(*shapes)
-        lock = stack.pop_all()
-    result = trees[-1].unflatten(map(_shape, lowered.out_info))
+    def __call__(self, *leaves: Any) -> tuple:
+        result = self._function(*jax.tree.unflatten(self._tree, leaves))
+        flat, self.tree_of_result = jax.tree.flatten(result)
+        return tuple(flat)
+
+
+def _kept(
+    path: Path | None, count: int, stack: ExitStack
+) -> tuple[Program | None, Path | None]:
+    """The program of a file, if there is one, and where a new one is to be kept.
+
+    Where there is none, the lock of the file is taken, until `stack` is closed.
+    """
+    if path is None:
+        return None, None
+    try:
+        kept = load_program(path, count)
+        if kept is None:
+            stack.enter_context(program_lock(path))
+            # Another process may have compiled it by now.
+            kept = load_program(path, count)
+    except NotPrivateError as error:
+        _warn_once(path.parent, error)
+        return None, None
+    if kept is None:
+        return None, path
+    loaded, result = kept
+    return Program(result, lambda: loaded), path
+
+
+def _compiling(lowered, result, path, pool, lock) -> Program:
+    """The program that is compiled from now on, and then kept."""
 
     def build():
         with lock:

@@ -54,7 +54,8 @@ class OneByOne(NamedTuple):
         # Not in the threads: they see neither `with jax.default_device(...)` nor
         # `with jax.enable_x64(...)` around.
         inputs = [jax.tree.map(_on_device, args) for args in inputs]
-        programs = [_program(stage, args, keep=self.keep) for args in inputs]
+        options = {**stage.keywords, "keep": self.keep}
+        programs = [compile_ahead(stage.func, *args, **options) for args in inputs]
         run = lambda program, args: jax.block_until_ready(program(*args))
         if at_a_time == 1 or any(map(_is_large, inputs)):
             return list(map(run, programs, inputs))
@@ -91,15 +92,11 @@ class CompileOnly(NamedTuple):
     def map(self, name, stage, inputs, at_a_time=1) -> list[Any]:
         """As `Runner` says."""
         del name, at_a_time
-        make = partial(_program, stage, keep=self.keep, pool=self.pool)
-        programs = [make(args) for args in inputs]
+        options = {**stage.keywords, "keep": self.keep, "pool": self.pool}
+        programs = [compile_ahead(stage.func, *args, **options) for args in inputs]
         if self.programs is not None:
             self.programs.extend(programs)
         return [program.result for program in programs]
-
-
-def _program(stage: partial, args: tuple, **options: Any) -> Program:
-    return compile_ahead(stage.func, *args, **stage.keywords, **options)
 
 
 def _on_device(leaf):
