@@ -57,7 +57,6 @@ if TYPE_CHECKING:
     from jfsf.apps.registration import Registration, RegistrationSettings, register
     from jfsf.initial import SearchSettings
     from jfsf.matching import (
-        EvidenceSettings,
         Settings,
         alternatives,
         basis,
@@ -78,7 +77,6 @@ __all__ = [
     "Certificate",
     "Collection",
     "CollectionSettings",
-    "EvidenceSettings",
     "FeatureSettings",
     "Maps",
     "Match",
@@ -116,7 +114,6 @@ _HOMES = {
     "apps.registration": ("Registration", "RegistrationSettings", "register"),
     "initial": ("SearchSettings",),
     "matching": (
-        "EvidenceSettings",
         "Settings",
         "alternatives",
         "basis",

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import logit
 
-from jfsf import EvidenceSettings, testing
+from jfsf import testing
 from jfsf.matching import confidence, region_confidence
 from jfsf.matching._certificate import spectrum_gap
 from jfsf.matching._confidence import (
@@ -30,7 +30,8 @@ from jfsf.matching._confidence import (
     read_constants,
     regressor,
 )
-from jfsf.matching._rivals import rivals_among, share_among
+from jfsf.matching._kept_landmarks import MISSED
+from jfsf.matching._rivals import DISTINCT, MISSED_RANK, rivals_among, share_among
 from jfsf.runtime._sizes import pad
 from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
 from jfsf.types import Certificate, Match
@@ -166,11 +167,10 @@ def test_there_is_no_confidence_without_evidence():
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
     b = read_constants("regions")["factors"]
-    settings = EvidenceSettings(missed_weight=2)
 
     @jax.jit
     def likely(evidence):
-        return region_confidence(evidence, settings=settings)
+        return region_confidence(evidence, missed_weight=2)
 
     def of(log_odds, cost, landmarks=()):
         own = certificate(log_odds=log_odds, region_cost=cost, landmarks=landmarks)
@@ -189,9 +189,7 @@ def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
 
 def test_landmarks_tell_left_from_right_and_may_be_missed():
     evidence = lambda away: certificate(log_odds=2.0, share=0.6, landmarks=away)
-    of = lambda told, away=(): confidence_of(
-        evidence(away), told, settings=EvidenceSettings(missed_weight=2)
-    )
+    of = lambda told, away=(): confidence_of(evidence(away), told, missed_weight=2)
     known = confidence(2.0, 0.6)
     np.testing.assert_allclose(of(True), known)
     np.testing.assert_allclose(of(False), known / 2)
@@ -234,7 +232,7 @@ def test_share_among_against_plain_loops(seed):
     found = standing(ALL_MAPS, np.random.default_rng(seed).normal(size=len(ALL_MAPS)))
     points = np.asarray(biharmonic(SPEC, DISTANCE_PAIRS))
     mass = np.asarray(SPEC.mass)
-    options = EvidenceSettings().distinct, COMPARED["scale"]
+    options = DISTINCT, COMPARED["scale"]
     truth = oracles.share_among(ALL_MAPS, found.rank, points, mass, *options)
     np.testing.assert_allclose(found.share, truth, rtol=1e-9)
     kinds = np.array([0, 0, 0, 1, 2, 1])
@@ -267,12 +265,12 @@ def test_padding_is_invisible_to_shares():
 
 
 def test_a_map_that_misses_landmarks_ranks_lower():
-    maps, far = [IDENTITY, OTHERS[0]], 2 * EvidenceSettings().missed
+    maps, far = [IDENTITY, OTHERS[0]], 2 * MISSED
     plain = standing(maps, [0.5, 0.5])
     found = standing(maps, [0.5, 0.5], missed=[(0.1, 0.1), (far, 0.1)])
     assert found.rank[0] == plain.rank[0] > found.rank[1]
     lost = plain.rank[1] - found.rank[1]
-    np.testing.assert_allclose(lost, EvidenceSettings().missed_rank / 2)
+    np.testing.assert_allclose(lost, MISSED_RANK / 2)
     assert found.share[0] > 0.5 > found.share[1]
 
 

@@ -375,7 +375,9 @@ def test_a_collection_remembers_what_was_said(tmp_path, monkeypatch):
     path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
     numbers = Sketch(*[np.zeros(2)] * len(Sketch._fields))
     monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: mesh)
-    monkeypatch.setattr("jfsf.apps.collections.sketch", lambda spectrum: numbers)
+    monkeypatch.setattr(
+        "jfsf.apps.collections._collection.sketch", lambda spectrum: numbers
+    )
     monkeypatch.setattr("jfsf.apps.collections.check_surface", lambda mesh, name: None)
     for largest, mend in ((True, False), (False, True)):
         keep(Job((path,), tmp_path / "a.npz"), largest, mend)

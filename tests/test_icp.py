@@ -101,7 +101,7 @@ def test_pairs_of_equal_size_compile_once():
     run(*pair(0), start(*pair(0)))
     before = icp._jitted._cache_size()
     run(*pair(1), start(*pair(1)))
-    assert icp._cache_size() == before  # type: ignore
+    assert icp._jitted._cache_size() == before
 
 
 def test_float32():

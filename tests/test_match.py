@@ -28,9 +28,9 @@ from jfsf.matching import (
     shape_samples,
 )
 from jfsf.matching._arguments import MatchInputs, checked_initial
-from jfsf.matching._attempt import given_start, refine_start
 from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._pairs import PairState
+from jfsf.matching._steps import given_start, refine_start
 from jfsf.runtime import _programs, _runners
 from jfsf.runtime._runners import OneByOne, Runner
 from jfsf.runtime._sizes import PaddedShape, padded_pair, padded_shapes, spectrum_like

@@ -14,7 +14,7 @@ from jfsf.apps.cli import _app
 from jfsf.apps.mapfiles import MapFileError, read_match, write_match
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
-from jfsf.matching import EvidenceSettings, _match, _partial, region_confidence
+from jfsf.matching import _match, _partial, region_confidence
 from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching.parts import PartSettings, RegisterWeights, _starts, cut, likely_part
 from jfsf.matching.parts import _match as parts_match
@@ -127,7 +127,7 @@ def test_a_cut_of_a_mesh_recovers_the_identity_and_its_region(found):
     assert found.matched_y.shape == found.T_yx.shape == (len(WHOLE.vertices),)
     evidence, wanted = (
         found.certificate,
-        region_confidence(found.certificate, settings=EvidenceSettings()),
+        region_confidence(found.certificate),
     )
     assert evidence.confidence == wanted > 0.9
     assert evidence.region_cost < 0

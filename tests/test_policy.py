@@ -11,11 +11,15 @@ import numpy as np
 import pytest
 from scipy.special import expit, logit
 
-from jfsf import EvidenceSettings, Settings
+from jfsf import Settings
 from jfsf.initial import Start
 from jfsf.matching import _bent_copies, _others, _pairs, _policy, _sources, confidence
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._confidence import confidence_of, mirror_probability
+from jfsf.matching._confidence import (
+    MISSED_WEIGHT,
+    confidence_of,
+    mirror_probability,
+)
 from jfsf.matching._pairs import PairState
 from jfsf.matching._rigid import Moved
 from jfsf.matching._rivals import Ranking
@@ -51,7 +55,7 @@ def match_of(start, missed=0.0, landmarks=None, sign=1):
     figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
     figures |= {"rivals": np.nan, "mirrored": np.nan}
     evidence = Certificate(**figures)
-    known = confidence_of(evidence, sign != 0, settings=EvidenceSettings())
+    known = confidence_of(evidence, sign != 0)
     evidence = evidence._replace(confidence=known)
     return Match(np.zeros(2, int), np.zeros(2, int), start.C_yx, evidence)
 
@@ -148,7 +152,7 @@ def alike(monkeypatch):
     def padded_copies(copies, inputs):
         return tuple(copies), inputs._replace(initial=None)
 
-    def share_among(matches, pair, *, settings):
+    def share_among(matches, pair):
         assert all(isinstance(spec, Copy) for spec in pair)
         odds = np.array([m.certificate.log_odds for m in matches])
         differ = ~np.eye(len(odds), dtype=bool)
@@ -330,7 +334,7 @@ def test_a_missed_landmark_asks_for_another_map(other, chosen):
     (match,) = run(runner, settings=settings, landmarks=LANDMARKS)
     np.testing.assert_allclose(likely(match), chosen)
     # Less confident than it is likely by itself.
-    weight = settings.evidence.missed_weight
+    weight = MISSED_WEIGHT
     wanted = np.power([0.7, other], 1 + weight)
     np.testing.assert_allclose(match.info.confidence, wanted)
     assert match.info.sources == ["search", "landmarks"]

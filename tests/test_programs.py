@@ -438,7 +438,7 @@ def test_fitted_constants_are_part_of_the_code(tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     codes = set()
     for ending in ("", " "):
-        constants = copy / "evidence/confidence.json"
+        constants = copy / "matching/confidence.json"
         constants.write_text(constants.read_text() + ending)
         done = subprocess.run(ask, env=environment, capture_output=True, cwd=tmp_path)
         codes.add(done.stdout)

@@ -74,7 +74,8 @@ each_room = pytest.mark.parametrize(
 
 
 def test_the_package_lists_its_rooms():
-    assert set(ORDER) == modules(PACKAGE)
+    public = lambda names: {name for name in names if not name.startswith("_")}
+    assert public(ORDER) == public(modules(PACKAGE))
     assert len([p for p in PACKAGE.iterdir() if p.is_file()]) <= 12
 
 

@@ -31,7 +31,6 @@ def test_each_field_counts(name):
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(tiles=32),
         "bend_converter": sinkhorn,
-        "evidence": jfsf.EvidenceSettings(missed=0.4),
         "parts": jfsf.PartSettings(anchors=12),
     }
     value = getattr(Settings(), name)

@@ -181,7 +181,7 @@ def test_pairs_of_equal_size_compile_once():
     before = zoomout._jitted._cache_size()
     for seed in (1, 2, 3):
         run(*pair(seed), start(*pair(seed)))
-    assert zoomout._cache_size() == before  # type: ignore
+    assert zoomout._jitted._cache_size() == before
 
 
 def test_float32_agrees_but_for_near_ties():

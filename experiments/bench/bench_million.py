@@ -25,8 +25,8 @@ from jfsf import data
 from jfsf.convert import sinkhorn
 from jfsf.initial import search_starts
 from jfsf.matching import shape_samples
-from jfsf.matching._attempt import refine_start
 from jfsf.matching._stages import deform_by_arap, pair_search
+from jfsf.matching._steps import refine_start
 from jfsf.spectral import embeddings, truncate_pair, uniform
 
 

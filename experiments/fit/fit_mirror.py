@@ -19,7 +19,6 @@ Pairs are read from results/fit_mirror.json where they are there, unless --again
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,7 @@ import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.accuracy.situations import bodies, bones, plain
-from jfsf.matching import Settings, _sources
+from jfsf.matching import Settings, _others, _sources
 from jfsf.matching._confidence import mirror_regressors
 from jfsf.testing import mirror
 from jfsf.types import Mesh
@@ -38,14 +37,13 @@ SHIPPED = Path(jfsf.__file__).parent / "matching" / "mirror.json"
 NAMES = "constant", "margin", "energy"
 SPREAD = 10.0
 PAIRS, ALL = 20, 132  # of each kind, and all of the embedded bodies
-# All pairs with candidates of both orientations are compared.
-SETTINGS = replace(
-    Settings(), evidence=replace(Settings().evidence, mirror_gap=np.finfo(float).max)
-)
+SETTINGS = Settings()
 Pair = tuple[str, Mesh, Mesh]
 
 
 def main() -> None:
+    # All pairs with candidates of both orientations are compared.
+    _others.MIRROR_GAP = np.finfo(float).max
     parser = command_line.parser(__doc__, out="fit_mirror.json", data="optional")
     parser.add_argument("--again", action="store_true", help="match all pairs again")
     args = command_line.parse(parser)

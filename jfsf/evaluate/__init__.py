@@ -26,8 +26,8 @@ from jfsf.evaluate._map_metrics import (
 from jfsf.evaluate._reliability import Reliability, reliability
 
 __all__ = [
-    "Figures",
     "MEASURED",
+    "Figures",
     "Reliability",
     "auc",
     "bijectivity",

@@ -39,7 +39,8 @@ How likely a map is right, from evidence that needs no ground truth:
 
 Two shapes and a start to a match:
 
-- `_attempt`: pure: `match_spectra`
+- `_steps`: the steps of an attempt, and their order
+- `_attempt`: these folded: the pure `attempt` and `match_spectra`
 - `_arguments`: what `match` is given, checked and padded
 - `_coarse`: a pair at few vertices, for further starts and for bending large shapes
 
@@ -63,21 +64,31 @@ Two meshes:
 - `_warm_up`: the programs of `match`, compiled before there are shapes
 """
 
-from jfsf.matching._attempt import attempt, match_spectra, shape_samples
+from jfsf.matching._attempt import attempt, match_spectra
 from jfsf.matching._certificate import certify
 from jfsf.matching._coarse import carried
 from jfsf.matching._confidence import confidence, region_confidence
 from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._match import alternatives, attempted_pair, match, symmetry
 from jfsf.matching._rivals import map_distances
-from jfsf.matching._settings import EvidenceSettings, Settings
+from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import basis, check_matchable
+from jfsf.matching._stages import (
+    Deform,
+    Describe,
+    Refine,
+    deform_by_arap,
+    refine_by_zoomout,
+)
+from jfsf.matching._steps import shape_samples
 from jfsf.matching._vertices import vertex_confidence
 from jfsf.matching._warm_up import warm_up
 
 __all__ = [
     "MISSED",
-    "EvidenceSettings",
+    "Deform",
+    "Describe",
+    "Refine",
     "Settings",
     "alternatives",
     "attempt",
@@ -87,9 +98,11 @@ __all__ = [
     "certify",
     "check_matchable",
     "confidence",
+    "deform_by_arap",
     "map_distances",
     "match",
     "match_spectra",
+    "refine_by_zoomout",
     "region_confidence",
     "shape_samples",
     "symmetry",

@@ -10,11 +10,11 @@ import numpy as np
 
 from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._attempt import Work, bend
 from jfsf.matching._coarse import carried, padded_copies
 from jfsf.matching._pairs import PairState
 from jfsf.matching._settings import Settings
 from jfsf.matching._stages import deform_by_arap
+from jfsf.matching._steps import Work, bend
 from jfsf.runtime._runners import Runner
 from jfsf.runtime._sizes import padded_shapes, spectrum_like
 from jfsf.types import Bent, Spectrum

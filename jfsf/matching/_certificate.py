@@ -21,13 +21,18 @@ from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import SearchSamples
 from jfsf.matching._confidence import LEAST, confidence_of, log_odds
 from jfsf.matching._kept_landmarks import Landmarks, landmark_distances
-from jfsf.matching._settings import EvidenceSettings, Settings
+from jfsf.matching._settings import Settings
 from jfsf.spectral._orientation import brackets, orientation_score
 from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 
 # Eigenvalues that are compared: later ones differ less, whatever the shapes.
 EIGENVALUES = 10
+# Leading functions of a map whose energy and stretch are read at samples.
+READ_FUNCTIONS = 40
+# Share of the spacing of vertices that rounding to vertices leaves between deformed
+# shapes. Decimated to 300 to 5000 vertices, right maps of people leave 0.09 to 0.14.
+ROUNDING = 0.08
 # Of the area, the part of the triangles that is sheared most says most: a wrong map
 # that is an isometry nearly everywhere tears a belt at a waist, or the root of a limb.
 MOST_SHEARED = 0.01
@@ -55,13 +60,12 @@ def certify(
         samples: both shapes at samples, for energy and log_stretch_std.
         sign: of the wanted orientation, 0 for any; for the confidence.
         landmarks: vertices of X and their partners on Y; for the confidence.
-        settings: `evidence`, `search`, `distance_pairs`, `features`.
+        settings: `features` is read.
 
     Returns:
         The certificate; its gaps are nan, as those of a map without a search.
     """
     (spec_x, spec_y), (T_xy, T_yx), dtype = pair, maps_of(maps), C_yx.dtype
-    pairs = settings.distance_pairs
     numbers = [C_yx, aligned.emb_x, aligned.emb_y]
     known: dict[str, Any] = {}
     if isinstance(maps, Filtered):
@@ -81,22 +85,21 @@ def certify(
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
     if samples is not None:
-        energy, stretch = _at_samples(C_yx, samples, settings)
+        energy, stretch = _at_samples(C_yx, samples)
         known |= {"energy": energy, "log_stretch_std": stretch}
     if aligned.moved_x is not None and aligned.moved_y is not None:
         moved = aligned.moved_x, aligned.moved_y
-        rounding = settings.evidence.rounding
-        bent = bending(maps_of(maps), *moved, *pair, rounding=rounding)
+        bent = bending(maps_of(maps), *moved, *pair)
         known |= {name: v.astype(dtype) for name, v in bent._asdict().items()}
     if landmarks is not None:
         at_x, at_y = landmarks
-        away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
+        away = landmark_distances(T_xy[at_x], at_y, spec_y)
         known["landmarks"] = away.astype(dtype)
     evidence = Certificate.unknown(dtype)._replace(
         coverage_xy=_reached(T_xy, spec_x.mass, spec_y.mass),
         coverage_yx=_reached(T_yx, spec_y.mass, spec_x.mass),
-        bijectivity_x=_there_and_back(T_yx[T_xy], spec_x, pairs),
-        bijectivity_y=_there_and_back(T_xy[T_yx], spec_y, pairs),
+        bijectivity_x=_there_and_back(T_yx[T_xy], spec_x),
+        bijectivity_y=_there_and_back(T_xy[T_yx], spec_y),
         orthogonality=orthogonality(C_yx),
         orientation=score,
         spectrum_gap=spectrum_gap(spec_x, spec_y).astype(dtype),
@@ -106,7 +109,7 @@ def certify(
     odds = log_odds(**{**evidence.figures(), "orientation": agrees})
     evidence = evidence._replace(log_odds=odds.astype(dtype))
     told = jnp.asarray(sign) != 0
-    likely = confidence_of(evidence, told, settings=settings.evidence)
+    likely = confidence_of(evidence, told)
     return evidence._replace(confidence=likely.astype(dtype))
 
 
@@ -149,7 +152,7 @@ def bending(
     spec_x: Spectrum,
     spec_y: Spectrum,
     *,
-    rounding: float = EvidenceSettings().rounding,
+    rounding: float = ROUNDING,
 ) -> Bending:
     """How two shapes lie that were bent onto each other. All in sqrt(area).
 
@@ -174,7 +177,7 @@ def bending(
         maps: between the vertices.
         moved_x, moved_y: positions of X deformed onto Y, and of Y deformed onto X.
         spec_x, spec_y: both at rest.
-        rounding: see `jfsf.matching.EvidenceSettings`.
+        rounding: share of the spacing of vertices that rounding leaves.
 
     Returns:
         Numbers of 0 or more; nan if one of them has no faces, or those of padding only.
@@ -209,13 +212,12 @@ def bending(
     return Bending(*mean)
 
 
-def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples], settings: Settings):
+def _at_samples(C_yx, samples: tuple[SearchSamples, SearchSamples]):
     """Energy and `log_stretch_std` of the leading functions."""
     x, y = samples
     search_pair = SamplePair(x.search_points, y.search_points, False)
     ranking_pair = SamplePair(x.ranking_points, y.ranking_points, False)
-    size = settings.evidence.functions
-    lead = C_yx[None, :size, :size]
+    lead = C_yx[None, :READ_FUNCTIONS, :READ_FUNCTIONS]
     energy = energies(ranking_pair, lead)
     stretch = log_stretch_std(search_pair, x.geodesics, y.geodesics, lead)
     return energy[0].astype(C_yx.dtype), stretch[0].astype(C_yx.dtype)
@@ -228,9 +230,9 @@ def _reached(T_xy, mass_x, mass_y):
     return jnp.minimum(coverage(T_xy, mass_y, mass_x=mass_x) / share, 1)
 
 
-def _there_and_back(returned, spec: Spectrum, pairs: int):
+def _there_and_back(returned, spec: Spectrum):
     """Mean distance of a vertex from its image there and back; 1 for random images."""
-    points = biharmonic(spec, pairs)
+    points = biharmonic(spec)
     moved = jnp.sqrt(jnp.sum((points - points[returned]) ** 2, 1))
     return matmul(spec.mass, moved) / rms_distance(points, spec.mass)
 

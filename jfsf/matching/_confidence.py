@@ -54,7 +54,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 from scipy.special import expit, logit
 
-from jfsf.matching._settings import EvidenceSettings
+from jfsf.matching._kept_landmarks import MISSED
 from jfsf.types import ArrayLike, Certificate
 
 # Added before a logarithm is taken: smaller numbers say nothing.
@@ -69,6 +69,9 @@ STEEP, UNLIKE = 30.0, 1.12
 MOST_SHARE = 0.999
 
 
+# A map that misses all landmarks counts as so many doubtful ones more: little against a
+# map that is nearly certain, since a landmark may be wrong too.
+MISSED_WEIGHT = 3.0
 # Of the mirror image: above, it is more likely right than the map.
 MIRRORED = 0.5
 
@@ -155,7 +158,8 @@ def confidence(
         mirrored: probability that the mirror image is the right map, see
             `mirror_probability`; nan if it was not tried.
         spectrum_gap: how unlike the shapes are, see `Certificate`.
-        missed_weight: see `jfsf.matching.EvidenceSettings`.
+        missed_weight: a map that misses all landmarks counts as so many doubtful ones
+            more.
 
     Returns:
         In [0, 1]; nan where `log_odds` is nan.
@@ -177,21 +181,21 @@ def confidence(
     return jnp.where(left_and_right, likely, likely / 2)
 
 
-def missed_share(
-    evidence: Certificate, *, settings: EvidenceSettings
-) -> Float[Array, ""]:
+def missed_share(evidence: Certificate) -> Float[Array, ""]:
     """Share of the landmarks that a map misses; 0 without any.
 
     Args:
         evidence: `landmarks` are read.
-        settings: `missed` is read.
     """
-    missed = jnp.mean((evidence.landmarks > settings.missed).astype(float))
+    missed = jnp.mean((evidence.landmarks > MISSED).astype(float))
     return jnp.nan_to_num(missed).astype(evidence.log_odds.dtype)
 
 
 def confidence_of(
-    evidence: Certificate, left_and_right: Any, *, settings: EvidenceSettings
+    evidence: Certificate,
+    left_and_right: Any,
+    *,
+    missed_weight: float = MISSED_WEIGHT,
 ) -> Float[Array, ""]:
     """The confidence of a map with this evidence.
 
@@ -199,9 +203,9 @@ def confidence_of(
         evidence: `log_odds`, `share`, `rivals`, `mirrored`, `spectrum_gap` and
             `landmarks` are read.
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
-        settings: `missed` and `missed_weight` are read.
+        missed_weight: as `confidence`.
     """
-    missed = missed_share(evidence, settings=settings)
+    missed = missed_share(evidence)
     told = left_and_right | (evidence.landmarks.size > 0)
     return confidence(
         evidence.log_odds,
@@ -211,12 +215,12 @@ def confidence_of(
         evidence.rivals,
         evidence.mirrored,
         evidence.spectrum_gap,
-        missed_weight=settings.missed_weight,
+        missed_weight=missed_weight,
     )
 
 
 def region_confidence(
-    evidence: Certificate, *, settings: EvidenceSettings
+    evidence: Certificate, *, missed_weight: float = MISSED_WEIGHT
 ) -> Float[Array, ""]:
     """Probability that the region of two parts is right, to the power of 1 + w m.
 
@@ -224,7 +228,7 @@ def region_confidence(
 
     Args:
         evidence: `log_odds`, `region_cost` and `landmarks` are read.
-        settings: `missed` and `missed_weight` are read.
+        missed_weight: as `confidence`.
 
     Returns:
         In [0, 1]; nan of shapes that were matched as wholes.
@@ -232,8 +236,8 @@ def region_confidence(
     b = REGION_FACTORS
     z = b["constant"] + b["log_odds"] * evidence.log_odds
     z += b["region_cost"] * evidence.region_cost
-    missed = missed_share(evidence, settings=settings)
-    return jax.nn.sigmoid(z) ** (1 + settings.missed_weight * missed)
+    missed = missed_share(evidence)
+    return jax.nn.sigmoid(z) ** (1 + missed_weight * missed)
 
 
 def mirror_regressors(

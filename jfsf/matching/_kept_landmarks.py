@@ -6,14 +6,16 @@ from jaxtyping import Array, Float, Int
 from jfsf.array import matmul
 from jfsf.array._jit import jit
 from jfsf.initial import Start
-from jfsf.matching._settings import EvidenceSettings, Settings
+from jfsf.matching._settings import Settings
 from jfsf.spectral import Features, embeddings
 from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic, rms_distance
 from jfsf.types import Spectrum
 
 Landmarks = tuple[Int[Array, " l"], Int[Array, " l"]]  # of X, and their partners
-# A map misses a landmark whose image is farther than this from its partner.
-MISSED = EvidenceSettings().missed
+# A map misses a landmark whose image is farther than this from its partner, the mean
+# distance of two random vertices being 1. Exchanged hands are at 1 or more, noise of a
+# map at 0.1.
+MISSED = 0.5
 
 
 def landmark_distances(
@@ -54,7 +56,7 @@ def kept_landmarks(
         features: made with these landmarks, whole or at samples.
         start: the map with which the refinement starts.
         landmarks: vertices of X, and their partners.
-        settings: `distance_pairs`, `features`, `evidence`.
+        settings: `features` is read.
     """
     (spec_x, spec_y), (x, y), (at_x, at_y) = pair, features, landmarks
     bases = spec_x.evecs, spec_y.evecs
@@ -62,12 +64,9 @@ def kept_landmarks(
     near = matmul(emb_x[at_x], emb_y.T) - jnp.sum(emb_y**2, 1)[None] / 2
     real = spec_y.mass > 0
     images = jnp.argmax(jnp.where(real[None], near, -jnp.inf), 1)
-    pairs = settings.distance_pairs
-    away = landmark_distances(images, at_y, spec_y, distance_pairs=pairs)
+    away = landmark_distances(images, at_y, spec_y)
     # The last descriptors are those of the landmarks, curvature follows them.
-    keep = jnp.repeat(
-        away <= settings.evidence.missed, settings.features.landmark_times
-    )
+    keep = jnp.repeat(away <= MISSED, settings.features.landmark_times)
     end = x.descriptors.shape[1]
     factor = jnp.ones(x.columns.shape[1], x.columns.dtype)
     full = keep.astype(factor.dtype) / start.descriptor_weight

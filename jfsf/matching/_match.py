@@ -16,8 +16,8 @@ from jfsf.matching._arguments import (
 from jfsf.matching._attempted import Host, attempted
 from jfsf.matching._pairs import PairState
 from jfsf.matching._partial import match_partial
-from jfsf.matching._rivals import map_distances
-from jfsf.matching._settings import EvidenceSettings, Settings
+from jfsf.matching._rivals import DISTINCT, map_distances
+from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import (
     MatchedShape,
     check_matchable,
@@ -118,7 +118,7 @@ def alternatives(
     landmarks: Int[ArrayLike, "l 2"] | None = None,
     descriptors: tuple[Float[ArrayLike, "n_x d"], Float[ArrayLike, "n_y d"]]
     | None = None,
-    min_distance: float = EvidenceSettings().distinct,
+    min_distance: float = DISTINCT,
     settings: Settings = Settings(),
     cache: bool = True,
     progress: Callable[[str], object] | None = None,
@@ -152,8 +152,7 @@ def alternatives(
     confidence = [float(match.certificate.confidence) for match in matches]
     order = np.argsort(-np.nan_to_num(confidence, nan=-1.0), kind="stable").tolist()
     order.remove(pair.won)
-    pairs = settings.distance_pairs
-    apart = map_distances(matches, pair.spectra, distance_pairs=pairs)
+    apart = map_distances(matches, pair.spectra)
     kept = [pair.won]
     for i in order:
         if min_distance <= 0 or apart[i, kept].min() >= min_distance:

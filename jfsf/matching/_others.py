@@ -19,6 +19,12 @@ from jfsf.matching._pairs import PairState
 from jfsf.matching._rivals import ranks, share_among
 from jfsf.matching._settings import Settings
 
+# Another candidate of the search may be a rival if its energy is no more than this
+# above that of the first. Then both are compared on coarse copies.
+NEAR_ENERGY = 0.015
+# The mirror image is tried on coarse copies if `Certificate.mirror_gap` is below this
+# (`experiments/fit/fit_mirror.py`).
+MIRROR_GAP = -0.1
 # `normal_gap` below which shapes are round: 0.0005 for two spheres, 0.005 for molars,
 # 0.008 for bodies.
 ROUND = 0.004
@@ -46,11 +52,10 @@ def near_ties(pair: PairState, settings: Settings) -> list[Start]:
 
     Args:
         pair: `others` are read; without a search there are none.
-        settings: `evidence`.
     """
     if pair.others is None:
         return []
-    sign, limit = int(pair.inputs.sign), settings.evidence.near_energy
+    sign, limit = int(pair.inputs.sign), NEAR_ENERGY
     if _are_round(pair):
         limit = np.finfo(float).max
     some = []
@@ -83,9 +88,9 @@ def mirrored_pairs(pairs: Sequence[PairState], settings: Settings) -> list[int]:
 
     Args:
         pairs: with a map each.
-        settings: `retry_below`, `evidence.mirror_gap`. A gap of nan says nothing.
+        settings: `retry_below` is read. A gap of nan says nothing.
     """
-    limit, chosen = settings.evidence.mirror_gap, []
+    limit, chosen = MIRROR_GAP, []
     for i, pair in enumerate(pairs):
         inputs = pair.inputs
         asked = int(inputs.sign) != 0 and inputs.initial is None and not inputs.self_map
@@ -114,8 +119,8 @@ def mirror_figures(
     if not expit(odds) >= settings.retry_below:
         return None
     own = [attempt.match for attempt in copy.attempts]
-    both = [own[int(np.argmax(ranks(own, settings=settings)))], mirror.best]
-    standing = share_among(both, copy.spectra, settings=settings)
+    both = [own[int(np.argmax(ranks(own)))], mirror.best]
+    standing = share_among(both, copy.spectra)
     if not standing.differ[0, 1]:
         return None
     energy, least = (float(match.certificate.energy) for match in both)

@@ -8,10 +8,11 @@ import numpy as np
 
 from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._attempt import SamplesPair, ShapeSamples, Work, begin
 from jfsf.matching._coarse import CoarseCopy, coarse_copy
 from jfsf.matching._confidence import confidence_of
+from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._settings import Settings
+from jfsf.matching._steps import SamplesPair, ShapeSamples, Work, begin
 from jfsf.matching._vertices import changed_vertex_confidence
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
 
@@ -90,7 +91,7 @@ class PairState:
             return True
         evidence = self.best.certificate
         # The landmark is wrong, or the map: another is made to see.
-        missed = np.any(np.asarray(evidence.landmarks) > settings.evidence.missed)
+        missed = np.any(np.asarray(evidence.landmarks) > MISSED)
         # Half of it where left and right cannot be told, of every map: no other start
         # would help. Not so with nan: there is nothing to compare.
         told = self.inputs.sign != 0 or self.inputs.landmarks is not None
@@ -162,7 +163,7 @@ class PairState:
             **{name: jnp.asarray(value, dtype) for name, value in known.items()}
         )
         told = bool(self.inputs.sign != 0)
-        likely = confidence_of(evidence, told, settings=settings.evidence)
+        likely = confidence_of(evidence, told)
         evidence = evidence._replace(confidence=likely)
         x, y = (
             side

@@ -107,11 +107,10 @@ def match_partial(
     if inputs.landmarks is not None:
         # Of the whole shapes: one may be outside of the region that was found.
         at_x, at_y = inputs.landmarks
-        pairs = settings.distance_pairs
-        away = landmark_distances(T_xy[at_x], at_y, spec_y, distance_pairs=pairs)
+        away = landmark_distances(T_xy[at_x], at_y, spec_y)
         certificate = certificate._replace(landmarks=away.astype(C_yx.dtype))
     if same_unit:  # it was fitted to no others: a small part fits anywhere
-        likely = region_confidence(certificate, settings=settings.evidence)
+        likely = region_confidence(certificate)
         certificate = certificate._replace(confidence=likely)
     match = Match(T_xy, T_yx, C_yx, certificate)
     return _with_region(match, meshes, member_x, member_y)

@@ -7,9 +7,24 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from jfsf.matching._confidence import COMPARED, rank
+from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._settings import Settings
 from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic, rms_distance
 from jfsf.types import Match, Spectrum
+
+# Two maps differ if their images are so far apart in the mean, the mean distance of two
+# random vertices being 1. With twice as much, two maps with one pair of legs exchanged
+# count as one.
+DISTINCT = 0.05
+# What a map that misses all landmarks loses of its rank among others of the pair: more
+# than most differences between them.
+MISSED_RANK = 10.0
+# Two maps are not versions of one if their images are so far apart in the mean, in that
+# unit. Right maps of faces are up to 0.1 apart on coarse copies.
+RIVAL = 0.2
+# Two maps are rivals if the logarithms of their odds differ by no more: two meshes of
+# one sphere differ by this much.
+TIE = 1.0
 
 
 class Ranking(NamedTuple):
@@ -30,8 +45,6 @@ class Ranking(NamedTuple):
 def share_among(
     matches: Sequence[Match],
     pair: tuple[Spectrum, Spectrum],
-    *,
-    settings: Settings = Settings(),
 ) -> Ranking:
     """Share of the odds of each match in those of all distinct ones.
 
@@ -39,21 +52,20 @@ def share_among(
 
     c = COMPARED["scale"] of confidence.json, over the matches j that differ from i, the
     best of each group of near copies. A map that misses landmarks ranks lower.
-    Two matches differ if they are more than `EvidenceSettings.distinct` apart
+    Two matches differ if they are more than DISTINCT apart
     (`map_distances`).
 
     Args:
         matches: of one pair; a rank of nan counts as impossible.
         pair: the spectra of X and Y.
-        settings: `evidence`, `distance_pairs`.
 
     Returns:
         Shares in [0, 1], 1 where nothing differs and nan where the rank is unknown;
         ranks; and which matches differ, and by how much.
     """
-    distance = map_distances(matches, pair, distance_pairs=settings.distance_pairs)
-    differ = distance > settings.evidence.distinct
-    rank_of = ranks(matches, settings=settings)
+    distance = map_distances(matches, pair)
+    differ = distance > DISTINCT
+    rank_of = ranks(matches)
     odds = COMPARED["scale"] * rank_of
     order, shares = np.argsort(-odds, kind="stable"), []
     for i, own in enumerate(odds):
@@ -67,18 +79,18 @@ def share_among(
     return Ranking(np.array(shares), rank_of, differ, distance)
 
 
-def ranks(matches: Sequence[Match], *, settings: Settings = Settings()) -> np.ndarray:
+def ranks(matches: Sequence[Match]) -> np.ndarray:
     """The rank of each match of one pair (`jfsf.matching._confidence.rank`), (m,).
 
     -inf where it is unknown. One that misses landmarks ranks lower, by
-    `EvidenceSettings.missed_rank` if it misses all.
+    MISSED_RANK if it misses all.
     """
     figures = [match.certificate.figures() for match in matches]
     # On the host: so few numbers are not worth a program.
     found = np.nan_to_num([float(rank(np, **own)) for own in figures], nan=-np.inf)
-    limit = settings.evidence.missed
+    limit = MISSED
     missed = np.array([_missed(match, limit) for match in matches])
-    return found - settings.evidence.missed_rank * missed
+    return found - MISSED_RANK * missed
 
 
 def rivals_among(
@@ -88,14 +100,14 @@ def rivals_among(
 
     Where a match is so likely right by its own evidence that no second attempt is made
     (`Settings.retry_below`), its rivals are the others that are so likely too, whose
-    images lie `EvidenceSettings.rival` away or more, and whose odds are no less than
-    its own over exp(`EvidenceSettings.tie`). Of near copies one counts. Maps in doubt
+    images lie RIVAL away or more, and whose odds are no less than
+    its own over exp(TIE). Of near copies one counts. Maps in doubt
     have no rivals: there `share_among` says more.
 
     Args:
         matches: of one pair.
         ranking: of these (`share_among`).
-        settings: `evidence`, `retry_below`.
+        settings: `retry_below` is read.
     """
     log_odds = [float(match.certificate.log_odds) for match in matches]
     likely = expit(np.nan_to_num(log_odds, nan=-np.inf)) >= settings.retry_below
@@ -104,9 +116,9 @@ def rivals_among(
     for i, own in enumerate(odds):
         chosen = [i]
         for j in order:
-            tie = odds[j] >= own - settings.evidence.tie
+            tie = odds[j] >= own - TIE
             known = likely[i] and likely[j] and tie
-            if known and ranking.distance[j, chosen].min() >= settings.evidence.rival:
+            if known and ranking.distance[j, chosen].min() >= RIVAL:
                 chosen.append(int(j))
         numbers.append(len(chosen) - 1)
     return np.array(numbers, float)

@@ -7,10 +7,10 @@ from time import perf_counter
 from typing import Any, cast
 
 from jfsf.initial import Start
-from jfsf.matching._attempt import FINISH, shape_samples, steps_of
 from jfsf.matching._bent_copies import bent_as_copies
 from jfsf.matching._pairs import PairState
 from jfsf.matching._settings import Settings
+from jfsf.matching._steps import FINISH, shape_samples, steps_of
 from jfsf.runtime._runners import Runner
 from jfsf.types import Match
 

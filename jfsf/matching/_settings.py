@@ -18,46 +18,6 @@ from jfsf.matching.parts import PartSettings
 from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import ArapSettings, ZoomOutSettings
 from jfsf.spectral import FeatureSettings, features
-from jfsf.spectral._sampling import DISTANCE_PAIRS
-
-
-@dataclass(frozen=True)
-class EvidenceSettings:
-    """What the evidence of a match is read from. Hashable, for static arguments.
-
-    functions: leading functions of a map whose energy and stretch are read at samples.
-    missed: a map misses a landmark whose image is farther than this from its partner,
-        the mean distance of two random vertices being 1. Exchanged hands are at 1 or
-        more, noise of a map at 0.1.
-    distinct: two maps differ if their images are so far apart in the mean, in the same
-        unit. With twice as much, two maps with one pair of legs exchanged count as one.
-    missed_weight: a map that misses all landmarks counts as so many doubtful ones more:
-        little against a map that is nearly certain, since a landmark may be wrong too.
-    missed_rank: what a map that misses all landmarks loses of its rank among others of
-        the pair (`jfsf.matching.rank`): more than most differences between them.
-    rival: two maps are not versions of one if their images are so far apart in the
-        mean, in that unit. Right maps of faces are up to 0.1 apart on coarse copies.
-    tie: two maps are rivals if the logarithms of their odds differ by no more: two
-        meshes of one sphere differ by this much.
-    near_energy: another candidate of the search may be a rival if its energy is no more
-        than this above that of the first. Then both are compared on coarse copies.
-    mirror_gap: the mirror image is tried on coarse copies if `Certificate.mirror_gap`
-        is below this.
-    rounding: share of the spacing of vertices that rounding to vertices leaves between
-        deformed shapes. Decimated to 300 to 5000 vertices, right maps of people leave
-        0.09 to 0.14 of it.
-    """
-
-    functions: int = 40
-    missed: float = 0.5
-    distinct: float = 0.05
-    missed_weight: float = 3.0
-    missed_rank: float = 10.0
-    rival: float = 0.2
-    tie: float = 1.0
-    near_energy: float = 0.015
-    mirror_gap: float = -0.1
-    rounding: float = 0.08
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -78,8 +38,8 @@ class Settings:
         (`jfsf.initial.nonisometric_starts`). What ranks highest is bent on the
         whole shapes, and kept if it is more confident. A map that is given is kept in
         any case, but ranked. 0 leaves it out.
-    coarse_vertices: of the coarse copies (`jfsf.matching`), on which all further starts
-        are tried, and which are bent first where shapes are large.
+    coarse_vertices: vertices of the coarse copies (`jfsf.matching`), on which all
+        further starts are tried, and which are bent first where shapes are large.
     copies_above: vertices of the larger shape, padding included, above which `match`
         bends coarse copies first, for `bend_rounds`. The whole shapes follow them, and
         are bent for `last_rounds`. It takes less time, and the mean errors are smaller
@@ -98,17 +58,17 @@ class Settings:
         the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
         size, where descriptors weigh most, correct the start. Finer schedules slide
         away from it further; coarser ones are as good if the bending follows.
-    refine: refines a functional map: a `jfsf.matching.Refine`. It reads `ks`, and the
-        two that follow.
-    refine_converter: the converter of its rounds.
-    zoomout: how they weigh columns.
-    deform: deforms both shapes: a `jfsf.matching.Deform`. It reads the four that
-    follow. bend_rounds: times that both shapes are deformed onto each other, see
-        `arap`; 0 leaves it out. Two point clouds without surfaces
-        (`jfsf.mesh.reconstruct`) are not bent. Beside a mesh, the points of such a
-        cloud move freely.
+    refine: refines a functional map: a `jfsf.matching.Refine`. That of the package
+        reads `ks`, `refine_converter` and `zoomout`.
+    refine_converter: the converter of the rounds of the refinement.
+    zoomout: how ZoomOut weighs columns in the refinement.
+    deform: deforms both shapes: a `jfsf.matching.Deform`. That of the package reads
+        `bend_rounds`, `last_rounds`, `bend_converter` and `bend`.
+    bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
+        leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
+        not bent. Beside a mesh, the points of such a cloud move freely.
     last_rounds: times that whole shapes are deformed after their coarse copies.
-    bend_converter: the converter before and between these.
+    bend_converter: the converter before and between the deformations.
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
         figures; they are nan without one.
@@ -118,16 +78,14 @@ class Settings:
         (`experiments/bench/bench_large.py`).
     samples_above: vertices of a shape, padding included, above which the functional map
         is refined on samples.
-    samples: of these; a power of two.
+    samples: vertices at which the functional map of a large shape is refined; a power
+        of two.
     exhaustive_up_to: vertices of the larger shape, padding included, above which all
-        points are never compared with all.
+        points are never compared with all, and farthest points of a shape are chosen
+        among its `samples`.
     min_recall: recall among tiles below which the last conversion compares all points,
         up to `exhaustive_up_to` vertices. Rounds of the refinement and the bending do
         not check it: later ones correct what is missed.
-    farthest_up_to: vertices of a shape, padding included, above which its farthest
-        points are chosen among its `samples`, if it has any.
-    distance_pairs: eigenpairs of the biharmonic distance, for samples and certificate.
-    evidence: what the certificate is read from.
     parts: how the region is found that two shapes share, with `match(partial=True)`.
     """
 
@@ -156,9 +114,6 @@ class Settings:
     samples: int = 4096
     exhaustive_up_to: int = 20_480
     min_recall: float = 0.95
-    farthest_up_to: int = 20_480
-    distance_pairs: int = DISTANCE_PAIRS
-    evidence: EvidenceSettings = field(default_factory=EvidenceSettings)
     parts: PartSettings = field(default_factory=PartSettings)
 
     def __post_init__(self) -> None:
@@ -197,7 +152,7 @@ class Settings:
         converters = "converter", "refine_converter", "bend_converter"
         for name in (*converters, "describe", "refine", "deform"):
             if not callable(getattr(self, name)):
-                kind = "convert.Converter" if name in converters else "stages"
+                kind = "convert.Converter" if name in converters else "matching"
                 raise ValueError(
                     f"Settings: {name} is {getattr(self, name)!r}; give a function, "
                     f"see jfsf.{kind}"

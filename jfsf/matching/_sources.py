@@ -9,7 +9,6 @@ import numpy as np
 from jfsf.initial import Start
 from jfsf.initial._start import nonisometric_starts, search_starts
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._attempt import given_start
 from jfsf.matching._coarse import padded_copies
 from jfsf.matching._confidence import COMPARED, mirror_probability
 from jfsf.matching._disks import is_disk
@@ -25,7 +24,7 @@ from jfsf.matching._others import (
 )
 from jfsf.matching._pairs import Attempt, PairState
 from jfsf.matching._rigid import moved_by_map
-from jfsf.matching._rivals import rivals_among, share_among
+from jfsf.matching._rivals import TIE, rivals_among, share_among
 from jfsf.matching._run_stages import (
     attempt_starts,
     describe,
@@ -33,6 +32,7 @@ from jfsf.matching._run_stages import (
     seconds_of,
 )
 from jfsf.matching._settings import Settings
+from jfsf.matching._steps import given_start
 from jfsf.runtime._runners import Runner
 
 # Eigenfunctions of disks depend on where they were cut, so there a motion is better
@@ -231,7 +231,7 @@ def _compared(copy: PairState, settings: Settings) -> Comparison:
     matches = [attempt.match for attempt in copy.attempts]
     if len(matches) == 1:  # the mirror image only is compared with it
         return Comparison()
-    ranking = share_among(matches, copy.spectra, settings=settings)
+    ranking = share_among(matches, copy.spectra)
     rivals = rivals_among(matches, ranking, settings=settings)
     share, rank, differ, _ = ranking
     order = np.argsort(-rank, kind="stable")
@@ -242,7 +242,7 @@ def _compared(copy: PairState, settings: Settings) -> Comparison:
     so_far = Comparison((), float(share[same]), float(rivals[same]))
     # Two maps that cannot be told apart: the first stays, with both counted.
     ahead = COMPARED["scale"] * float(rank[best] - rank[0])
-    if rivals[same] > 0 and ahead <= settings.evidence.tie:
+    if rivals[same] > 0 and ahead <= TIE:
         return so_far
     number, chosen = settings.nonisometric_attempts - (not another), [0]
     for i in order:

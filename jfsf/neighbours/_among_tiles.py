@@ -12,6 +12,8 @@ the tree, so a jump of the map costs nothing and no error is carried over.
 A sample of the queries is compared with the exhaustive search. If too few of them have
 their nearest neighbour, as for embeddings that are not smooth on the tiles, all points
 are compared.
+
+The file is long because the search, its tree and its recall read the same tiles.
 """
 
 from functools import partial
@@ -36,19 +38,15 @@ from jfsf.neighbours._exhaustive import (
 from jfsf.neighbours._search import BEAM, FAN_OUT, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
-# The numbers below were tuned together (experiments/bench/bench_large.py).
-# Candidates for each of the k0 neighbours, at least.
-CANDIDATES_PER_NEIGHBOUR = 6
-# Queries that share their candidates, at most: as many tiles as fit, at least one.
-BLOCK_QUERIES = 64
-# One in so many queries of a block ranks the tiles.
-RANKING_STRIDE = 2
+# These were tuned together (experiments/bench/bench_large.py).
+CANDIDATES_PER_NEIGHBOUR = 6  # for each of the k0 neighbours, at least
+BLOCK_QUERIES = 64  # queries that share their candidates, at most: whole tiles
+RANKING_STRIDE = 2  # one in so many queries of a block ranks the tiles
 # Share of a tile's mean square radius that is subtracted from its squared distance,
 # because points of a wide tile may be nearer than its centre.
 SPREAD = 0.5
 # Tiles, or groups of tiles, that are all ranked, at most. More are grouped into a tree.
 ROOT_TILES = 64
-
 BLOCKS = 32  # blocks of queries at a time; this does not change results
 UNREACHABLE = 1e30  # a squared distance above all others, and finite
 
