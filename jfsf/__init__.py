@@ -6,6 +6,7 @@ New here? Begin with `jfsf/apps/guide/start.md`; `jfsf.apps.guide` lists all gui
 folders are its parts, in the order in which data goes through them. A file imports
 only from rooms above its own, and no other from `apps`:
 
+- `_moved`: names of before version 0.3.0, and what to use instead
 - `_figures`: what each figure of a certificate means
 - `types`: the records that travel between functions
 - `array`: precise products, top-k, both sides in one program

@@ -28,14 +28,23 @@ MODULES = {
 # Modules that left the package.
 GONE = {"baselines": "the paper's baselines are in experiments/paper/baselines"}
 # Names of modules that are still there: what to use instead of each.
-NAMES: dict[str, dict[str, str]] = {}
+NAMES: dict[str, dict[str, str]] = {
+    "convert": {
+        "unbalanced_sinkhorn": "jfsf.convert.sinkhorn with `reach`",
+        "Unbalanced": "jfsf.types.Filtered, its membership_x and membership_y",
+    },
+    "initial": {"best_start": "jfsf.initial.search_starts, the first of the two"},
+    "neighbours": {"mutual_neighbours": "jfsf.neighbours.neighbours, each way"},
+}
 
 
 def error_of(name: str) -> str | None:
-    """What is said of an old module `jfsf.name`, or None if it is not one."""
+    """What is said of an old module, by its name below jfsf; None if it is not one."""
     first, _, rest = name.partition(".")
     if first in GONE:
         return f"jfsf.{name} is gone: {GONE[first]} ({SINCE})"
+    if name == "EvidenceSettings":
+        return f"jfsf.{name} is gone: its numbers are constants ({SINCE})"
     if first in MODULES:
         return f"jfsf.{name} is now in jfsf.{MODULES[first]} ({SINCE})"
     return None

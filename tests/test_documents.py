@@ -101,18 +101,33 @@ def test_options_that_are_mentioned_exist(page):
             assert option in known or f'"{option}"' in scripts, f"{page}: {option}"
 
 
+def resolved(dotted):
+    """The module or what is in it."""
+    here, *path = dotted.split(".")
+    found = import_module(here)
+    for part in path:
+        if not hasattr(found, part):
+            import_module(f"{found.__name__}.{part}")
+        found = getattr(found, part)
+    return found
+
+
 @each_page
 def test_names_that_are_mentioned_exist(page):
     for span in spans(page.read_text()):
         for dotted in NAME.findall(span):
-            here, *path = dotted.split(".")
-            found = import_module(here)
-            for part in path:
-                found = getattr(found, part)
+            assert resolved(dotted) is not None, f"{page}: {dotted}"
         for dotted in FIELD.findall(span):
             owner, field = dotted.split(".")
             fields = getattr(jfsf, owner[0].upper() + owner[1:])
             assert field in fields.__annotations__, f"{page}: {dotted}"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=name)
+def test_names_in_the_code_are_public(path):
+    """`jfsf.room.name` in a docstring or a comment can be imported as it stands."""
+    for dotted in re.findall(r"`(jfsf(?:\.\w+)+)`", path.read_text()):
+        assert resolved(dotted) is not None, dotted
 
 
 @each_page

@@ -376,9 +376,11 @@ def test_a_collection_remembers_what_was_said(tmp_path, monkeypatch):
     numbers = Sketch(*[np.zeros(2)] * len(Sketch._fields))
     monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: mesh)
     monkeypatch.setattr(
-        "jfsf.apps.collections._collection.sketch", lambda spectrum: numbers
+        "jfsf.apps.collections._sketch.sketch", lambda spectrum: numbers
     )
-    monkeypatch.setattr("jfsf.apps.collections.check_surface", lambda mesh, name: None)
+    monkeypatch.setattr(
+        "jfsf.apps.collections._collection.check_surface", lambda mesh, name: None
+    )
     for largest, mend in ((True, False), (False, True)):
         keep(Job((path,), tmp_path / "a.npz"), largest, mend)
         own = kept(tmp_path / "a.npz")

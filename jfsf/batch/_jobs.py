@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class Job(NamedTuple):
     """Make `out` from `inputs`.
 
-    out: to be written atomically (`jfsf.storage.write_atomically`), because a file that
+    out: to be written atomically (`write_atomically`), because a file that
         exists counts as done.
     extras: further files that it is made from, which need no preparation.
     options: what else the work is told, hashable.

@@ -1,6 +1,6 @@
 """Conversion, refinement, search and matching of many pairs of shapes.
 
-Pairs of unequal sizes are padded to a few common ones (`jfsf.runtime.common_size`), so
+Pairs of unequal sizes are padded to a few common ones (`common_size`), so
 a hundred pairs of mixed sizes cost a handful of compilations. Results come back
 unpadded, in the order of the pairs: those of a loop over the pairs, up to ties.
 """

@@ -12,6 +12,9 @@ Read in this order:
 - `_precise`: to points on triangles, in place of vertices
 """
 
+from typing import TYPE_CHECKING
+
+from jfsf._moved import names_of
 from jfsf.convert._converter import Converter, HasMaps, maps_of
 from jfsf.convert._nearest import nearest
 from jfsf.convert._precise import (
@@ -37,3 +40,6 @@ __all__ = [
     "sinkhorn",
     "to_vertex",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = names_of(__name__)

@@ -18,6 +18,9 @@ Read in this order:
 - `_start`: candidates to the starts of attempts
 """
 
+from typing import TYPE_CHECKING
+
+from jfsf._moved import names_of
 from jfsf.initial._fit import fit
 from jfsf.initial._linear import Fit
 from jfsf.initial._proportions import nonisometric_candidates
@@ -46,3 +49,6 @@ __all__ = [
     "search",
     "search_starts",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = names_of(__name__)

@@ -232,7 +232,7 @@ def with_orientation(energy: Array, C_yx: Array, *, brackets, sign):
 
     Args:
         energy, C_yx: of each candidate.
-        brackets: `jfsf.spectral.brackets` of X and of Y.
+        brackets: `brackets` of X and of Y.
         sign: 1, -1, or 0 for any.
     """
     score = lambda C: orientation_score(C, *brackets)

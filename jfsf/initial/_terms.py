@@ -44,7 +44,7 @@ class ShapeTerms(NamedTuple):
     mean, variance: of each descriptor over the shape.
     coef: the centred descriptors in the eigenbasis.
     times: multiplication by each centred descriptor, in the eigenbasis.
-    brackets: oriented products of eigenfunctions, see `jfsf.spectral.brackets`.
+    brackets: oriented products of eigenfunctions, see `brackets`.
     """
 
     evals: Float[Array, " k"]
@@ -150,7 +150,7 @@ def combine(
 
     |A, B|^2 = (|A|^2 + |B|^2) / 2, w the sizes of the four weights, s the sign of the
     fourth. F_e and G_e multiply by descriptor e, P_e and Q_e are f -> {A_e, f}
-    (`jfsf.spectral.brackets`), all in the eigenbases. M is the resolvent mask (Ren et
+    (`brackets`), all in the eigenbases. M is the resolvent mask (Ren et
     al., SGP 2019), with x = (eigenvalue / the largest)^gamma of either shape:
 
         M_ij = |1 / (x_i - sqrt(-1)) - 1 / (y_j - sqrt(-1))|^2.

@@ -100,7 +100,7 @@ def carried(
     """Positions of a whole shape, each moved as the near vertices of its copy.
 
     Each vertex of the copy moves rigidly, by the rotation that fits the edges around it
-    best; those of the whole follow (`jfsf.refine.follow`).
+    best; those of the whole follow (`follow`).
 
     Args:
         moved: positions of the copy; rows of padding at the end are not read. Near

@@ -22,7 +22,7 @@ class Attempt(NamedTuple):
 
     source: of its start, one of `jfsf.types.SOURCES`.
     start: the map it began with.
-    match: as `jfsf.matching.finish` returns it.
+    match: as `finish` returns it.
     """
 
     source: str
@@ -40,8 +40,8 @@ class PairState:
     landmark_samples: made with them; the same where there are none.
     attempts: in their order.
     shares: for each of them, how it stands among the maps of the coarse copies
-        (`jfsf.matching.share_among`); nan if it was not compared with these.
-    rivals: likewise how many of these are as likely (`jfsf.matching.rivals_among`).
+        (`share_among`); nan if it was not compared with these.
+    rivals: likewise how many of these are as likely (`rivals_among`).
     mirrored: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.

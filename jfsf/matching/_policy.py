@@ -91,7 +91,7 @@ def compile_first_attempt(
 
     Args:
         pair: of shapes and types in place of arrays.
-        runner: `jfsf.runtime.CompileOnly`.
+        runner: `CompileOnly`.
         settings: of all stages.
     """
     describe([pair], runner, settings)
@@ -104,7 +104,7 @@ def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> No
 
     Args:
         copy: of shapes and types in place of the arrays of two coarse copies.
-        runner: `jfsf.runtime.CompileOnly`.
+        runner: `CompileOnly`.
         settings: of all stages.
     """
     describe([copy], runner, settings)

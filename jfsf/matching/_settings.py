@@ -35,7 +35,7 @@ class Settings:
     search: the search for the initial map.
     retry_below: where the map is less confident by its own evidence
         (`Certificate.confidence`), other starts are tried on coarse copies
-        (`jfsf.initial.nonisometric_starts`). What ranks highest is bent on the
+        (`nonisometric_starts`). What ranks highest is bent on the
         whole shapes, and kept if it is more confident. A map that is given is kept in
         any case, but ranked. 0 leaves it out.
     coarse_vertices: vertices of the coarse copies (`jfsf.matching`), on which all

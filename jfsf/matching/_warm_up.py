@@ -23,12 +23,12 @@ def warm_up(
 
     Then the first `match` of such a pair on this machine compiles nothing: for the
     image of a container, or before a batch. Programs are kept by what they depend on
-    (`jfsf.runtime.compile_ahead`), so they serve `match` with the same settings, in
+    (`compile_ahead`), so they serve `match` with the same settings, in
     jax's same precision, on the same kind of processor.
 
     Args:
         vertices: of the meshes. Shapes are padded, so each number stands for a range:
-            5000 for 2561 to 5120 (`jfsf.runtime.common_size`). A mesh has at most twice
+            5000 for 2561 to 5120 (`common_size`). A mesh has at most twice
             as many faces. A pair takes the size of its larger shape. Shapes of fewer
             than 4 `Settings.k` vertices have fewer eigenpairs, and most numbers of
             vertices programs of their own.

@@ -85,7 +85,7 @@ def mutual_neighbours(
     The nearest is found, as exactly as `jfsf.neighbours` tells points apart. Of the
     others, on average one in 2 `bins` or fewer is replaced by a farther one. In a set
     of fewer than 2 `bins` k0 points, padding included, none is; nor is any when k0 is
-    above 32 (`jfsf.array.TOP_K_LIMIT`), because each direction is then searched on its
+    above 32 (`TOP_K_LIMIT`), because each direction is then searched on its
     own. Memory is O(n k0): `bins` to 2 `bins` numbers for each neighbour.
 
     Args:

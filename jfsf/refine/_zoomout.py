@@ -94,8 +94,8 @@ def zoomout(
         spec_x, spec_y: spectra with ks[-1] eigenpairs or more; mass 0 is padding.
         C_yx: the start; its leading ks[0] x ks[0] block is used.
         extra_x, extra_y: columns to append to both embeddings, such as descriptors
-            (`jfsf.spectral.standardise`). At small k they add what the basis lacks.
-        field_x, field_y: `jfsf.spectral.bracket_fields`, to append columns that tell
+            (`standardise`). At small k they add what the basis lacks.
+        field_x, field_y: `bracket_fields`, to append columns that tell
             front from back under the map so far. Negate one of them to ask for a map
             that mirrors.
         ks: sizes of the basis, increasing; equal ones iterate in place.

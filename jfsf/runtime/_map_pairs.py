@@ -52,7 +52,7 @@ def map_pairs(
         batch_size: inputs vmapped at a time on a device. When absent, the whole shard
             on an accelerator, and one on a CPU, where several compete for the cache.
         fast_compile: compile in less time a program that may run a little longer
-            (`jfsf.runtime.large_jit`).
+            (`large_jit`).
         called: what an input is called, with its number, before the message of an
             error; None leaves the message as it is.
         options: of `function`, hashable; they are static.

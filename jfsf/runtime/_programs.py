@@ -5,7 +5,7 @@ vertices in 1.2 s, against 15 s from `jax.export`'s StableHLO, which XLA compile
 and 20 s by tracing and compiling (`experiments/bench/bench_programs.py`, two cores).
 Exports with jax's own cache of compiled programs take 1.4 s, but that is set for the
 whole process. It holds machine code too, so a hostile file is no safer there;
-`jfsf.storage.read_private` refuses files that another user can have written.
+`read_private` refuses files that another user can have written.
 """
 
 import threading
@@ -74,7 +74,7 @@ def compile_ahead(
 
     So a program can be compiled while its arguments are still being computed.
 
-    A compiled program is kept in `jfsf.storage.programs_folder`: a new process neither
+    A compiled program is kept in `programs_folder`: a new process neither
     traces nor compiles it, and of several processes that ask for it at a time one
     compiles. It is found again by all that it depends on: the code of this package, the
     versions of jax, its settings, the machine's processor, the options and the shapes

@@ -53,7 +53,7 @@ class Features(NamedTuple):
     columns: what refinement appends to the eigenfunctions: standardised descriptors and
         weighted curvature. 0 for a self map, since a shape resembles itself most under
         the identity.
-    brackets: `jfsf.spectral.brackets`; they do not know how many vertices there are.
+    brackets: `brackets`; they do not know how many vertices there are.
     """
 
     spec: Spectrum

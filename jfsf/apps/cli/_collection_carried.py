@@ -14,7 +14,7 @@ class Carried(NamedTuple):
 
     what: "labels" or "values"; the folder of the results has that name.
     suffix: of the file, and of the results.
-    column: what it has for each vertex or face (`jfsf.apps.transfer.Column`).
+    column: what it has for each vertex or face (`Column`).
     """
 
     what: str

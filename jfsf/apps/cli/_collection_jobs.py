@@ -17,7 +17,7 @@ class Kept(NamedTuple):
 
     mesh: what is left of the file.
     at: the vertex in the file of each vertex.
-    sketch: of `jfsf.apps.collections.sketch`.
+    sketch: of `sketch`.
     said: of the `Shape`.
     """
 

@@ -94,7 +94,7 @@ def write_match(
         path: `.npz`.
         match: one match, not a batch.
         index_x, index_y: the original vertex of each vertex of X and of Y, if these are
-            parts of larger meshes; see `jfsf.mesh.Submesh`. Written under these names,
+            parts of larger meshes; see `Submesh`. Written under these names,
             or left out if None.
         notes: sentences on how it was made, such as what was left out of a mesh; for
             `read_notes`.

@@ -17,7 +17,7 @@ MIN_ALIKE = 0.5  # least cosine of the angle between the normals
 class Scan(NamedTuple):
     """A surface, and what finds its nearest points by position and normal.
 
-    surface: see `jfsf.mesh.surface_tree`.
+    surface: see `surface_tree`.
     normal: (n, 3) unit normals of its vertices.
     piece_normal: (p, 3) unit normals of its pieces.
     tree: of centres and weighted normals of these.

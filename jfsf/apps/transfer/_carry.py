@@ -152,7 +152,7 @@ def landmarks(overlay: Overlay, landmarks_y: Landmarks) -> Landmarks:
         axes. `said` names those where Y has a surface and X has none.
 
     Raises:
-        ValueError: as `jfsf.apps.landmarks.on_surface`; or a landmark on a piece of Y
+        ValueError: as `on_surface`; or a landmark on a piece of Y
             that was not matched, so that it has no place (`extended`).
     """
     at = on_surface(landmarks_y, overlay.mesh_y)

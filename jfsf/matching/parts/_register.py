@@ -31,7 +31,7 @@ TINY = 1e-9  # of the pull: without any, what nothing draws could be anywhere
 class Whole(NamedTuple):
     """A coarse shape at rest, in the unit of its sqrt(area).
 
-    rest: see `jfsf.refine.Rest`.
+    rest: see `Rest`.
     outward: (n, 3), tangents out of the surface on its boundary; else 0.
     """
 
