@@ -31,7 +31,8 @@ check("site-packages" in str(jfsf.__file__), f"import jfsf, from {jfsf.__file__}
 check(jfsf.__version__ == version("jfsf"), f"version {jfsf.__version__}")
 print(f"     Python {sys.version.split()[0]}, jax {version('jax')}")
 check(find_spec("matplotlib") is None, "no matplotlib here")
-kept = ("py.typed", "data/man_walk.npz", "guide/start.md", "report/page/three.min.js")
+pages = "apps/guide/start.md", "apps/report/page/three.min.js"
+kept = ("py.typed", "data/man_walk.npz", *pages)
 missing = [name for name in kept if not (files("jfsf") / name).is_file()]
 check(not missing, f"the wheel holds {', '.join(kept)} {missing or ''}")
 
