@@ -3,6 +3,7 @@
 import warnings
 from dataclasses import fields, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -248,8 +249,9 @@ def test_units_do_not_matter_if_both_have_them(found):
 def test_two_closed_shapes_share_all(found, monkeypatch):
     n = len(WHOLE.vertices)
     whole = found._replace(T_xy=found.T_yx, matched_x=None, matched_y=None)
-    for module in (_match, _partial):
-        monkeypatch.setattr(module, "match_shapes", lambda *args, **options: whole)
+    attempted = SimpleNamespace(result=lambda settings: whole)
+    monkeypatch.setattr(_match, "attempted", lambda *args: attempted)
+    monkeypatch.setattr(_partial, "match_shapes", lambda *args: whole)
     same, closed = jfsf.match(WHOLE, WHOLE), partial_match(WHOLE, WHOLE)
     assert same.matched_x is None and same.matched_y is None
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)
