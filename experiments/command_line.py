@@ -10,14 +10,14 @@ RESULTS = Path(__file__).parent / "results"
 
 
 def parser(
-    about: str | None, *, out: str | None = None, data: bool | str = False
+    about: str | None, *, out: str | Path | None = None, data: bool | str = False
 ) -> argparse.ArgumentParser:
     """A parser with the options that all scripts have.
 
     Args:
         about: the docstring of the script, shown as it stands.
-        out: file in `results/` that is written where `--out` is not given. Without it
-            the script says what it does then.
+        out: file that is written where `--out` is not given: the name of one in
+            `results/`, or a path. Without it the script says what it does then.
         data: with `--data`, the folder that holds the sets of
             `experiments.accuracy.protocol`, which is JFSF_DATA where it is not given;
             "optional" for a script that can do without.
@@ -25,7 +25,7 @@ def parser(
     made = argparse.ArgumentParser(
         description=about, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    file = None if out is None else RESULTS / out
+    file = RESULTS / out if isinstance(out, str) else out
     made.add_argument("--out", type=Path, default=file, help="the file to write")
     made.add_argument(
         "--device",

@@ -28,8 +28,8 @@ def main() -> None:
 def _end(*_: object) -> None:
     """Remove files that are being written, show the cursor, and end the process."""
     try:
-        if "jfsf.storage" in sys.modules:
-            sys.modules["jfsf.storage"].remove_unfinished()
+        if "jfsf.storage._atomic" in sys.modules:
+            sys.modules["jfsf.storage._atomic"].remove_unfinished()
         if os.isatty(2):
             os.write(2, b"\x1b[?25h\n")  # a status line hides it
     finally:

@@ -311,9 +311,11 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     for text in ("1 2 3\n", "1\n", "a b\n", "", "1 2\n3\n", "1 -2\n", "1_0 2\n"):
         pairs.write_text(text)
         assert "a vertex of X and one of Y" in refused(*args)
-    for data in (b"\xff\xfe\n", "\u0663 1\n".encode(), b"1 " + b"9" * 30):
+    for data in ("\u0663 1\n".encode(), b"1 " + b"9" * 30):
         pairs.write_bytes(data)
         assert "a vertex of X and one of Y" in refused(*args)
+    pairs.write_bytes(b"\xff\xfe\n")
+    assert "is not UTF-8" in refused(*args)
 
 
 @pytest.fixture
@@ -454,7 +456,11 @@ def test_what_cannot_be_written_is_said_before_the_work(
     def never(*_, **__):
         raise AssertionError("the work was done")
 
-    for work in ("matching.match", "cli._demo.measure", "cli._evaluate.figures_of"):
+    for work in (
+        "matching.match",
+        "apps.cli._demo.measure",
+        "apps.cli._evaluate.figures_of",
+    ):
         monkeypatch.setattr(f"jfsf.{work}", never)
     monkeypatch.setattr("jfsf.batch.connect", never)
     (pairs := folder / "one.csv").write_text(f"{x.name},{y.name}\n")
@@ -701,10 +707,10 @@ def test_an_interrupt_is_heeded_at_any_time(tmp_path, x, y, seconds):
 def test_an_interrupt_leaves_no_part_of_a_file(tmp_path):
     code = (
         "import signal, sys\n"
-        "from jfsf import __main__, storage\n"
+        "from jfsf import __main__\nfrom jfsf.storage import _atomic\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "end = lambda file: signal.raise_signal(signal.SIGINT)\n"
-        "write = lambda: storage.write_atomically(sys.argv[1], end)\n"
+        "write = lambda: _atomic.write_atomically(sys.argv[1], end)\n"
         "sys.modules['jfsf.apps.cli'] = type(sys)('cli')\n"
         "sys.modules['jfsf.apps.cli'].main = write\n"
         "__main__.main()\n"

@@ -336,7 +336,7 @@ def test_large_shapes_have_their_features_one_by_one(monkeypatch, large, at_a_ti
         running.pop()
         return side
 
-    monkeypatch.setattr(_runners, "_program", lambda *_, **__: program)
+    monkeypatch.setattr(_runners, "compile_ahead", lambda *_, **__: program)
     monkeypatch.setattr(_runners, "LARGE_BYTES", large)
     inputs = [(np.zeros(25, "f4"),), (np.ones(25, "f4"),)]
     sides = OneByOne().map("features", partial(program), inputs, at_a_time=2)

@@ -3,7 +3,6 @@
 import warnings
 from dataclasses import fields, replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +14,7 @@ from jfsf.apps.cli import _app
 from jfsf.apps.mapfiles import MapFileError, read_match, write_match
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
-from jfsf.matching import _match, _partial, region_confidence
+from jfsf.matching import _partial, region_confidence
 from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching.parts import (
     PartSettings,
@@ -249,11 +248,8 @@ def test_units_do_not_matter_if_both_have_them(found):
 def test_two_closed_shapes_share_all(found, monkeypatch):
     n = len(WHOLE.vertices)
     whole = found._replace(T_xy=found.T_yx, matched_x=None, matched_y=None)
-    attempted = SimpleNamespace(result=lambda settings: whole)
-    monkeypatch.setattr(_match, "attempted", lambda *args: attempted)
-    monkeypatch.setattr(_partial, "match_shapes", lambda *args: whole)
-    same, closed = jfsf.match(WHOLE, WHOLE), partial_match(WHOLE, WHOLE)
-    assert same.matched_x is None and same.matched_y is None
+    monkeypatch.setattr(_partial, "match_shapes", lambda *args, **options: whole)
+    closed, same = partial_match(WHOLE, WHOLE), whole
     np.testing.assert_array_equal(closed.T_xy, same.T_xy)
     np.testing.assert_array_equal(closed.matched_x, np.ones(n, bool))
     np.testing.assert_array_equal(closed.matched_y, np.ones(n, bool))

@@ -77,7 +77,7 @@ def collected() -> list:
     names = data.names()[:MEMBERS]
     meshes = [data.load(name).mesh for name in names]
     found = jfsf.collection(meshes, names=names)
-    maps = [side for m in found.members for side in (m.maps.T_xy, m.maps.T_yx)]
+    maps = [side for m in found.members if m for side in (m.maps.T_xy, m.maps.T_yx)]
     return [*maps, found.registered]
 
 

@@ -42,13 +42,14 @@ WAYS = "kept", "exported", "exported, xla cached", "compiled"
 def record(folder: Path) -> None:
     """Match, and write down each program that was asked for; fill the cache of jfsf."""
     asked = []
-    compiled = _programs._compiled
 
-    def recorded(function, tree, shapes, *rest):
-        asked.append((function, tree.unflatten(shapes)))
-        return compiled(function, tree, shapes, *rest)
+    class Recorded(_programs._Flat):
+        def __call__(self, *leaves):
+            shapes = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in leaves]
+            asked.append((self._function, self._tree.unflatten(shapes)))
+            return super().__call__(*leaves)
 
-    _programs._compiled = recorded
+    _programs._Flat = Recorded
     jfsf.match(*(data.load(name).mesh for name in PAIR))
     with (folder / "asked.pickle").open("wb") as file:
         _Pickler(file).dump(asked)

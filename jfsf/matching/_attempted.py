@@ -74,8 +74,8 @@ def attempted(
         ]
         if not all(program.ready() for program in programs):
             host.say("compiling, once for shapes of about this size")
-    sizes_of_both = [len(surface.vertices) for surface in (surfaces[0], surfaces[-1])]
-    pair = PairState((specs[0], specs[-1]), given, unpadded=tuple(sizes_of_both))
+    unpadded = len(surfaces[0].vertices), len(surfaces[-1].vertices)
+    pair = PairState((specs[0], specs[-1]), given, unpadded=unpadded)
     pair.seconds["spectra"] = perf_counter() - started
 
     runner = OneByOne(host.keep_programs, host.progress)

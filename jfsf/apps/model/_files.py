@@ -47,7 +47,7 @@ def read_model(path: str | os.PathLike[str]) -> ShapeModel:
         with zipfile.ZipFile(path) as file:
             if str(read_npz_array(file, "kind")) != KIND:
                 raise ValueError("it is of a kind that this version does not know")
-            fields = [read_npz_array(file, name) for name in ShapeModel._fields]
+            fields: Any = [read_npz_array(file, name) for name in ShapeModel._fields]
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}; check the path") from None
     except Exception as error:  # numpy and zipfile raise nearly any

@@ -11,7 +11,7 @@ which sum to 1: a mean over the surface.
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -185,7 +185,7 @@ def _of_samples(model, shapes, key, counts, *, samples):
     return jax.lax.map(of_sample, scores), _length(aligned, model.faces)
 
 
-def _first(scores, number):
+def _first(scores, number) -> Any:
     """Scores with all but the first few 0; how many is traced."""
     return jnp.where(jnp.arange(len(scores)) < number, scores, 0)
 
