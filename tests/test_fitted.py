@@ -10,7 +10,8 @@ import pytest
 from jfsf.apps.collections import CollectionSettings
 from jfsf.apps.collections._agree import WITHIN
 from jfsf.apps.collections._cycles import AGREE
-from jfsf.matching.parts import PartSettings, RegisterWeights
+from jfsf.matching.parts import PartSettings
+from jfsf.matching.parts._starts import WEIGHTS
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 
@@ -23,7 +24,7 @@ def load(name: str):
 
 def test_the_weights_of_parts_are_the_scripts():
     script, found = load("fit_parts")
-    assert found["fitted"] == RegisterWeights()._asdict()
+    assert found["fitted"] == WEIGHTS._asdict()
     # An optimiser on another machine may end a little beside.
     assert script.fit(found["rows"]) == pytest.approx(found["fitted"], abs=0.02)
     # More maps find at most one more right one of all pairs, for a second each.

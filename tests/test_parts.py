@@ -16,40 +16,51 @@ from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
 from jfsf.matching import _partial, region_confidence
 from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching.parts import PartSettings, RegisterWeights, _starts, cut, likely_part
-from jfsf.matching.parts import _match as parts_match
-from jfsf.matching.parts._ball_descriptors import (
-    ball_descriptors,
-    descriptor_unlikeness,
-    unlikeness,
+from jfsf.matching.parts import (
+    PartSettings,
+    _region,
+    _register,
+    _starts,
+    cut,
+    likely_part,
 )
+from jfsf.matching.parts import _match as parts_match
 from jfsf.matching.parts._beam import Assigned, anchors_of, assign
-from jfsf.matching.parts._hint import longest_loop
 from jfsf.matching.parts._match import Parts, match_parts
-from jfsf.matching.parts._membership import from_rim, membership
 from jfsf.matching.parts._region import (
     covered_by,
     draw_onto,
+    membership,
     nearest,
-    outward,
-    scaled,
     target,
-    turned_round,
 )
 from jfsf.matching.parts._register import register, whole_at_rest
-from jfsf.matching.parts._shape import part_samples
+from jfsf.matching.parts._samples import (
+    ball_descriptors,
+    ball_difference,
+    descriptor_difference,
+    part_samples,
+)
 from jfsf.matching.parts._sides import both_sides
 from jfsf.matching.parts._starts import (
-    _cost,
+    WEIGHTS,
+    RankWeights,
+    cost_of,
     first_starts,
     scale_of,
     start_from,
     start_of,
     starts,
 )
+from jfsf.matching.parts._surfaces import (
+    from_rim,
+    inverse_map,
+    longest_loop,
+    outward,
+    scaled,
+)
 from jfsf.mesh import MeshError, decimate, surface_area, vertex_areas, vertex_normals
 from jfsf.mesh._geometry import boundary_edges
-from jfsf.refine import ArapSettings
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.
@@ -171,14 +182,16 @@ TO_PART = np.full(N, 3, np.int32)
 TO_PART[PART.index] = np.arange(len(PART.index))
 
 
-def test_a_given_map_is_the_only_start_and_landmarks_are_judged(found, monkeypatch):
+def test_a_given_map_is_the_only_start_and_landmarks_are_judged(
+    found, monkeypatch, quick
+):
     """The map between the regions is kept as it is: its refinement is tested above."""
     seen, steps = [], []
 
     def keep(shapes, inputs, settings, host):
         seen.append((inputs, settings.retry_below))
         _, part_y = shapes.values()
-        T_yx = turned_round(inputs.initial, part_y.surface)
+        T_yx = inverse_map(inputs.initial, part_y.surface)
         return found._replace(T_xy=inputs.initial, T_yx=T_yx)
 
     monkeypatch.setattr(_partial, "match_shapes", keep)
@@ -328,7 +341,7 @@ def test_a_scale_far_from_one_is_found_where_units_may_differ():
         anchors=10, beam=400, samples_of_part=60, samples_of_whole=150
     )
     sides = both_sides(small, WHOLE, same_unit=False, settings=settings)
-    found = assign(sides.x, sides.y, settings=sides.settings)
+    found = assign(sides.x, sides.y, same_unit=False, settings=sides.settings)
     assert abs(np.log(found.scale[0] * sides.factor / 2.2)) < 0.11
     assert (np.diff(found.cost) >= 0).all()
     # Each band of scales keeps its share.
@@ -339,7 +352,7 @@ def test_a_scale_far_from_one_is_found_where_units_may_differ():
     assert np.bincount(bands).max() <= more.assignments // 3
     start = start_of(sides, PART.index)
     narrow = start_of(sides._replace(same_unit=True), PART.index)
-    size = settings.register_weights.size * np.log(start.scale)
+    size = WEIGHTS.size * np.log(start.scale)
     assert start.rank == pytest.approx(narrow.rank + size, abs=0.2)
     tried = [start.scale for start in starts(sides)]
     assert len(tried) == len(found.scale) + more.alignments
@@ -399,7 +412,7 @@ def test_a_landmark_that_contradicts_the_others_has_no_partner():
     assert partners[:3] == list(wrong.y.landmarks[:3]) and partners[3] == -1
 
 
-def test_a_start_far_from_the_landmarks_misses_them(sides):
+def test_a_start_far_from_the_landmarks_misses_them(sides, quick):
     start = start_of(sides, PART.index)
     assert start.missed == 0
     assert start.scale == pytest.approx(1.2, rel=0.03)
@@ -419,8 +432,8 @@ def test_a_given_map_tells_the_scale_of_a_small_part_where_units_may_differ():
     assert found * sides.factor == pytest.approx(1 / 7, rel=0.1)
 
 
-def test_a_map_is_turned_round():
-    back = turned_round(np.asarray(PART.index), WHOLE)
+def test_a_map_is_inverse_map():
+    back = inverse_map(np.asarray(PART.index), WHOLE)
     np.testing.assert_array_equal(back[PART.index], np.arange(len(PART.index)))
     images = WHOLE.vertices[PART.index[back]]
     lost = np.setdiff1d(np.arange(N), PART.index)
@@ -440,26 +453,27 @@ def test_given_descriptors_are_compared_at_the_samples():
     at_y = sides.y.at[best.partner[0, there]]
     assert away(WHOLE.vertices[at_y], WHOLE.vertices[at_x]) / unit < 0.12
     some = values[:5]
-    unlike = descriptor_unlikeness(some, 1 + some)
+    unlike = descriptor_difference(some, 1 + some)
     by_hand = np.abs(some[:, None] - 1 - some) / (some.std(0) + (some.std(0) == 0))
     by_hand = np.mean((np.minimum(by_hand, 3) / 1.5) ** 2, 2)
     np.testing.assert_allclose(unlike, by_hand)
-    assert np.diag(descriptor_unlikeness(some, some)).max() == 0
+    assert np.diag(descriptor_difference(some, some)).max() == 0
 
 
 def test_a_radius_at_which_no_ball_is_read_is_left_out():
     """Without a warning of numpy, which a user would see."""
     rng = np.random.default_rng(0)
     balls_x, balls_y = rng.normal(size=(3, 4, 5)), rng.normal(size=(6, 4, 5))
-    less = unlikeness(balls_x[:, :3], balls_y[:, :3])
+    less = ball_difference(balls_x[:, :3], balls_y[:, :3])
     balls_y[:, 3] = np.nan
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        np.testing.assert_allclose(unlikeness(balls_x, balls_y), less)
+        np.testing.assert_allclose(ball_difference(balls_x, balls_y), less)
 
 
-def test_a_part_in_place_covers_its_region():
-    onto = target(PART.mesh, PartSettings(drawn_curvature_weights=(0.0, 0.0)))
+def test_a_part_in_place_covers_its_region(monkeypatch):
+    onto = target(PART.mesh)
+    monkeypatch.setattr(_region, "CURVATURE_WEIGHTS", (0.0, 0.0))
     drawn = draw_onto(WHOLE, onto, WHOLE.vertices, PART.index)
     np.testing.assert_allclose(drawn.moved, WHOLE.vertices, atol=0.02)
     assert drawn.matched_x.all()
@@ -474,13 +488,13 @@ def test_a_part_in_place_covers_its_region():
 
 
 def test_membership_falls_across_a_rim_and_away_from_the_surface():
-    settings, part = PartSettings(), in_unit(PART.mesh)
+    part = in_unit(PART.mesh)
     onto, inside = target(part), from_rim(part)
     assert (inside[np.unique(boundary_edges(part.faces))] == 0).all()
     at_rim = inside == 0
     own = membership(onto, part.vertices, onto.normal, inside)
     np.testing.assert_allclose(own[at_rim], 0.5)
-    assert own[inside > 5 * settings.rim_width].min() > 0.99
+    assert own[inside > 5 * _region.RIM_WIDTH].min() > 0.99
     whole = in_unit(WHOLE)
     normal = vertex_normals(*whole)
     found = membership(onto, whole.vertices, normal, inside)
@@ -493,7 +507,7 @@ def test_membership_falls_across_a_rim_and_away_from_the_surface():
     above = membership(onto, up, np.repeat(onto.normal[top : top + 1], 20, 0), inside)
     assert (np.diff(above) <= 0).all()
     reached = height[above > 0.5].max()
-    assert reached == pytest.approx(settings.cover_distance, abs=0.03)
+    assert reached == pytest.approx(_region.COVER_DISTANCE, abs=0.03)
     # A closed surface has no rim.
     assert np.isinf(from_rim(whole)).all()
     np.testing.assert_allclose(
@@ -604,7 +618,9 @@ def test_points_near_an_anchor_without_a_partner_are_unknown(monkeypatch):
     sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
     partner = np.full((1, QUICK.anchors), -1)
     partner[0, 0] = 0
-    kept = Assigned(partner, anchors_of(sides.x, QUICK), np.ones(1), np.zeros(1))
+    kept = Assigned(
+        partner, anchors_of(sides.x, QUICK.anchors), np.ones(1), np.zeros(1)
+    )
     monkeypatch.setattr(_starts, "assign", lambda *_, **__: kept)
     [(_, _, known)] = _starts._assigned(sides)
     apart = sides.x.distance[np.ix_(kept.which, sides.on_x)]
@@ -612,20 +628,24 @@ def test_points_near_an_anchor_without_a_partner_are_unknown(monkeypatch):
     assert known.any() and not known.all()
 
 
-# Quick: neither the region nor the maps need be right.
+# With the fixture `quick`: neither the region nor the maps need be right.
 QUICK = PartSettings(
     anchors=6,
     beam=60,
-    min_groups=12,
     samples_of_part=40,
     samples_of_whole=80,
     assignments=4,
     alignments=2,
-    first_updates=5,
-    reaches=(0.2, 0.1),
-    drawn_curvature_weights=(0.0,),
     refinements=1,
 )
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Few steps of the registrations, and one of the last drawing."""
+    monkeypatch.setattr(_starts, "REACHES", (0.2, 0.1))
+    monkeypatch.setattr(_register, "FIRST_UPDATES", 5)
+    monkeypatch.setattr(_region, "CURVATURE_WEIGHTS", (0.0,))
 
 
 @pytest.fixture(scope="module")
@@ -642,7 +662,7 @@ def matched_with(found):
     return matched
 
 
-def test_a_limb_that_the_whole_lacks_is_not_covered_by_its_other_limb():
+def test_a_limb_that_the_whole_lacks_is_not_covered_by_its_other_limb(monkeypatch):
     """One body without its left leg, and the same without its right leg."""
     body = decimate(data.load("man_t").mesh, 1500)
     across, height, _ = (body.vertices - body.vertices.mean(0)).T
@@ -658,12 +678,13 @@ def test_a_limb_that_the_whole_lacks_is_not_covered_by_its_other_limb():
     found = register(at_rest(whole), part, start)
     assert found.share == pytest.approx(mass[both].sum() / mass.sum(), abs=0.02)
     assert away(whole.vertices[found.T][both], part.vertices[both]) < 0.01
-    wide = PartSettings(covered_distance=0.25, covered_reach=1.0)
-    drawn = register(at_rest(whole), part, start, settings=wide)
+    monkeypatch.setattr(_register, "COVERED_DISTANCE", 0.25)
+    monkeypatch.setattr(_register, "COVERED_REACH", 1.0)
+    drawn = register(at_rest(whole), part, start)
     assert drawn.share > 0.95 and drawn.energy > 5 * found.energy
 
 
-def test_landmarks_in_both_parts_reach_the_refinement(found):
+def test_landmarks_in_both_parts_reach_the_refinement(found, quick):
     seen, said = [], []
 
     def refine(part_x, part_y, T_xy, landmarks):
@@ -701,7 +722,7 @@ def same_maps(parts, others) -> bool:
     return all(np.array_equal(a, b) for a, b in pairs) and parts.scale == others.scale
 
 
-def test_equal_settings_find_equal_regions(matched_with):
+def test_equal_settings_find_equal_regions(matched_with, quick):
     first, second = matched_with(QUICK), matched_with(replace(QUICK))
     assert same_maps(first, second)
     other = matched_with(QUICK, (WHOLE, turned(PART.mesh)))
@@ -712,18 +733,14 @@ def test_equal_settings_find_equal_regions(matched_with):
 
 @pytest.mark.parametrize(
     "changed",
-    [
-        {"samples_of_whole": 60},
-        {"scales": (1.2,)},
-        {"bend": ArapSettings(reach=0.3)},
-    ],
+    [{"samples_of_whole": 60}, {"scales": (1.2,)}],
 )
-def test_settings_change_what_is_found(changed, matched_with):
+def test_settings_change_what_is_found(changed, matched_with, quick):
     first, other = matched_with(QUICK), matched_with(replace(QUICK, **changed))
     assert not same_maps(first, other)
 
 
-def test_a_refined_map_that_is_not_sure_is_not_kept(found):
+def test_a_refined_map_that_is_not_sure_is_not_kept(found, quick):
     """Its evidence is, and decides between maps."""
     said = []
 
@@ -743,18 +760,16 @@ def test_a_refined_map_that_is_not_sure_is_not_kept(found):
     assert images(QUICK.sure) < len(PART.index) / 3
 
 
-def test_weights_change_the_choice():
+def test_weights_change_the_choice(quick):
     sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
     found = [start.registered for start in starts(sides)]
     assert len(found) == QUICK.assignments + QUICK.alignments
-    least = replace(QUICK, register_weights=RegisterWeights(0, 0, 1, 0))
-    nearest_fit = replace(QUICK, register_weights=RegisterWeights(1, 0, 0, 0))
     for one in found:
-        assert _cost(one, least) == pytest.approx(np.log(one.share))
-        assert _cost(one, nearest_fit) == pytest.approx(np.log(one.residual))
+        assert cost_of(one, RankWeights(0, 0, 1)) == pytest.approx(np.log(one.share))
+        assert cost_of(one, RankWeights(1, 0, 0)) == pytest.approx(np.log(one.residual))
 
 
-def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept():
+def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept(quick, monkeypatch):
     sides = both_sides(PART.mesh, WHOLE, settings=replace(QUICK, registered_again=2))
     said = []
     once = sorted(starts(sides, said.append), key=lambda start: start.rank)
@@ -771,27 +786,30 @@ def test_the_best_starts_are_drawn_once_more_and_the_better_is_kept():
     assert [start.rank for _, start in found] == pytest.approx(sorted(wanted))
     assert all(own is sides for own, _ in found)
     # A start is not left for one that misses more landmarks.
-    far = replace(QUICK, max_landmark_distance=1e-9)
-    known = both_sides(PART.mesh, WHOLE, landmarks=LANDMARKS, settings=far)
+    monkeypatch.setattr(_starts, "MAX_LANDMARK_DISTANCE", 1e-9)
+    known = both_sides(PART.mesh, WHOLE, landmarks=LANDMARKS, settings=QUICK)
     least = min(start.missed for start in starts(known))
     assert all(start.missed <= least for _, start in first_starts(known, 1))
 
 
-def test_all_starts_are_drawn_in_every_second_step_and_the_best_in_all(monkeypatch):
+def test_all_starts_are_drawn_in_every_second_step_and_the_best_in_all(
+    quick, monkeypatch
+):
     reaches = []
 
-    def noted(*args, settings, **kwargs):
-        reaches.append(settings.reaches)
-        return register(*args, settings=settings, **kwargs)
+    def noted(*args, **kwargs):
+        reaches.append(kwargs["reaches"])
+        return register(*args, **kwargs)
 
     monkeypatch.setattr(_starts, "register", noted)
-    steps = replace(QUICK, reaches=(0.3, 0.2, 0.1), registered_again=2)
+    monkeypatch.setattr(_starts, "REACHES", (0.3, 0.2, 0.1))
+    steps = replace(QUICK, registered_again=2)
     found = first_starts(both_sides(PART.mesh, WHOLE, settings=steps), 1)
     assert reaches == [(0.3, 0.1)] * len(found) + [(0.3, 0.2, 0.1)] * 2
 
 
 @pytest.mark.parametrize("way", [(0.6, -0.8, 0), (0, 1, 0), (0, -1, 0)])
-def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way):
+def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way, quick):
     sides = both_sides(PART.mesh, WHOLE, settings=QUICK)
     beside = PART.mesh.vertices + 0.25 * np.sqrt(AREA) * np.array(way)
     start = start_of(sides, KDTree(WHOLE.vertices).query(beside)[1], 1.0)
@@ -806,7 +824,7 @@ def test_a_start_that_is_off_comes_nearer_when_it_is_drawn_again(way):
     assert again.scale == pytest.approx(1 / start.registered.scale)
 
 
-def test_what_a_start_did_not_cover_does_not_draw_it_again():
+def test_what_a_start_did_not_cover_does_not_draw_it_again(quick):
     low, high = (np.quantile(HEIGHT, q) for q in (0.25, 0.75))
     x, y = cut(WHOLE, HEIGHT < high), cut(WHOLE, HEIGHT > low)
     sides = both_sides(x.mesh, y.mesh, settings=QUICK)
@@ -824,9 +842,10 @@ def test_what_a_start_did_not_cover_does_not_draw_it_again():
     assert again(covered).rank < again(np.ones(len(T), bool)).rank - 1
 
 
-def test_a_region_of_too_few_vertices_is_an_error(matched_with):
+def test_a_region_of_too_few_vertices_is_an_error(matched_with, quick, monkeypatch):
+    monkeypatch.setattr(parts_match, "MIN_VERTICES", 10_000)
     with pytest.raises(ValueError, match="no region of 10000 vertices"):
-        matched_with(replace(QUICK, min_vertices=10_000))
+        matched_with(QUICK)
 
 
 def test_every_number_is_read():
@@ -841,20 +860,10 @@ def test_every_number_is_read():
 @pytest.mark.parametrize(
     "wrong, message",
     [
-        ({"partners": 0}, "partners is 0; give 1 or more"),
-        ({"any_unit_factor": 0}, "any_unit_factor is 0; give more than 0"),
+        ({"refined": 0}, "refined is 0; give 1 or more"),
         ({"scales": ()}, r"scales is \(\); give one or more above 0"),
-        ({"ball_radii": (0.2, 0.1)}, r"ball_radii is \(0.2, 0.1\); let them increase"),
         ({"anchors": 2}, "anchors is 2, samples_of_part 80"),
         ({"samples_of_part": 12}, "anchors is 16, samples_of_part 12"),
-        ({"boundary_worth": 1.5}, "boundary_worth is 1.5; give 0 to 1"),
-        ({"beam": 11, "min_groups": 12}, "beam is 11, min_groups 12; follow no fewer"),
-        ({"reaches": (0.1, 0.0)}, r"reaches is \(0.1, 0.0\); give one or more above 0"),
-        (
-            {"drawn_curvature_weights": ()},
-            r"drawn_curvature_weights is \(\); give one or",
-        ),
-        ({"coarse_part": 3}, "coarse_whole is 1000, coarse_part 3; give 4 or more"),
     ],
 )
 def test_numbers_that_cannot_work_are_errors(wrong, message):

@@ -1,28 +1,31 @@
 """Rigid motions between a part and a whole: oracles, and motions that are known."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from jfsf import data
-from jfsf.matching.parts import PartSettings, cut
+from jfsf.matching.parts import _alignments as motions
+from jfsf.matching.parts import cut
 from jfsf.matching.parts._alignments import _rotations, aligned, alignments, correlation
 from jfsf.matching.parts._register import whole_at_rest
+from jfsf.matching.parts._settings import ANY_UNIT_BANDS
 from jfsf.mesh import decimate, surface_area, vertex_normals
 from jfsf.types import Mesh
 
-SETTINGS = PartSettings()
-# Fine enough that the right motion is found nearly. It need not be the first: front and
-# back of a standing body, turned round, are nearly alike.
-FINE = replace(
-    SETTINGS,
-    rotations=1000,
-    aligned_scales=(1.0,),
-    alignment_cell=0.08,
-    alignment_blur=0.05,
-)
+NUMBER = 8
+
+
+@pytest.fixture
+def fine(monkeypatch):
+    """Fine enough that the right motion is found nearly.
+
+    It need not be the first: front and back of a standing body, turned round, are
+    nearly alike.
+    """
+    for name, value in {"ROTATIONS": 1000, "SCALES": (1.0,), "CELL": 0.08}.items():
+        monkeypatch.setattr(motions, name, value)
+    monkeypatch.setattr(motions, "BLUR", 0.05)
 
 
 def unit(mesh: Mesh) -> Mesh:
@@ -74,11 +77,11 @@ def test_rotations_are_rotations_and_leave_no_gap():
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("scale", [1.0, 1 / 1.15])
-def test_a_part_that_was_moved_is_laid_where_it_was(seed, scale):
+def test_a_part_that_was_moved_is_laid_where_it_was(seed, scale, fine, monkeypatch):
+    monkeypatch.setattr(motions, "SCALES", (1 / scale,))
     part = moved(PART.mesh, scale, seed)
     found = alignments(
-        *(part, WHOLE, vertex_normals(*part), vertex_normals(*WHOLE)),
-        settings=replace(FINE, aligned_scales=(1 / scale,)),
+        part, WHOLE, vertex_normals(*part), vertex_normals(*WHOLE), NUMBER
     )
     there = WHOLE.vertices[PART.index]
     away = [
@@ -91,18 +94,18 @@ def test_a_part_that_was_moved_is_laid_where_it_was(seed, scale):
     assert overlap == sorted(overlap, reverse=True)
 
 
-def test_maps_of_motions_are_those_of_nearest_vertices_that_face_the_same_way():
+def test_maps_of_motions_are_those_of_nearest_vertices_that_face_the_same_way(fine):
     part = moved(PART.mesh, seed=4)
-    maps = aligned(part, whole_at_rest(WHOLE, 0 * WHOLE.vertices), settings=FINE)
+    maps = aligned(part, whole_at_rest(WHOLE, 0 * WHOLE.vertices), NUMBER)
     assert {scale for _, scale in maps} == {1.0}
     assert least_error(maps) < 0.15
 
 
-def test_a_mirrored_part_is_laid_on_the_mirror_image():
+def test_a_mirrored_part_is_laid_on_the_mirror_image(fine):
     flip = np.array([1, 1, -1])
     part = moved(Mesh(PART.mesh.vertices * flip, PART.mesh.faces[:, ::-1]), seed=1)
     mirrored, plain = (
-        aligned(part, whole_at_rest(WHOLE, 0 * WHOLE.vertices, sign), settings=FINE)
+        aligned(part, whole_at_rest(WHOLE, 0 * WHOLE.vertices, sign), NUMBER)
         for sign in (-1, 1)
     )
     assert least_error(mirrored) < 0.15
@@ -110,9 +113,8 @@ def test_a_mirrored_part_is_laid_on_the_mirror_image():
 
 
 def test_none_are_made_where_none_are_asked_for():
-    settings = replace(SETTINGS, alignments=0)
     whole = whole_at_rest(WHOLE, 0 * WHOLE.vertices)
-    assert aligned(PART.mesh, whole, settings=settings) == []
+    assert aligned(PART.mesh, whole, 0) == []
 
 
 def least_error(maps) -> float:
@@ -125,27 +127,19 @@ def least_error(maps) -> float:
 
 def test_each_band_of_scales_keeps_its_share_and_no_two_lay_the_part_alike():
     part = moved(PART.mesh, 0.5)
-    settings = replace(
-        SETTINGS,
-        aligned_scales=SETTINGS.any_aligned_scales,
-        scale_bands=SETTINGS.any_scale_bands,
-    )
-    found = alignments(
-        part, WHOLE, vertex_normals(*part), vertex_normals(*WHOLE), settings=settings
-    )
+    both = part, WHOLE, vertex_normals(*part), vertex_normals(*WHOLE)
+    found = alignments(*both, NUMBER, same_unit=False)
     logs = np.log([one.scale for one in found])
-    num = settings.scale_bands
-    ends = np.quantile(np.log(settings.aligned_scales), np.arange(1, num) / num)
+    num = ANY_UNIT_BANDS
+    ends = np.quantile(np.log(motions.ANY_SCALES), np.arange(1, num) / num)
     bands = np.digitize(logs, ends)
     assert set(bands) == set(range(num))
-    assert np.bincount(bands).max() == -(-settings.alignments // num)
+    assert np.bincount(bands).max() == -(-NUMBER // num)
     # Few are rounded up, or no band would have any.
-    few = replace(settings, alignments=2)
-    normals = vertex_normals(*part), vertex_normals(*WHOLE)
-    assert len(alignments(part, WHOLE, *normals, settings=few)) == num
+    assert len(alignments(*both, 2, same_unit=False)) == num
     images = [one.apply(part.vertices) for one in found]
     for i, one in enumerate(images):
         for j, other in enumerate(images[:i]):
             if bands[i] == bands[j]:
                 apart = np.linalg.norm(one - other, axis=1).mean()
-                assert apart > 0.8 * settings.min_alignment_distance
+                assert apart > 0.8 * motions.MIN_DISTANCE

@@ -9,16 +9,14 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from jfsf import testing
-from jfsf.matching.parts import PartSettings, cut
+from jfsf.matching.parts import PartSettings, _samples, cut
 from jfsf.matching.parts import _beam as beam
-from jfsf.matching.parts._shape import along_cut, part_samples
+from jfsf.matching.parts._samples import along_cut, part_samples
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
 WHOLE = testing.blob(3, subdivisions=3)
 UNIT = np.sqrt(surface_area(WHOLE))
-# Many paths run along the cut.
-SETTINGS = PartSettings(along_cut_factor=1.3, along_cut_slack=0.1)
 
 
 def samples(mesh: Mesh, num: int):
@@ -44,16 +42,16 @@ def plain_cost(pair, m: int, partner, scale: float, sign: int, to: int) -> float
             continue
         far_x = scale * x.between[which[m], which[j]]
         off = far_x - y.between[own, to]
-        off /= SETTINGS.distance_slack + SETTINGS.distance_share * far_x
-        y_touches = along_cut(y.around[own, to], y.between[own, to], SETTINGS)
+        off /= beam.DISTANCE_SLACK + beam.DISTANCE_SHARE * far_x
+        y_touches = along_cut(y.around[own, to], y.between[own, to])
         if (pair.touches[m, j] and off > 0) or (y_touches and off < 0):
-            off *= SETTINGS.shorter_weight
+            off *= beam.SHORTER_WEIGHT
         part = 2 * off**2 / (1 + off**2)
         if before is not None and partner[before] >= 0:
             last = partner[before]
             turned = seen_differently(m, before, j, to, last, own)
             turned += seen_differently(j, before, m, own, last, to)
-            part += SETTINGS.direction_weight * turned / 2
+            part += beam.DIRECTION_WEIGHT * turned / 2
         parts.append(part)
         before = j
     return float(np.mean(parts)) if parts else 0.0
@@ -61,11 +59,14 @@ def plain_cost(pair, m: int, partner, scale: float, sign: int, to: int) -> float
 
 @pytest.mark.parametrize("states", [1, beam.STATES_AT_A_TIME + 3])
 @pytest.mark.parametrize("kept", [1.0, 0.8])
-def test_the_cost_is_the_mean_of_distances_and_directions(states, kept):
+def test_the_cost_is_the_mean_of_distances_and_directions(states, kept, monkeypatch):
+    # Many paths run along the cut.
+    monkeypatch.setattr(_samples, "ALONG_CUT_FACTOR", 1.3)
+    monkeypatch.setattr(_samples, "ALONG_CUT_SLACK", 0.1)
     height, across = WHOLE.vertices[:, 2], WHOLE.vertices[:, 0]
     x = samples(cut(WHOLE, height < np.quantile(height, 0.7)).mesh, 40)
     y = samples(cut(WHOLE, across <= np.quantile(across, kept)).mesh, 50)
-    pair = beam._Pair(x, y, beam.anchors_of(x, SETTINGS), SETTINGS)
+    pair = beam._Pair(x, y, beam.anchors_of(x, 16))
     assert pair.touches.any() and not pair.touches.all()
     rng, m = np.random.default_rng(0), 5
     partner = rng.integers(-1, 50, (states, m))
@@ -84,7 +85,7 @@ def test_the_cost_is_the_mean_of_distances_and_directions(states, kept):
 def test_an_open_whole_may_lack_the_first_partner():
     """The first sample is at the end that the whole lacks: no other follows from it."""
     x = samples(WHOLE, 60)
-    first = x.at[beam.anchors_of(x, SETTINGS)[0]]
+    first = x.at[beam.anchors_of(x, 16)[0]]
     far = np.linalg.norm(WHOLE.vertices - WHOLE.vertices[first], axis=1)
     rest = cut(WHOLE, far > np.quantile(far, 0.3))
     y = samples(rest.mesh, 120)

@@ -6,15 +6,16 @@ import trimesh
 from scipy.spatial import KDTree
 
 from jfsf import testing
-from jfsf.matching.parts import PartSettings
+from jfsf.matching.parts import _curvature as curved
 from jfsf.matching.parts._curvature import (
     curvature,
     curvatures,
     standard_curvature,
     usual_curvature,
 )
-from jfsf.matching.parts._region import alike, outward, target
+from jfsf.matching.parts._region import BEND, nearest_by_curvature, target
 from jfsf.matching.parts._register import register, whole_at_rest
+from jfsf.matching.parts._surfaces import outward
 from jfsf.mesh import vertex_normals
 from jfsf.types import Mesh
 
@@ -57,15 +58,16 @@ def test_between_known_times_it_is_interpolated():
     np.testing.assert_array_equal(known.at([0.001, 0.09]), known.values[:, [0, -1]])
 
 
-def test_standard_values_have_the_mean_square_as_distance_and_are_cut_off():
+def test_standard_values_have_the_mean_square_as_distance_and_are_cut_off(monkeypatch):
     values = np.random.default_rng(1).normal(size=(2000, 3)) * [1, 2, 5]
     usual = usual_curvature(values)
     np.testing.assert_allclose(usual, [1, 2, 5], rtol=0.1)
-    settings = PartSettings(max_curvature=1e6)
-    own = standard_curvature(values, usual, settings)
+    monkeypatch.setattr(curved, "MAX_CURVATURE", 1e6)
+    own = standard_curvature(values, usual)
     apart = np.mean(((values[0] - values[1]) / usual) ** 2)
     assert np.sum((own[0] - own[1]) ** 2) == pytest.approx(apart)
-    cut_off = standard_curvature(values, usual, PartSettings(max_curvature=2.0))
+    monkeypatch.setattr(curved, "MAX_CURVATURE", 2.0)
+    cut_off = standard_curvature(values, usual)
     assert np.abs(cut_off).max() == pytest.approx(2 / np.sqrt(3))
 
 
@@ -88,11 +90,10 @@ def slid():
     """A sheet, a smaller piece of it, and a map that is off by 0.12."""
     whole, part = sheet(0.5), sheet(0.36)
     start = KDTree(whole.vertices).query(part.vertices + [0.12, 0, 0])[1]
-    of_whole = curvature(whole, PartSettings().curvature_times)
+    of_whole = curvature(whole, curved.TIMES)
     usual = usual_curvature(of_whole)
-    of_part = curvature(part, PartSettings().curvature_times)
-    settings = PartSettings()
-    own = [standard_curvature(v, usual, settings) for v in (of_part, of_whole)]
+    of_part = curvature(part, curved.TIMES)
+    own = [standard_curvature(v, usual) for v in (of_part, of_whole)]
     return whole, part, start, own
 
 
@@ -119,17 +120,13 @@ def test_curvature_brings_a_piece_that_slid_back_to_its_place(slid):
 
 def test_the_nearest_by_all_three_is_that_of_all_compared(slid):
     whole, part, _, (of_part, of_whole) = slid
-    x, bent = (
-        target(part, PartSettings(), of_part),
-        target(whole, PartSettings(), of_whole),
-    )
-    found = alike(bent, x, 0.2)
+    x, bent = target(part, of_part), target(whole, of_whole)
+    found = nearest_by_curvature(bent, x, 0.2)
     some = np.random.default_rng(0).integers(0, len(found), 40)
-    weight = PartSettings().bend.normal_weight
     apart = np.zeros((len(some), len(whole.vertices)))
     for w, a, b in (
         (1, part.vertices, whole.vertices),
-        (weight, x.normal, bent.normal),
+        (BEND.normal_weight, x.normal, bent.normal),
         (0.2, of_part, of_whole),
     ):
         apart += w**2 * np.sum((a[some, None] - b[None]) ** 2, 2)

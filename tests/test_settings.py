@@ -50,7 +50,6 @@ def test_repr_is_what_one_would_write():
     assert "0x" not in text  # no address: the same text in every process
     names = {"partial": partial, **vars(jfsf.convert)}
     names |= {"Weights": jfsf.initial.Weights, "features": jfsf.spectral.features}
-    names |= {"RegisterWeights": jfsf.matching.parts.RegisterWeights}
     names |= vars(jfsf.matching)
     names |= {name: getattr(jfsf, name) for name in jfsf.__all__}
     assert eval(text, names) == mine

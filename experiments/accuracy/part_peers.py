@@ -20,9 +20,9 @@ import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.fit import fit_parts
-from jfsf.matching.parts._region import near_vertices
 from jfsf.matching.parts._sides import both_sides
 from jfsf.matching.parts._starts import first_starts
+from jfsf.mesh._closest import nearest_vertices
 from jfsf.spectral import spectrum
 
 WIDTHS = range(20, 101, 5)
@@ -52,7 +52,7 @@ def measure(x: datasets.Shape, y: datasets.Shape) -> dict[str, float]:
     error = fit_parts.errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, settings=fit_parts.SETTINGS)
     ((_, first), *_) = first_starts(sides, 1)
-    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    near = nearest_vertices(sides.coarse_x, sides.x.mesh)
     start = sides.on_y[first.registered.T[near]]
     phi_x, phi_y = (
         np.asarray(spectrum(shape.mesh, WIDTHS[-1]).evecs, float) for shape in (x, y)

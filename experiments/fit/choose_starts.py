@@ -23,9 +23,9 @@ from experiments.accuracy import cuts, datasets, protocol
 from experiments.accuracy.partial import Cut, pairs, parts_of
 from experiments.fit import fit_parts
 from jfsf import data
-from jfsf.matching.parts._region import near_vertices
 from jfsf.matching.parts._sides import both_sides
 from jfsf.matching.parts._starts import first_starts
+from jfsf.mesh._closest import nearest_vertices
 
 BOTH = "both cut"
 SETS = "psmal", BOTH
@@ -88,7 +88,7 @@ def measure(x: datasets.Shape, y: datasets.Shape) -> dict[str, list[float]]:
     x, y, _ = fit_parts.in_order(x, y)
     error = fit_parts.errors_of(x, y)
     sides = both_sides(x.mesh, y.mesh, settings=fit_parts.SETTINGS)
-    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    near = nearest_vertices(sides.coarse_x, sides.x.mesh)
     found = {}
     for name, change in CHANGES.items():
         settings = replace(fit_parts.SETTINGS, **change)

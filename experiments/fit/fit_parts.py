@@ -1,4 +1,4 @@
-"""Fit what ranks the maps of parts: `jfsf.matching.parts.RegisterWeights`; and
+"""Fit what ranks the maps of parts: `WEIGHTS` of jfsf/matching/parts/_starts.py; and
 how likely a map of parts is right: jfsf/matching/regions.json.
 
 Of each pair of the sets of parts, and of pairs that are made of whole shapes
@@ -47,12 +47,12 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, made_parts, protocol
 from experiments.fit import calibration
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching.parts import PartSettings, RegisterWeights
+from jfsf.matching.parts import PartSettings
 from jfsf.matching.parts import _match as parts
-from jfsf.matching.parts._region import near_vertices
 from jfsf.matching.parts._sides import both_sides
-from jfsf.matching.parts._starts import Start, first_starts
+from jfsf.matching.parts._starts import WEIGHTS, Start, first_starts
 from jfsf.mesh import surface_area
+from jfsf.mesh._closest import nearest_vertices
 
 SETS = "becos_pf", "becos_pp", "psmal"
 MADE = "made_parts"  # of sets with the role "fit"
@@ -131,7 +131,7 @@ def write(path: Path, rows: list[dict]) -> dict:
 
 def shipped() -> dict[str, float]:
     """The weights of the package."""
-    return RegisterWeights()._asdict()
+    return WEIGHTS._asdict()
 
 
 def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
@@ -152,7 +152,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
 
 def _coarse(sides, begin: list[Start], error: Callable) -> list[dict]:
     """Figures of starts, and errors of their maps of coarse copies."""
-    near = near_vertices(sides.coarse_x, sides.x.mesh)
+    near = nearest_vertices(sides.coarse_x, sides.x.mesh)
     return [
         {"error": error(sides.on_y[start.registered.T[near]]), **figures(start)}
         for start in begin

@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 from jfsf.matching._arguments import MatchInputs, padded_inputs
 from jfsf.matching._settings import Settings
 from jfsf.mesh import decimate, vertex_areas, vertex_normals
+from jfsf.mesh._closest import nearest_vertices
 from jfsf.refine._rest import at_rest, follow, rotations_of
 from jfsf.runtime._sizes import padded, padded_shapes
 from jfsf.types import ArrayLike, Mesh, Spectrum
@@ -56,7 +57,7 @@ def coarse_copy(spec: Spectrum, *, settings: Settings) -> CoarseCopy:
         mesh = whole
     areas = vertex_areas(mesh.vertices, mesh.faces)
     areas = np.maximum(areas / areas.sum(), LEAST_MASS / len(areas))
-    on_whole, on_copy = _nearest(whole, mesh), _nearest(mesh, whole)
+    on_whole, on_copy = nearest_vertices(whole, mesh), nearest_vertices(mesh, whole)
     copy: Any = (
         evals,
         evecs[on_whole],
@@ -132,8 +133,3 @@ def carried(
 def _with_normals(points: ArrayLike, faces: ArrayLike) -> np.ndarray:
     """So that sheets that touch, whose normals are opposite, are not near."""
     return np.concatenate([points, NORMAL * vertex_normals(points, faces)], 1)
-
-
-def _nearest(points: Mesh, queries: Mesh) -> ArrayLike:
-    """The vertex of `points` nearest to each of `queries`."""
-    return KDTree(points.vertices).query(queries.vertices)[1].astype(np.int32)

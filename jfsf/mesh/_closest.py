@@ -161,6 +161,12 @@ def nearest_of(
     return found
 
 
+def nearest_vertices(points: Mesh, queries: Mesh) -> np.ndarray:
+    """(q,) int32, the vertex of `points` nearest to each vertex of `queries`."""
+    near = KDTree(points.vertices).query(queries.vertices)[1]
+    return np.asarray(near, np.int32)
+
+
 def on_rim(surface: SurfaceTree, found: OnSurface) -> Any:
     """(q,) whether each point lies on an edge with one face only, or its end."""
     face = np.maximum(found.face, 0)

@@ -6,13 +6,14 @@ gradients, for shapes of padded sizes. Here each solve is exact, which large
 deformations and weak pulls need.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry._surface import STIFFNESS_RANGE
-from jfsf.spectral._laplacian import operators
+from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import Mesh
 
 # The Newton steps end below this, and rows that have not come so far get an SVD.
@@ -86,6 +87,37 @@ def rotated_edges(rest: Rest, rotation: np.ndarray) -> np.ndarray:
     """(e, 3) the edges at rest, rotated by the mean rotation of their ends."""
     mean = (rotation[rest.edges[:, 0]] + rotation[rest.edges[:, 1]]) / 2
     return np.einsum("eij,ej->ei", mean, rest.along)
+
+
+def deformed(
+    rest: Rest, solve: Callable, rotation: np.ndarray, scale: float, *pulls: np.ndarray
+) -> np.ndarray:
+    """(n, 3) positions of least energy for given rotations.
+
+    Args:
+        rest: the shape.
+        solve: see `solver`.
+        rotation: (n, 3, 3) of the surroundings of each vertex.
+        scale: factor of the lengths at rest.
+        pulls: (n, 3) each: places that draw the vertices, times how much they do.
+    """
+    ahead = scale * rotated_edges(rest, rotation)
+    right = rest.sums @ (rest.stiff[:, None] * ahead)
+    for pull in pulls:
+        right = right + pull
+    return solve(right)
+
+
+def solver(rest: Rest, pull: np.ndarray) -> Callable:
+    """Solves for positions where `pull` (n,) is how much each vertex is drawn."""
+    return definite_solver(rest.laplacian + sp.diags(pull))
+
+
+def fitted_scale(rest: Rest, moved: np.ndarray, rotation: np.ndarray) -> float:
+    """The factor of the rotated edges at rest that fits the moved ones best."""
+    ahead = rotated_edges(rest, rotation)
+    best = np.sum(rest.stiff[:, None] * edges_of(rest, moved) * ahead)
+    return float(best / np.sum(rest.stiff[:, None] * rest.along**2))
 
 
 def follow(

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 
 from jfsf.apps.registration._flaws import flaws_of, unfold
 from jfsf.apps.registration._scan import Scan, facing
@@ -19,11 +18,11 @@ from jfsf.mesh._closest import on_rim
 from jfsf.refine._rest import (
     Rest,
     closest_rotations,
-    edges_of,
-    rotated_edges,
+    deformed,
+    fitted_scale,
     rotations_of,
+    solver,
 )
-from jfsf.spectral._laplacian import definite_solver
 
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
@@ -262,8 +261,7 @@ def _from_around(rest: Rest, rotation, mass, reach: float):
 def _spread(rest: Rest, weight, values):
     """(n, ...) values smoothed along the surface, by their weight."""
     tiny = TINY * (weight.mean() or 1)
-    solve = definite_solver(rest.laplacian + sp.diags(weight + tiny))
-    return solve(((weight + tiny) * values.T).T)
+    return solver(rest, weight + tiny)(((weight + tiny) * values.T).T)
 
 
 def _solved(rest: Rest, rotation, scale: float, pull, goal, moved):
@@ -276,14 +274,10 @@ def _solved(rest: Rest, rotation, scale: float, pull, goal, moved):
         moved: (n, 3) where what is not drawn stays, unless its neighbours move it.
     """
     tiny = TINY * pull.mean()
-    solve = definite_solver(rest.laplacian + sp.diags(pull + tiny))
-    ahead = scale * rotated_edges(rest, rotation)
-    return solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal + tiny * moved)
+    solve = solver(rest, pull + tiny)
+    return deformed(rest, solve, rotation, scale, goal, tiny * moved)
 
 
 def _rescaled(rest: Rest, moved, scale: float) -> float:
     """Half way to the scale that fits the edges best."""
-    ahead = rotated_edges(rest, rotations_of(rest, moved))
-    best = np.sum(rest.stiff[:, None] * edges_of(rest, moved) * ahead)
-    best /= np.sum(rest.stiff[:, None] * rest.along**2)
-    return (scale + float(best)) / 2
+    return (scale + fitted_scale(rest, moved, rotations_of(rest, moved))) / 2

@@ -13,11 +13,21 @@ from scipy import fft
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from jfsf.matching.parts._register import Whole
-from jfsf.matching.parts._settings import PartSettings
+from jfsf.matching.parts._register import NORMAL_WEIGHT, Whole
+from jfsf.matching.parts._settings import ANY_UNIT_BANDS
 from jfsf.mesh import vertex_areas, vertex_normals
 from jfsf.types import Mesh
 
+ROTATIONS = 400  # that are tried, spread over all
+# Factors of the part's lengths that are tried with each rotation, where both shapes are
+# in one unit and where units may differ.
+SCALES = 0.9, 1.15
+ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.75, 0.75, 6)))
+# Lengths are in sqrt(area of the whole). Cells of the grid of shifts, and the width of
+# the Gaussian by which both surfaces are blurred.
+CELL, BLUR = 0.1, 0.1
+DENSITY = 0.3  # how much a surface counts beside its normals
+MIN_DISTANCE = 0.15  # mean distance of where two motions that are kept lay the part
 AT_A_TIME = 20  # rotations, so that the grids stay in the cache
 # Super-Fibonacci spirals: sqrt(2) and the real root of psi^4 = psi + 4.
 PHI, PSI = np.sqrt(2.0), 1.533751168755204288118041
@@ -45,21 +55,21 @@ class Alignment(NamedTuple):
 
 
 def aligned(
-    x: Mesh, whole: Whole, *, settings: PartSettings = PartSettings()
+    x: Mesh, whole: Whole, number: int, *, same_unit: bool = True
 ) -> list[tuple[np.ndarray, float]]:
     """A map from X to the whole, and the scale of X, of each of the best motions.
 
     Args:
         x: the part.
         whole: a mirror image where the maps are to mirror.
-        settings: as `alignments`, and the weight of normals in the search for the
-            nearest vertex.
+        number, same_unit: as `alignments`.
     """
-    y, weight = whole.mesh, settings.registered_normal_weight
+    y, weight = whole.mesh, NORMAL_WEIGHT
     normal_x, normal_y = vertex_normals(*x), whole.rest.normal_sign * vertex_normals(*y)
     tree = KDTree(np.concatenate([y.vertices, weight * normal_y], 1))
     maps = []
-    for one in alignments(x, y, normal_x, normal_y, settings=settings):
+    both = x, y, normal_x, normal_y
+    for one in alignments(*both, number, same_unit=same_unit):
         facing = weight * normal_x @ one.rotation.T
         laid = np.concatenate([one.apply(x.vertices), facing], 1)
         maps.append((tree.query(laid)[1], one.scale))
@@ -71,8 +81,9 @@ def alignments(
     y: Mesh,
     normal_x: np.ndarray,
     normal_y: np.ndarray,
+    number: int,
     *,
-    settings: PartSettings = PartSettings(),
+    same_unit: bool = True,
 ) -> list[Alignment]:
     """The best motions that differ, the best first.
 
@@ -80,37 +91,38 @@ def alignments(
 
         s sum_ij a_i b_j (<R n_i, m_j> + c) (g * g)(s R p_i + t - q_j),
 
-    g a Gaussian of width `alignment_blur`, c `alignment_density`, a and b the areas of
+    g a Gaussian of width `BLUR`, c `DENSITY`, a and b the areas of
     vertices, n and m normals, p and q positions. The blurred normals of both sides of
     a thin limb cancel, and c lets it count. One Fourier transform finds it for all t.
 
     Args:
         x, y: both shapes, in the unit of Y.
         normal_x, normal_y: (n, 3) outward unit normals.
-        settings: `rotations`, `aligned_scales` and what follows these; of each of the
-            `scale_bands` equally many motions.
+        number: motions, at most.
+        same_unit: whether both are in one unit. Else more scales are tried, and each of
+            `ANY_UNIT_BANDS` bands of scales has equally many motions.
     """
-    if not settings.alignments:
+    if not number:
         return []
-    scales = settings.aligned_scales
-    both = _surface(x, normal_x, settings), _surface(y, normal_y, settings)
-    bands = np.arange(len(scales)) * settings.scale_bands // len(scales)
+    scales, num_bands = (SCALES, 1) if same_unit else (ANY_SCALES, ANY_UNIT_BANDS)
+    both = _surface(x, normal_x), _surface(y, normal_y)
+    bands = np.arange(len(scales)) * num_bands // len(scales)
     some = x.vertices[:: -(-len(x.vertices) // COMPARED)]
-    most = -(-settings.alignments // settings.scale_bands)
+    most = -(-number // num_bands)
     chosen: list[Alignment] = []
     for band in np.unique(bands):
-        found: list[Alignment] = []
+        motions: list[Alignment] = []
         for i in np.flatnonzero(bands == band):
-            found += _of_scale(*both, scales[i], settings)
-        found.sort(key=lambda one: -one.overlap)
-        chosen += _different(found, some, most, settings.min_alignment_distance)
+            motions += _of_scale(*both, scales[i])
+        motions.sort(key=lambda one: -one.overlap)
+        chosen += _different(motions, some, most, MIN_DISTANCE)
     return sorted(chosen, key=lambda one: -one.overlap)
 
 
 class _Surface(NamedTuple):
     """A shape about its middle: places, what is compared at them, areas, and radius.
 
-    compared: (n, 4), the normal, and the root of `alignment_density`.
+    compared: (n, 4), the normal, and the root of `DENSITY`.
     """
 
     middle: np.ndarray
@@ -120,20 +132,18 @@ class _Surface(NamedTuple):
     radius: float
 
 
-def _surface(mesh: Mesh, normal: np.ndarray, settings: PartSettings) -> _Surface:
+def _surface(mesh: Mesh, normal: np.ndarray) -> _Surface:
     area = vertex_areas(*mesh)
     middle = area @ mesh.vertices / area.sum()
     at = mesh.vertices - middle
-    solid = np.full((len(at), 1), np.sqrt(settings.alignment_density))
+    solid = np.full((len(at), 1), np.sqrt(DENSITY))
     radius = float(np.linalg.norm(at, axis=1).max())
     return _Surface(middle, at, np.concatenate([normal, solid], 1), area, radius)
 
 
-def _of_scale(
-    x: _Surface, y: _Surface, scale: float, settings: PartSettings
-) -> list[Alignment]:
+def _of_scale(x: _Surface, y: _Surface, scale: float) -> list[Alignment]:
     """The best shift of each rotation."""
-    cell, turns = settings.alignment_cell, _rotations(settings.rotations)
+    cell, turns = CELL, _rotations(ROTATIONS)
     n = 1 + int(PERIOD * (scale * x.radius + y.radius) / cell)
     n = cast(int, fft.next_fast_len(n, real=True))
     field_y = _field(y.at[None] / cell, (y.area[:, None] * y.compared)[None], n)
@@ -144,7 +154,7 @@ def _of_scale(
         compared[..., :3] = compared[..., :3] @ rotation.swapaxes(1, 2)
         places = scale * x.at @ rotation.swapaxes(1, 2) / cell
         field_x = _field(places, scale * x.area[:, None] * compared, n)
-        overlap = correlation(field_x, field_y, settings.alignment_blur / cell)
+        overlap = correlation(field_x, field_y, BLUR / cell)
         overlap = overlap.reshape(len(rotation), -1)
         steps = np.stack(np.unravel_index(overlap.argmax(1), (n, n, n)), 1)
         steps = np.where(steps > n // 2, steps - n, steps)
@@ -161,8 +171,8 @@ def correlation(field_x: np.ndarray, field_y: np.ndarray, blur: float) -> np.nda
 
     Args:
         field_x: (b, c, n, n, n), on a grid that is periodic.
-        field_y: (1, c, n, n, n) likewise.
-        blur: of both, the width of a Gaussian in cells.
+        field_y: (1, c, n, n, n), on the same grid.
+        blur: width of the Gaussian, in cells, by which both are blurred.
     """
     n, axes = field_x.shape[-1], (2, 3, 4)
     k, last = 2 * np.pi * fft.fftfreq(n), 2 * np.pi * fft.rfftfreq(n)

@@ -12,15 +12,37 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.matching.parts._ball_descriptors import (
+from jfsf.matching.parts._samples import (
+    PartSamples,
+    along_cut,
     ball_descriptors,
-    descriptor_unlikeness,
-    unlikeness,
+    ball_difference,
+    descriptor_difference,
 )
-from jfsf.matching.parts._settings import PartSettings
-from jfsf.matching.parts._shape import PartSamples, along_cut
+from jfsf.matching.parts._settings import ANY_UNIT_BANDS, PartSettings
 
-STATES_AT_A_TIME = 128
+STATES_AT_A_TIME = 128  # so that their tables stay in the processor's cache
+# Anchors, which are far apart. One nearer to the boundary than this margin, in
+# sqrt(area of the whole), counts less, down to this share of one away from it.
+BOUNDARY_MARGIN, BOUNDARY_SHARE = 0.15, 0.3
+# Two distances that differ by this length, and this share of the distance in the part,
+# cost half of what they can cost at most.
+DISTANCE_SLACK, DISTANCE_SHARE = 0.03, 0.12
+SHORTER_WEIGHT = 0.4  # of one that is shorter where the other path runs along its cut
+DIRECTION_WEIGHT = 1.0  # of directions to other anchors, beside the distances
+BALL_WEIGHT = 1.2  # of the difference of the balls, beside the distances
+DESCRIPTOR_WEIGHT = 1.0  # of descriptors that are given, beside the balls
+SCALE_WEIGHT = 0.15  # of a scale e times as large or small, where both have one unit
+# Cost of an anchor without a partner: beside a closed whole, and beside an open one.
+UNASSIGNED_COST, UNASSIGNED_COST_OPEN = 1.1, 0.75
+PARTNERS = 6  # of the next anchor, that an assignment is followed with
+BEAM_CANDIDATES = 8  # assignments for each place in the beam that are put into groups
+# Assignments whose first partners, this many, are in the same cells are a group. A cell
+# is what is nearest to one of the first `CELLS` samples of the whole.
+CELLS, GROUPED_ANCHORS = 24, 3
+MIN_GROUPS = 120  # that have room in the beam, so that no group crowds out others
+# Mean distance of partners, in sqrt(area of the whole), between assignments returned.
+MIN_PARTNER_DISTANCE = 0.1
 
 
 class Assigned(NamedTuple):
@@ -43,6 +65,7 @@ def assign(
     y: PartSamples,
     *,
     orientation: int = 1,
+    same_unit: bool = True,
     settings: PartSettings = PartSettings(),
 ) -> Assigned:
     """The best assignments that differ.
@@ -50,11 +73,17 @@ def assign(
     Args:
         x, y: the part and the whole, or two that overlap.
         orientation: 1 keeps left and right, -1 swaps them, 0 either.
-        settings: how many are followed, and what counts in them.
+        same_unit: whether both are in one unit: then a scale far from 1 costs. Else
+            scales fall into `ANY_UNIT_BANDS`, in their order, and each band keeps its
+            share of the beam and of the result. A small part fits in many places, and
+            would crowd out others.
+        settings: `scales`, `anchors`, `beam` and `assignments`.
     """
-    which = anchors_of(x, settings)
+    which = anchors_of(x, settings.anchors)
+    bands = 1 if same_unit else ANY_UNIT_BANDS
+    scale_weight = SCALE_WEIGHT if same_unit else 0.0
     signs = (1, -1) if orientation == 0 else (orientation,)
-    pair = _Pair(x, y, which, settings)
+    pair = _Pair(x, y, which)
     scale: np.ndarray = np.array(settings.scales, float)
     unlike = np.stack([pair.unlike(s) for s in scale])  # (scales, a, s_y)
     num = len(y.at)
@@ -65,12 +94,11 @@ def assign(
         unlike[:, m] = 0
         ruled_out[m] = np.where(np.arange(num) == given, 0, np.inf)
     # A state: partners, the number of its scale, its sign, its cost.
-    ball_weight, scale_weight = settings.ball_weight, settings.scale_weight
-    first = ball_weight * unlike[:, 0] + scale_weight * np.abs(np.log(scale))[:, None]
-    every, lonely = np.arange(num), settings.unassigned_cost
+    first = BALL_WEIGHT * unlike[:, 0] + scale_weight * np.abs(np.log(scale))[:, None]
+    every, lonely = np.arange(num), UNASSIGNED_COST
     if not np.isinf(y.to_boundary).all():
         # An open whole may lack the first partner as well as any other.
-        every, lonely = np.append(every, -1), settings.unassigned_cost_open
+        every, lonely = np.append(every, -1), UNASSIGNED_COST_OPEN
         first = np.concatenate([first, np.full((len(scale), 1), lonely)], 1)
     partner: np.ndarray = np.tile(every, len(scale))[:, None]
     of_scale: np.ndarray = np.repeat(np.arange(len(scale)), len(every))
@@ -80,47 +108,47 @@ def assign(
         np.concatenate([v] * len(signs)) for v in (partner, of_scale, cost)
     )
     # Near partners of the first that have one make a group; the last cell is of none.
-    cell = np.append(np.argmin(pair.between_y[: settings.cells], 0), -1)
-    band = np.arange(len(scale)) * settings.scale_bands // len(scale)
-    partners, beam = settings.partners, settings.beam
+    cell = np.append(np.argmin(pair.between_y[:CELLS], 0), -1)
+    band = np.arange(len(scale)) * bands // len(scale)
+    beam = settings.beam
     for m in range(1, len(which)):
-        new = cost[:, None] + ball_weight * unlike[of_scale, m] + ruled_out[m]
+        new = cost[:, None] + BALL_WEIGHT * unlike[of_scale, m] + ruled_out[m]
         new += scale_weight * np.abs(np.log(scale))[of_scale, None]
         new += pair.cost(m, partner, scale[of_scale], sign)
         alone = cost + lonely
         new = np.concatenate([new, alone[:, None]], 1)
-        if partners < num:
+        if PARTNERS < num:
             # Where there is no partner yet, no distance tells the next one.
             begun = np.flatnonzero((partner >= 0).any(1))
-            worse = np.argpartition(new[begun], partners, axis=1)[:, partners:]
+            worse = np.argpartition(new[begun], PARTNERS, axis=1)[:, PARTNERS:]
             new[begun[:, None], worse] = np.inf
         best = np.flatnonzero(np.isfinite(new))
         best = best[np.argsort(new.ravel()[best])]
         own = band[of_scale[best // (num + 1)]][:, None]
-        best = best[_first_of_groups(own, settings.beam_candidates * beam)]
+        best = best[_first_of_groups(own, BEAM_CANDIDATES * beam)]
         row, column = np.divmod(best, num + 1)
         added = np.where(column == num, -1, column)
         both = np.concatenate([partner[row], added[:, None]], 1)
-        group = _first_partners(both, settings.grouped_anchors, cell)
+        group = _first_partners(both, GROUPED_ANCHORS, cell)
         own = band[of_scale[row]][:, None]
         group = np.concatenate([group, own], 1)
-        kept = _first_of_groups(group, beam // settings.min_groups)
-        kept = kept[_first_of_groups(own[kept], beam // settings.scale_bands)]
+        kept = _first_of_groups(group, max(beam // MIN_GROUPS, 1))
+        kept = kept[_first_of_groups(own[kept], max(beam // bands, 1))]
         best, row, column, added = best[kept], row[kept], column[kept], added[kept]
         partner = np.concatenate([partner[row], added[:, None]], 1)
         of_scale, sign, cost = of_scale[row], sign[row], new.ravel()[best]
     order = np.argsort(cost)
     # Partners of landmarks are the same in all that obey them.
     free = ~np.isin(which, x.landmarks)
-    most = -(-settings.assignments // settings.scale_bands)
+    most = -(-settings.assignments // bands)
     chosen = []
-    for own in range(settings.scale_bands):
+    for own in range(bands):
         these = order[band[of_scale[order]] == own]
         some = _different(
             partner[these][:, free],
             pair.between_y,
             most,
-            settings.min_partner_distance,
+            MIN_PARTNER_DISTANCE,
         )
         chosen.append(these[some])
     at = np.concatenate(chosen)
@@ -128,26 +156,25 @@ def assign(
     return Assigned(partner[at], which, scale[of_scale[at]], cost[at] / len(which))
 
 
-def anchors_of(x: PartSamples, settings: PartSettings) -> np.ndarray:
+def anchors_of(x: PartSamples, num: int) -> np.ndarray:
     """Samples far apart, those away from the boundary rather than those on it.
 
     Landmarks come after the first of them, which may go anywhere, since they may be
-    wrong. Of more than `settings.anchors` those far apart are taken.
+    wrong. Of more than `num` those far apart are taken.
     """
     between = x.between
-    worth = settings.boundary_worth
-    inner = np.clip(x.to_boundary[x.at] / settings.boundary_margin, 0, 1)
-    inner = inner * (1 - worth) + worth
-    known = np.isin(np.arange(len(x.at)), x.landmarks)
+    inner = np.clip(x.to_boundary[x.at] / BOUNDARY_MARGIN, 0, 1)
+    inner = inner * (1 - BOUNDARY_SHARE) + BOUNDARY_SHARE
+    landmark = np.isin(np.arange(len(x.at)), x.landmarks)
     mean = x.distance @ x.mass / x.mass.sum()
-    chosen = [int(np.argmax(np.where(known, 0, mean * inner)))]
+    chosen = [int(np.argmax(np.where(landmark, 0, mean * inner)))]
     far = between[chosen[0]].copy()
-    num_free = min(settings.anchors, int((~known).sum())) - 1
-    for free, num in (
-        (known, min(settings.anchors, int(known.sum()))),
-        (~known, num_free),
+    num_free = min(num, int((~landmark).sum())) - 1
+    for free, count in (
+        (landmark, min(num, int(landmark.sum()))),
+        (~landmark, num_free),
     ):
-        for _ in range(num):
+        for _ in range(count):
             free = free & ~np.isin(np.arange(len(free)), chosen)
             new = int(np.argmax(np.where(free, far * inner, -1)))
             chosen.append(new)
@@ -158,31 +185,29 @@ def anchors_of(x: PartSamples, settings: PartSettings) -> np.ndarray:
 class _Pair:
     """Costs of two samples and their partners."""
 
-    def __init__(self, x: PartSamples, y: PartSamples, which, settings: PartSettings):
-        self.x, self.y, self.which, self.settings = x, y, which, settings
+    def __init__(self, x: PartSamples, y: PartSamples, which):
+        self.x, self.y, self.which = x, y, which
         anchors = np.ix_(which, which)
         between_x = x.between[anchors]
-        self.touches = along_cut(x.around[anchors], between_x, settings)
-        self.touches_y = along_cut(y.around, y.between, settings)
+        self.touches = along_cut(x.around[anchors], between_x)
+        self.touches_y = along_cut(y.around, y.between)
         self.cut_y = self.touches_y.any()
         # A large table for each two anchors: half the precision is half the time.
         self.between_x = between_x.astype(np.float32)
         self.between_y = y.between.astype(np.float32)
-        self.turn_x = x.direction[anchors].astype(np.complex64)
-        self.turn_y = y.direction.astype(np.complex64)
-        self.turn_to = np.ascontiguousarray(self.turn_y.T)
-        self.balls_y = ball_descriptors(y, np.arange(len(y.at)), settings=settings)
+        self.direction_x = x.direction[anchors].astype(np.complex64)
+        self.direction_y = y.direction.astype(np.complex64)
+        self.direction_to = np.ascontiguousarray(self.direction_y.T)
+        self.balls_y = ball_descriptors(y, np.arange(len(y.at)))
         self.described = 0.0
         if x.descriptors is not None and y.descriptors is not None:
-            given = x.descriptors[which], y.descriptors
-            unlike = descriptor_unlikeness(*given, settings=settings)
-            self.described = settings.descriptor_weight * unlike
+            unlike = descriptor_difference(x.descriptors[which], y.descriptors)
+            self.described = DESCRIPTOR_WEIGHT * unlike
 
     def unlike(self, scale) -> np.ndarray:
-        settings = self.settings
-        balls_x = ball_descriptors(self.x, self.which, scale, settings=settings)
-        unlike = unlikeness(balls_x, self.balls_y, settings=settings)
-        return unlike + self.described
+        """(a, s_y) difference of the anchors and the samples of Y at a scale."""
+        balls_x = ball_descriptors(self.x, self.which, scale)
+        return ball_difference(balls_x, self.balls_y) + self.described
 
     def cost(self, m, partner, scale, sign):
         """(states, s_y) mean cost of sample m with each partner, to those before it."""
@@ -195,46 +220,45 @@ class _Pair:
     def _cost(self, m, partner, scale, sign):
         total = np.zeros((len(partner), len(self.y.at)), np.float32)
         count = np.zeros(len(partner), np.float32)
-        before, settings = None, self.settings
-        slack, share = settings.distance_slack, settings.distance_share
+        before = None
         for j in range(m):
             b = partner[:, j]
             there = b >= 0
             far_x = (scale * self.between_x[m, j])[:, None]
             far_y = self.between_y[b]
-            off = (far_x - far_y) / (slack + share * far_x)
+            off = (far_x - far_y) / (DISTANCE_SLACK + DISTANCE_SHARE * far_x)
             if self.touches[m, j]:
-                off = np.where(off > 0, off * settings.shorter_weight, off)
+                off = np.where(off > 0, off * SHORTER_WEIGHT, off)
             if self.cut_y:
                 longer = (off < 0) & self.touches_y[b]
-                off = np.where(longer, off * settings.shorter_weight, off)
+                off = np.where(longer, off * SHORTER_WEIGHT, off)
             part = off**2 / (1 + off**2) * 2
             if before is not None:
                 i = before
                 both = (partner[:, i] >= 0)[:, None]
-                turned = both * self.turned(m, i, j, partner, sign)
-                part = part + settings.direction_weight * turned
+                apart = both * self.direction_difference(m, i, j, partner, sign)
+                part = part + DIRECTION_WEIGHT * apart
             total += np.where(there[:, None], part, 0)
             count += there
             before = j
         return total / np.maximum(count, 1)[:, None]
 
-    def turned(self, m, i, j, partner, sign):
+    def direction_difference(self, m, i, j, partner, sign):
         """How differently m sees i and j, and j sees i and m, as their partners do."""
         a, b = partner[:, i], partner[:, j]
-        at_x, at_y = self.turn_x, self.turn_y
-        turned = 0
+        at_x, at_y = self.direction_x, self.direction_y
+        apart = 0
         if not (self.touches[m, i] or self.touches[m, j]):
             seen = np.conj(at_x[m, i]) * at_x[m, j]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
-            there = np.conj(self.turn_to[a]) * self.turn_to[b]
-            turned = _square(there - seen) / 2
+            there = np.conj(self.direction_to[a]) * self.direction_to[b]
+            apart = _square(there - seen) / 2
         if not (self.touches[j, i] or self.touches[j, m]):
             seen = np.conj(at_x[j, i]) * at_x[j, m]
             seen = np.where(sign < 0, np.conj(seen), seen)[:, None]
             there = np.conj(at_y[b, a])[:, None] * at_y[b]
-            turned = turned + _square(there - seen) / 2
-        return turned / 2
+            apart = apart + _square(there - seen) / 2
+        return apart / 2
 
 
 def _square(value: np.ndarray) -> np.ndarray:

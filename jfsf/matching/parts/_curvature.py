@@ -11,11 +11,13 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_normals
 from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import ArrayLike, Mesh
 
+# Heat times that are compared, in squared sqrt(area of the whole).
+TIMES = 0.0003, 0.001, 0.003
+MAX_CURVATURE = 3.0  # in standard deviations; a greater one counts as this
 # Of a normal distribution: the standard deviation over the median absolute value.
 SPREAD = 1.4826
 TINY = 1e-9
@@ -79,15 +81,13 @@ def usual_curvature(values: np.ndarray) -> np.ndarray:
     return SPREAD * np.sqrt(np.median(values**2, 0)) + TINY
 
 
-def standard_curvature(
-    values: np.ndarray, usual: np.ndarray, settings: PartSettings
-) -> np.ndarray:
+def standard_curvature(values: np.ndarray, usual: np.ndarray) -> np.ndarray:
     """(n, times) rows whose squared distance is the mean square of the differences.
 
     Args:
         values: `curvature`.
         usual: what counts as 1, the same for both shapes.
-        settings: `max_curvature`.
     """
-    most = settings.max_curvature
-    return np.clip(values / usual, -most, most) / np.sqrt(values.shape[1])
+    return np.clip(values / usual, -MAX_CURVATURE, MAX_CURVATURE) / np.sqrt(
+        values.shape[1]
+    )

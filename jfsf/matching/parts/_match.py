@@ -15,9 +15,7 @@ whole shapes. So the work is to find that region.
    refinement spreads the one region over all of the other: where its own evidence
    (`Certificate.log_odds`) is poor the regions differ, and the map by drawing stays. Of
    several maps that of the best evidence is kept: before the refinement, and after it.
-5. How clearly a vertex is in the region (`_membership`) is read from the last drawing.
-
-`PartSettings` holds the numbers of all of it.
+5. How clearly a vertex is in the region (`memberships`) is read from the last drawing.
 """
 
 from collections.abc import Callable
@@ -26,27 +24,32 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.matching.parts._membership import memberships
 from jfsf.matching.parts._region import (
     Drawn,
     Target,
     covered_by,
-    cut,
     draw_onto,
+    memberships,
     nearest,
-    openness,
-    scaled,
     target,
-    turned_round,
-    wound,
 )
 from jfsf.matching.parts._register import Registered
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.matching.parts._sides import Sides, both_sides
-from jfsf.matching.parts._starts import Start, first_starts
+from jfsf.matching.parts._starts import WEIGHTS, Start, first_starts
+from jfsf.matching.parts._surfaces import (
+    cut,
+    inverse_map,
+    openness,
+    scaled,
+    wound,
+)
 from jfsf.refine._rest import follow
 from jfsf.types import ArrayLike, Certificate, Mesh
 
+CARRIED_BY = 4  # vertices of the coarse copy whose motion carries one of the whole
+# A region with fewer vertices is no result: it must be matched as a whole shape.
+MIN_VERTICES = 160
 # (part of X, part of Y, T_xy) -> a match of these. Where there are landmarks in both
 # parts, they are a fourth argument: rows (vertex of the part of X, of that of Y).
 Refine = Callable[..., Any]
@@ -71,12 +74,12 @@ class Parts(NamedTuple):
 
     @property
     def matched_x(self) -> np.ndarray:
-        """Whether a vertex is in the region."""
+        """Whether a vertex of X is in the region."""
         return self.membership_x > 0.5
 
     @property
     def matched_y(self) -> np.ndarray:
-        """Likewise, of Y."""
+        """Whether a vertex of Y is in the region."""
         return self.membership_y > 0.5
 
 
@@ -104,9 +107,10 @@ class _State(NamedTuple):
         """Of the map between the regions."""
         return float(np.nan_to_num(self.match.certificate.log_odds, nan=-np.inf))
 
-    def score(self, settings: PartSettings) -> float:
+    @property
+    def score(self) -> float:
         """Small is good: the evidence before the refinement and that after it."""
-        return self.start.rank + settings.register_weights.log_odds * self.log_odds
+        return self.start.rank + WEIGHTS.log_odds * self.log_odds
 
 
 def match_parts(
@@ -134,12 +138,12 @@ def match_parts(
         T_xy: a map to begin with, in place of the search: the vertex of Y for each
             vertex of X. It keeps left and right or not, whatever `sign` says.
         T_yx: that map the other way, read where Y is the part; when absent,
-            `turned_round`.
+            `inverse_map`.
         landmarks: rows (vertex of X, vertex of Y) that correspond.
         descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
         same_unit: whether both are in one unit. Then bodies may differ in size by a
             factor of 1.57 either way, see `PartSettings.scales`; else their sizes are
-            not read, and X is first made as long as Y (`PartSettings.any_scales`).
+            not read, and X is first made as long as Y.
         settings: the numbers of the search.
         progress: called with the name of each step as it begins.
 
@@ -149,7 +153,7 @@ def match_parts(
     # The shape that is open, or the smaller one, is called X from here on.
     if openness(mesh_x, same_unit) < openness(mesh_y, same_unit):
         if T_xy is not None and T_yx is None:
-            T_yx = turned_round(np.asarray(T_xy), mesh_y)
+            T_yx = inverse_map(np.asarray(T_xy), mesh_y)
         other = match_parts(
             mesh_y,
             mesh_x,
@@ -172,20 +176,20 @@ def match_parts(
         settings=settings,
     )
     begin = first_starts(both, sign, T_xy, progress)
-    found = []
+    tried = []
     for sides, start in begin[: settings.refined]:
         state = _refined(_drawn(sides, start), sides, refine)
-        found += [] if state is None else [(state, sides)]
+        tried += [] if state is None else [(state, sides)]
         if state is not None and state.log_odds >= settings.sure:
             break
-    if not found:
+    if not tried:
         raise ValueError(
-            f"match: partial=True found no region of {settings.min_vertices} vertices "
+            f"match: partial=True found no region of {MIN_VERTICES} vertices "
             "that both shapes share; finer meshes, or one unit for both, may help"
         )
-    found.sort(key=lambda pair: pair[0].score(settings))
-    state, sides = found[0]
-    margin = state.log_odds - found[1][0].log_odds if found[1:] else np.inf
+    tried.sort(key=lambda pair: pair[0].score)
+    state, sides = tried[0]
+    margin = state.log_odds - tried[1][0].log_odds if tried[1:] else np.inf
     rounds = settings.refinements - 1 if state.log_odds >= settings.sure else 0
     for _ in range(rounds):
         again = _refined(state, sides, refine)
@@ -217,21 +221,21 @@ def _drawn(sides: Sides, start: Start) -> _State:
     """All of Y drawn onto X, which is brought to the size that was found."""
     scale = start.scale / start.registered.scale
     x = scaled(sides.x.mesh, scale)
-    x = target(x, sides.settings, sides.curvature_x(scale))
+    x = target(x, sides.curvature_x(scale))
     moved = _moved(sides, start.registered)
-    bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign), sides.settings)
+    bent = target(wound(Mesh(moved, sides.y.mesh.faces), sides.sign))
     T_xy = nearest(bent, x.mesh.vertices, x.normal)[0]
     return _state(sides, x, scale, start, moved, T_xy)
 
 
-def _moved(sides: Sides, found: Registered) -> np.ndarray:
+def _moved(sides: Sides, registered: Registered) -> np.ndarray:
     """Positions of Y, each moved like the near vertices of its coarse copy."""
-    settings, y = sides.settings, sides.y.mesh.vertices
+    y = sides.y.mesh.vertices
     rest = sides.whole.mesh.vertices
     flip = np.array([sides.sign, 1, 1])
-    away, near = KDTree(rest).query(y * flip, settings.carried_by)
-    moved = found.moved / found.scale
-    return follow(y * flip, rest, moved, found.rotation, np.asarray(near), away)
+    away, near = KDTree(rest).query(y * flip, CARRIED_BY)
+    moved = registered.moved / registered.scale
+    return follow(y * flip, rest, moved, registered.rotation, np.asarray(near), away)
 
 
 def _state(sides: Sides, x: Target, scale, start: Start, moved, T_xy) -> _State:
@@ -249,7 +253,7 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     """
     y, drawn = sides.y.mesh, state.drawn
     part_x, part_y = cut(state.x.mesh, drawn.matched_x), cut(y, state.inside)
-    if min(len(part_x.index), len(part_y.index)) < sides.settings.min_vertices:
+    if min(len(part_x.index), len(part_y.index)) < MIN_VERTICES:
         return None
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
@@ -285,12 +289,12 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
 def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     dtype = certificate.gap.dtype
-    known = {"gap": margin, "region_cost": state.start.cost, "confidence": np.nan}
-    known = {name: np.asarray(value, dtype) for name, value in known.items()}
+    values = {"gap": margin, "region_cost": state.start.cost, "confidence": np.nan}
+    values = {name: np.asarray(value, dtype) for name, value in values.items()}
     return Parts(
         state.T_xy.astype(np.int32),
         state.T_yx.astype(np.int32),
         *memberships(state.x, sides.y.mesh, state.drawn.moved, sides.sign),
-        certificate._replace(**known),
+        certificate._replace(**values),
         state.scale * sides.factor,
     )

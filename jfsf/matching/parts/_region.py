@@ -2,28 +2,36 @@
 
 A vertex whose nearest vertex of the other surface lies on its boundary, on the outer
 side, is not covered. So a part covers of the whole what lies below it, and the whole
-covers all of the part.
+covers all of the part. How clearly a vertex is covered is read from how far it is from
+the other surface, normals counted, and how far inside that surface's rim it lies.
 """
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import KDTree
 
 from jfsf.geometry._surface import surface
-from jfsf.matching.parts._hint import longest_loop
-from jfsf.matching.parts._settings import PartSettings
-from jfsf.mesh import largest_component, surface_area, vertex_areas, vertex_normals
-from jfsf.mesh._edit import Submesh
-from jfsf.mesh._geometry import boundary_edges
-from jfsf.mesh._paths import edge_graph
-from jfsf.refine import deform
+from jfsf.matching.parts._register import UNCOVERED_WEIGHT
+from jfsf.matching.parts._surfaces import from_rim, outward, wound
+from jfsf.mesh import vertex_areas, vertex_normals
+from jfsf.refine import ArapSettings, deform
 from jfsf.runtime._sizes import padded_shapes, with_rows
 from jfsf.types import Mesh
 
+# How the whole is deformed, and the weight of normals in the search for the nearest
+# vertices.
+BEND = ArapSettings(max_steps=150)
+# One a deformation, each with such a search: the length in sqrt(area of the whole) that
+# a difference of curvature of one standard deviation counts as.
+CURVATURE_WEIGHTS = *(0.1,) * 6, *(0.03,) * 3, 0.0
+COVER_DISTANCE = (
+    0.1  # in sqrt(area of the whole): a surface farther away covers nothing
+)
+# Length in sqrt(area of the whole), about an edge, over which a surface ceases to cover
+# at its rim.
+RIM_WIDTH = 0.02
 TINY = 1e-6  # of the mean pull
 
 
@@ -32,16 +40,13 @@ class Target(NamedTuple):
 
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
-    settings: that it was made with.
-    curvature: (n, c), see `jfsf.matching.parts._curvature`; (n, 0) where none is
-    compared.
+    curvature: (n, c) standard values of `_curvature`; (n, 0) where none is compared.
     """
 
     mesh: Mesh
     normal: np.ndarray
     outward: np.ndarray
     tree: KDTree
-    settings: PartSettings
     curvature: np.ndarray
 
 
@@ -58,41 +63,24 @@ class Drawn(NamedTuple):
     matched_x: np.ndarray
 
 
-def target(
-    mesh: Mesh,
-    settings: PartSettings = PartSettings(),
-    curvature: np.ndarray | None = None,
-) -> Target:
+def target(mesh: Mesh, curvature: np.ndarray | None = None) -> Target:
     """A surface whose nearest vertices are asked for."""
     normal = vertex_normals(*mesh)
-    points = np.concatenate([mesh.vertices, settings.bend.normal_weight * normal], 1)
+    points = _with_normals(mesh.vertices, normal)
     out = outward(mesh, normal)
     curved = np.zeros((len(points), 0)) if curvature is None else curvature
-    return Target(mesh, normal, out, KDTree(points), settings, curved)
-
-
-def outward(mesh: Mesh, normal: np.ndarray) -> np.ndarray:
-    """(n, 3) tangents out of the surface, for vertices on its boundary; else 0."""
-    out = np.zeros_like(normal)
-    ends = boundary_edges(mesh.faces)
-    along = mesh.vertices[ends[:, 1]] - mesh.vertices[ends[:, 0]]
-    # The face lies to the left of its edge, seen against the normal.
-    for end in ends.T:
-        np.add.at(out, end, np.cross(along, normal[end]))
-    return out
+    return Target(mesh, normal, out, KDTree(points), curved)
 
 
 def nearest(onto: Target, points, normal) -> tuple[np.ndarray, np.ndarray]:
     """The nearest vertex to each point, and whether the surface covers the point."""
-    settings = onto.settings
-    query = np.concatenate([points, settings.bend.normal_weight * normal], 1)
-    away, near = onto.tree.query(query)
+    away, near = onto.tree.query(_with_normals(points, normal))
     step = points - onto.mesh.vertices[near]
     beyond = np.sum(step * onto.outward[near], 1) > 0
-    return near, (away < settings.cover_distance) & ~beyond
+    return near, (away < COVER_DISTANCE) & ~beyond
 
 
-def alike(bent: Target, x: Target, weight: float) -> np.ndarray:
+def nearest_by_curvature(bent: Target, x: Target, weight: float) -> np.ndarray:
     """T_xy: the nearest vertex to each of X by position, normal and curvature.
 
     Args:
@@ -100,15 +88,9 @@ def alike(bent: Target, x: Target, weight: float) -> np.ndarray:
         x: the other surface.
         weight: of the curvature.
     """
-    columns = (
-        (
-            t.mesh.vertices,
-            t.settings.bend.normal_weight * t.normal,
-            weight * t.curvature,
-        )
-        for t in (bent, x)
+    points, queries = (
+        np.concatenate([t.tree.data, weight * t.curvature], 1) for t in (bent, x)
     )
-    points, queries = (np.concatenate(own, 1) for own in columns)
     return np.asarray(KDTree(points).query(queries)[1])
 
 
@@ -132,14 +114,12 @@ def draw_onto(
         sign: -1 for a map that mirrors.
         curvature: of Y; None where `x` has none.
     """
-    settings = x.settings
     n, mass = len(y.vertices), vertex_areas(*x.mesh)
-    side = _padded_surface(y, sign, settings)
+    side = _padded_surface(y, sign)
     size = len(side.mass)
-    options = replace(settings.bend, max_steps=settings.draw_steps)
     T_near, matched = T_xy, np.ones(len(mass), bool)
-    for curvature_weight in settings.drawn_curvature_weights:
-        weight = mass * np.where(matched, 1, settings.uncovered_weight)
+    for curvature_weight in CURVATURE_WEIGHTS:
+        weight = mass * np.where(matched, 1, UNCOVERED_WEIGHT)
         pull = np.bincount(T_xy, weight, n)
         goal = np.zeros((n, 3))
         np.add.at(goal, T_xy, weight[:, None] * x.mesh.vertices)
@@ -149,10 +129,14 @@ def draw_onto(
         pull += TINY * mass.sum() / n
         pulled = side._replace(mass=jnp.asarray(with_rows(pull, size)))
         rows = _rows(goal, size), _rows(moved, size)
-        moved = np.asarray(deform(pulled, *rows, settings=options))[:n].astype(float)
-        bent = target(wound(Mesh(moved, y.faces), sign), settings, curvature)
+        moved = np.asarray(deform(pulled, *rows, settings=BEND))[:n].astype(float)
+        bent = target(wound(Mesh(moved, y.faces), sign), curvature)
         T_near, matched = nearest(bent, x.mesh.vertices, x.normal)
-        T_xy = alike(bent, x, curvature_weight) if curvature_weight else T_near
+        T_xy = (
+            nearest_by_curvature(bent, x, curvature_weight)
+            if curvature_weight
+            else T_near
+        )
     return Drawn(moved, T_near, matched)
 
 
@@ -162,53 +146,59 @@ def covered_by(x: Target, y: Mesh, drawn: Drawn, sign: int = 1):
     return nearest(x, drawn.moved, normal)
 
 
-def cut(mesh: Mesh, keep: np.ndarray) -> Submesh:
-    """The largest piece of the faces whose corners are all kept; empty without any."""
-    faces = np.asarray(mesh.faces)
-    kept = faces[keep[faces].all(1)]
-    if len(kept) == 0:  # it would be a cloud of all vertices
-        return Submesh(Mesh(np.zeros((0, 3)), kept), np.zeros(0, np.int32))
-    return largest_component(Mesh(mesh.vertices, kept))
+def membership(
+    onto: Target,
+    points: np.ndarray,
+    normal: np.ndarray,
+    inside: np.ndarray,
+) -> np.ndarray:
+    """In [0, 1] for each point, above one half where the surface has it too.
 
+    With r the distance to the nearest vertex, by position and normal as in the search
+    for it, and d how far the point lies beyond the rim, below 0 inside, it is
 
-def turned_round(T_xy: np.ndarray, mesh_y: Mesh) -> np.ndarray:
-    """T_yx: for each vertex of Y a vertex of X whose image is the nearest on Y.
+        1 / (1 + (r / COVER_DISTANCE)^4 + exp(d / RIM_WIDTH)).
 
     Args:
-        T_xy: the vertex of Y for each vertex of X.
-        mesh_y: in one piece; distances are along its edges.
+        onto: a surface.
+        points: (n, 3) vertices of the other surface, laid on this one.
+        normal: (n, 3) unit normals of the other surface at these.
+        inside: (m,) distance of each vertex of `onto` from its rim (`from_rim`).
     """
-    images, of_image = np.unique(T_xy, return_index=True)
-    graph, options = edge_graph(mesh_y), {"directed": False, "min_only": True}
-    near = dijkstra(graph, indices=images, return_predecessors=True, **options)[2]
-    return of_image[np.searchsorted(images, near)]
+    away, near = map(np.asarray, onto.tree.query(_with_normals(points, normal)))
+    out = onto.outward[near]
+    size = np.linalg.norm(out, axis=1)
+    step = np.sum((points - onto.mesh.vertices[near]) * out, 1)
+    # Of one whose nearest vertex is not on the rim, that vertex's distance from it.
+    beyond = np.where(size > 0, step / np.where(size > 0, size, 1), -inside[near])
+    odds = (away / COVER_DISTANCE) ** 4 + np.exp(np.minimum(beyond / RIM_WIDTH, 50))
+    return 1 / (1 + odds)
 
 
-def openness(mesh: Mesh, same_unit: bool = True) -> tuple[bool, float]:
-    """Greater for a shape with a boundary, and for a smaller one.
+def memberships(
+    x: Target, y: Mesh, moved: np.ndarray, sign: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
+    """`membership` of the vertices of X, and of those of Y.
 
-    Where units may differ sizes say nothing: there a long boundary counts.
+    Args:
+        x: one surface.
+        y: the other at rest.
+        moved: positions of Y, drawn onto X.
+        sign: -1 for a map that mirrors.
     """
-    small = -surface_area(mesh) if same_unit else longest_loop(mesh)
-    return len(boundary_edges(mesh.faces)) > 0, small
+    bent = target(wound(Mesh(moved, y.faces), sign))
+    return (
+        membership(bent, x.mesh.vertices, x.normal, from_rim(y)),
+        membership(x, moved, bent.normal, from_rim(x.mesh)),
+    )
 
 
-def near_vertices(points: Mesh, queries: Mesh) -> np.ndarray:
-    """The vertex of `points` nearest to each of `queries`."""
-    return np.asarray(KDTree(points.vertices).query(queries.vertices)[1])
+def _with_normals(points, normal) -> np.ndarray:
+    """(n, 6): points are near that face alike, too."""
+    return np.concatenate([points, BEND.normal_weight * normal], 1)
 
 
-def wound(mesh: Mesh, sign: int) -> Mesh:
-    """Wound the other way where `sign` is -1."""
-    return mesh if sign > 0 else Mesh(mesh.vertices, mesh.faces[:, ::-1])
-
-
-def scaled(mesh: Mesh, scale: float) -> Mesh:
-    """`scale` times as large."""
-    return Mesh(mesh.vertices * scale, mesh.faces)
-
-
-def _padded_surface(x: Mesh, sign: int, settings: PartSettings):
+def _padded_surface(x: Mesh, sign: int):
     """At a common size, so that few programs serve all cuts."""
     (size,) = padded_shapes(1, [(len(x.vertices), len(x.faces))])
     at, faces = with_rows(x.vertices, size.vertices), with_rows(x.faces, size.faces)
@@ -218,7 +208,7 @@ def _padded_surface(x: Mesh, sign: int, settings: PartSettings):
         jnp.asarray(faces),
         mass,
         float(sign),
-        stiffness_range=settings.bend.stiffness_range,
+        stiffness_range=BEND.stiffness_range,
     )
 
 

@@ -6,25 +6,40 @@ a whole that is drawn to the part slides to the right place from starts that are
 a tenth of the shape, and what is left apart then tells right starts from wrong ones.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.spatial import KDTree
 
-from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import vertex_areas, vertex_normals
 from jfsf.refine._rest import (
     Rest,
     at_rest,
     closest_rotations,
+    deformed,
     edges_of,
+    fitted_scale,
     rotated_edges,
     rotations_of,
+    solver,
 )
-from jfsf.spectral._laplacian import definite_solver
 from jfsf.types import Mesh
 
+# Lengths are in sqrt(area of the whole). The first step smooths the motion of the whole
+# over this length: the start is trusted.
+FIRST_REACH = 0.15
+FIRST_UPDATES = 20  # deformations in the first step
+# Those of the steps that follow, each with a search for the nearest vertices.
+REACHES = 0.3, 0.3, 0.2, 0.2, 0.14, 0.14, 0.1, 0.1, 0.07, 0.07, 0.05, 0.05
+UPDATES = 3  # deformations in each of these
+NORMAL_WEIGHT = 0.1  # half the length that opposite normals count as, in that search
+CURVATURE_WEIGHT = 0.15  # length that one standard deviation of curvature counts as
+# A point farther from an open whole than this length and this share of the reach is not
+# covered by it.
+COVERED_DISTANCE, COVERED_REACH = 0.03, 0.5
+TRIMMED_REACH = 0.14  # from this reach on, what lies beyond its boundary is not either
+UNCOVERED_WEIGHT = 1e-3  # of the pull of a point that is not covered, beside 1
 TINY = 1e-9  # of the pull: without any, what nothing draws could be anywhere
 
 
@@ -83,10 +98,10 @@ def register(
     whole: Whole,
     part: Mesh,
     T,
-    known=None,
+    trusted=None,
     *,
     curvature: tuple[np.ndarray, np.ndarray] | None = None,
-    settings: PartSettings = PartSettings(),
+    reaches: Sequence[float] = REACHES,
 ) -> Registered:
     """The whole drawn to the part, stiff at first and softer step by step.
 
@@ -99,51 +114,47 @@ def register(
         whole: at rest.
         part: about as large as the whole has it.
         T: the start: the vertex of the whole for each vertex of the part.
-        known: (p,) bool, where the start is to be trusted: the other points neither
+        trusted: (p,) bool, where the start is to be trusted: the other points neither
             place nor draw an open whole in the first step. None for all.
         curvature: (p, c) of the part and (n, c) of the whole, see
             `jfsf.matching.parts._curvature`; None compares positions and normals only.
-        settings: `first_reach`, `reaches` and what follows these.
+        reaches: of the steps after the first, in sqrt(area of the whole).
     """
     at, normal, mass = part.vertices, vertex_normals(*part), vertex_areas(*part)
     none = (np.zeros((len(v), 0)) for v in (at, whole.mesh.vertices))
-    unlike = 0.0 if curvature is None else settings.registered_curvature_weight
+    unlike = 0.0 if curvature is None else CURVATURE_WEIGHT
     of_part, of_whole = (unlike * values for values in curvature or none)
-    columns = at, settings.registered_normal_weight * normal, of_part
+    columns = at, NORMAL_WEIGHT * normal, of_part
     points = np.concatenate(columns, 1)
     edge = whole.outward.any(1)
     scale, covered = 1.0, np.ones(len(at), bool)
-    if edge.any() and known is not None and np.any(known):
-        covered = np.asarray(known)
+    if edge.any() and trusted is not None and np.any(trusted):
+        covered = np.asarray(trusted)
     moved = _placed(whole.mesh.vertices, at, mass * covered, T)
     rest = whole.rest
     away = np.zeros(len(at))
     rotation = np.broadcast_to(np.eye(3), (len(moved), 3, 3))
-    ahead = rest.along
-    for step, reach in enumerate((settings.first_reach, *settings.reaches)):
-        goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach, settings)
-        solve = definite_solver(rest.laplacian + sp.diags(pull + TINY))
-        for _ in range(settings.updates if step else settings.first_updates):
-            ahead = scale * rotated_edges(rest, rotations_of(rest, moved))
-            moved = solve(rest.sums @ (rest.stiff[:, None] * ahead) + goal)
+    for step, reach in enumerate((FIRST_REACH, *reaches)):
+        goal, pull = _drawn_to(part, mass, covered, T, len(moved), reach)
+        solve = solver(rest, pull + TINY)
+        for _ in range(UPDATES if step else FIRST_UPDATES):
+            moved = deformed(rest, solve, rotations_of(rest, moved), scale, goal)
         rotation = rotations_of(rest, moved)
-        ahead = rotated_edges(rest, rotation)
-        best = np.sum(rest.stiff[:, None] * edges_of(rest, moved) * ahead)
-        best /= np.sum(rest.stiff[:, None] * rest.along**2)
+        best = fitted_scale(rest, moved, rotation)
         scale = (scale + float(np.clip(best, 0.5, 2))) / 2
         normals = rest.normal_sign * vertex_normals(moved, whole.mesh.faces)
-        weighted = settings.registered_normal_weight * normals
+        weighted = NORMAL_WEIGHT * normals
         queried = np.concatenate([moved, weighted, of_whole], 1)
-        found = KDTree(queried).query(points)
-        away, T = map(np.asarray, found)
+        away, T = map(np.asarray, KDTree(queried).query(points))
         if edge.any():
             outward = np.einsum("pij,pj->pi", rotation[T], whole.outward[T])
             beyond = np.sum((at - moved[T]) * outward, 1) > 0
             apart = np.linalg.norm(at - moved[T], axis=1)
-            near = apart < settings.covered_distance + settings.covered_reach * reach
-            covered = near & ~(beyond & (reach <= settings.trimmed_reach))
+            near = apart < COVERED_DISTANCE + COVERED_REACH * reach
+            covered = near & ~(beyond & (reach <= TRIMMED_REACH))
     share = mass @ covered / mass.sum()
     residual = np.sqrt((mass * covered) @ away**2 / max(mass @ covered, 1e-12))
+    ahead = rotated_edges(rest, rotation)
     bent = np.sum((edges_of(rest, moved) - scale * ahead) ** 2, 1)
     energy = float(rest.stiff @ bent) / 2 / scale**2
     return Registered(
@@ -151,9 +162,9 @@ def register(
     )
 
 
-def _drawn_to(part: Mesh, mass, covered, T, n: int, reach: float, settings):
+def _drawn_to(part: Mesh, mass, covered, T, n: int, reach: float):
     """Sums of what draws each vertex of the whole, and how much that is."""
-    weight = mass * np.where(covered, 1, settings.uncovered_weight) / reach**2
+    weight = mass * np.where(covered, 1, UNCOVERED_WEIGHT) / reach**2
     goal = np.zeros((n, 3))
     np.add.at(goal, T, weight[:, None] * part.vertices)
     return goal, np.bincount(T, weight, n)

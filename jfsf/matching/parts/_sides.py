@@ -10,16 +10,17 @@ import numpy as np
 
 from jfsf.geometry import GeodesicSolver
 from jfsf.matching.parts._curvature import (
+    TIMES,
     Curvatures,
     curvature,
     curvatures,
     standard_curvature,
     usual_curvature,
 )
-from jfsf.matching.parts._region import near_vertices, outward
 from jfsf.matching.parts._register import Whole, whole_at_rest
+from jfsf.matching.parts._samples import PartSamples, part_samples
 from jfsf.matching.parts._settings import PartSettings
-from jfsf.matching.parts._shape import PartSamples, part_samples
+from jfsf.matching.parts._surfaces import outward
 from jfsf.mesh import (
     decimate,
     farthest_vertices,
@@ -27,8 +28,14 @@ from jfsf.mesh import (
     surface_area,
     vertex_normals,
 )
+from jfsf.mesh._closest import nearest_vertices
 from jfsf.types import ArrayLike, Mesh
 
+COARSE_PART, COARSE_WHOLE = 600, 1000  # vertices of the coarse copies
+# Where units may differ: factors of the part's lengths that are tried once the geodesic
+# diameters are the same, and by how much there are more starts: there are more sizes.
+ANY_SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.9, 0.9, 19)))
+ANY_UNIT_FACTOR = 1.5
 BEYOND = 1.2  # factor by which the size that is found may lie outside of those tried
 ENDS = 5  # vertices far apart; the diameter begins at what is farthest from one
 
@@ -39,15 +46,15 @@ class Sides(NamedTuple):
     Where units may differ X is brought to the geodesic diameter of Y instead.
 
     coarse_x: the copy of X.
-    whole: that of Y.
+    whole: the copy of Y, at rest.
     on_x: the vertex of X nearest to each of its copy.
     from_y: the vertex of the copy nearest to each of Y.
     on_y: the vertex of Y nearest to each of its copy.
-    curvatures_x: of X, as it is, see `jfsf.matching.parts._curvature`.
+    curvatures_x: of X, at its own size (`_curvature`).
     usual_curvature: (times,) of Y.
     curvature_y: (n_y, times) of Y in these units.
     sign: -1 for maps that mirror, and the whole is mirrored.
-    settings: with the scales that are tried.
+    settings: with the scales that are tried, and the numbers of starts.
     same_unit: whether both shapes were in one unit.
     factor: by which X was enlarged beside Y, to be as long; 1 in one unit.
     """
@@ -70,8 +77,8 @@ class Sides(NamedTuple):
     def curvature_x(self, scale: float) -> np.ndarray:
         """(n_x, times) of X at that size, like `curvature_y`."""
         # It has no unit: only the time does.
-        own = self.curvatures_x.at(np.array(self.settings.curvature_times) / scale**2)
-        return standard_curvature(own, self.usual_curvature, self.settings)
+        values = self.curvatures_x.at(np.array(TIMES) / scale**2)
+        return standard_curvature(values, self.usual_curvature)
 
 
 def both_sides(
@@ -90,21 +97,18 @@ def both_sides(
         landmarks: rows (vertex of X, vertex of Y).
         descriptors: of X and of Y, a row a vertex.
         same_unit: whether both are in one unit; else the size of X is not read.
-        settings: how many samples, and the sizes of the copies.
+        settings: how many samples and starts, and which scales, in one unit.
     """
     oriented, factor = (orient(mesh_x), orient(mesh_y)), 1.0
     if not same_unit:
         factor = _diameter(oriented[1]) / _diameter(oriented[0])
-        more = lambda number: round(settings.any_unit_factor * number)
+        more = lambda number: round(ANY_UNIT_FACTOR * number)
         settings = replace(
             settings,
             assignments=more(settings.assignments),
             alignments=more(settings.alignments),
             registered_again=more(settings.registered_again),
-            scales=settings.any_scales,
-            aligned_scales=settings.any_aligned_scales,
-            scale_bands=settings.any_scale_bands,
-            scale_weight=0.0,
+            scales=ANY_SCALES,
         )
     unit = np.sqrt(surface_area(mesh_y))
     at = ((), ()) if landmarks is None else np.asarray(landmarks).T
@@ -116,26 +120,29 @@ def both_sides(
     )
     nums = settings.samples_of_part, settings.samples_of_whole
     x, y = (
-        part_samples(mesh, num, landmarks=own, descriptors=desc, settings=settings)
+        part_samples(mesh, num, landmarks=own, descriptors=desc)
         for mesh, num, own, desc in zip(meshes, nums, at, given, strict=True)
     )
-    coarse_x = decimate(x.mesh, settings.coarse_part)
-    coarse_y = decimate(y.mesh, settings.coarse_whole)
-    on_x = near_vertices(x.mesh, coarse_x)
+    coarse_x = decimate(x.mesh, COARSE_PART)
+    coarse_y = decimate(y.mesh, COARSE_WHOLE)
+    on_x = nearest_vertices(x.mesh, coarse_x)
     out = outward(coarse_y, vertex_normals(*coarse_y))
     whole = whole_at_rest(coarse_y, out)
-    from_y, on_y = near_vertices(coarse_y, y.mesh), near_vertices(y.mesh, coarse_y)
+    from_y, on_y = (
+        nearest_vertices(coarse_y, y.mesh),
+        nearest_vertices(y.mesh, coarse_y),
+    )
     copies = coarse_x, whole, on_x, from_y, on_y
-    times, scales = settings.curvature_times, settings.scales
+    scales = settings.scales
     # The size that is found may lie a little beyond those that are tried.
     ends = (
-        min(times) / (BEYOND * max(scales)) ** 2,
-        max(times) * (BEYOND / min(scales)) ** 2,
+        min(TIMES) / (BEYOND * max(scales)) ** 2,
+        max(TIMES) * (BEYOND / min(scales)) ** 2,
     )
     curvatures_x = curvatures(x.mesh, *ends)
-    curved = curvature(y.mesh, times)
+    curved = curvature(y.mesh, TIMES)
     usual = usual_curvature(curved)
-    curved = standard_curvature(curved, usual, settings)
+    curved = standard_curvature(curved, usual)
     curved_both = curvatures_x, usual, curved
     return Sides(x, y, *copies, *curved_both, 1, settings, same_unit, factor)
 

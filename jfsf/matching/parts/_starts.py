@@ -8,9 +8,8 @@ the shape off is then still on its way.
 """
 
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -19,25 +18,53 @@ import numpy as np
 from jfsf.geometry import GeodesicSolver
 from jfsf.matching.parts._alignments import aligned
 from jfsf.matching.parts._beam import anchors_of, assign
-from jfsf.matching.parts._region import scaled
-from jfsf.matching.parts._register import Registered, register
-from jfsf.matching.parts._settings import PartSettings
-from jfsf.matching.parts._shape import along_cut
+from jfsf.matching.parts._register import REACHES, Registered, register
+from jfsf.matching.parts._samples import along_cut
 from jfsf.matching.parts._sides import Sides, mirrored
+from jfsf.matching.parts._surfaces import scaled
 from jfsf.types import ArrayLike
 
-# Of distances, from which on their ratio is read.
-FEW = 10
+# In sqrt(area of the whole): distance from an anchor below which its weight for the
+# first dense map levels off.
+ANCHOR_RADIUS = 0.05
+# In sqrt(area of the whole): a start misses a landmark whose image is farther than this
+# from where it should be. Those that miss more than others are dropped.
+MAX_LANDMARK_DISTANCE = 0.15
+FEW = 10  # distances, from which on their ratio is read
+
+
+class RankWeights(NamedTuple):
+    """Weights of what ranks starts and maps; a small sum is good.
+
+    The first three make `Certificate.region_cost`, and the confidence of parts was
+    fitted to it by these numbers. All are fitted by `experiments/fit/fit_parts.py`.
+
+    residual: of the logarithm of `Registered.residual`.
+    energy: of the logarithm of `Registered.energy`.
+    share: of the logarithm of `Registered.share`.
+    log_odds: of the log odds of the refined map between the regions.
+    size: of the logarithm of the factor of the part's lengths, read only where units
+        may differ. A small part leaves little apart, wherever it lies.
+    """
+
+    residual: float = 6.95
+    energy: float = 1.0
+    share: float = -1.04
+    log_odds: float = -0.06
+    size: float = -2.23
+
+
+WEIGHTS = RankWeights()
 
 
 class Start(NamedTuple):
     """Y drawn onto X by an assignment, a rigid motion, or a map that is given.
 
-    scale: of X, in what it was drawn by.
-    cost: of the drawing, by the weights of `RegisterWeights`. Small is good.
-    rank: the same; where units may differ, with that of the size.
-    missed: landmarks whose image is far from where it should be, see
-        `PartSettings.max_landmark_distance`.
+    scale: factor of X's lengths that the start has.
+    cost: of the drawing, by `RankWeights`. Small is good.
+    rank: the cost; where units may differ, with the weighted size.
+    missed: landmarks whose image is more than `MAX_LANDMARK_DISTANCE` from where it
+        should be.
     """
 
     scale: float
@@ -60,12 +87,16 @@ def starts(
     say("assignments")
     assigned = _assigned(sides)
     say("rigid motions")
-    motions = aligned(sides.coarse_x, sides.whole, settings=sides.settings)
+    motions = aligned(
+        sides.coarse_x,
+        sides.whole,
+        sides.settings.alignments,
+        same_unit=sides.same_unit,
+    )
     maps = [*assigned, *((T, scale, None) for T, scale in motions)]
     # Every second step, the last among them, tells the best.
-    reaches = sides.settings.reaches[::-1][::2][::-1]
-    brief = sides._replace(settings=replace(sides.settings, reaches=reaches))
-    draw, name = partial(_start, brief), f"of {len(maps)}"
+    draw = partial(_start, sides, reaches=REACHES[::-1][::2][::-1])
+    name = f"of {len(maps)}"
     yield from _at_once(draw, maps, lambda i: say(f"registration {i + 1} {name}"))
 
 
@@ -74,14 +105,21 @@ def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray]]:
 
     Of each assignment. It is known at points whose nearest anchor has a partner.
     """
-    x, y, settings = sides.x, sides.y, sides.settings
-    found = assign(x, y, orientation=sides.sign, settings=settings)
-    from_x = x.distance[np.ix_(found.which, sides.on_x)]
+    x, y = sides.x, sides.y
+    assigned = assign(
+        x,
+        y,
+        orientation=sides.sign,
+        same_unit=sides.same_unit,
+        settings=sides.settings,
+    )
+    from_x = x.distance[np.ix_(assigned.which, sides.on_x)]
     maps = []
-    for partner, scale in zip(found.partner, found.scale.tolist(), strict=True):
+    each = zip(assigned.partner, assigned.scale.tolist(), strict=True)
+    for partner, scale in each:
         there = partner >= 0
         from_y = y.distance[np.ix_(partner[there], sides.on_y)]
-        T = _by_distances(scale * from_x[there], from_y, settings)
+        T = _by_distances(scale * from_x[there], from_y)
         maps.append((T, scale, there[from_x.argmin(0)]))
     return maps
 
@@ -136,9 +174,8 @@ def start_from(sides: Sides, start: Start) -> Start:
 
     That map is known where Y covers X.
     """
-    found = start.registered
-    scale = start.scale / found.scale
-    return _start(sides, found.T, scale, found.covered)
+    before = start.registered
+    return _start(sides, before.T, start.scale / before.scale, before.covered)
 
 
 def start_of(sides: Sides, T_xy: np.ndarray, scale: float | None = None) -> Start:
@@ -158,23 +195,29 @@ def _start(
     sides: Sides,
     T: np.ndarray,
     scale: float,
-    known: np.ndarray | None = None,
+    trusted: np.ndarray | None = None,
+    *,
+    reaches: Sequence[float] | None = None,
 ) -> Start:
-    """Of a map T from the copy of X to that of Y, to be trusted where it is known."""
-    settings, part = sides.settings, scaled(sides.coarse_x, scale)
+    """Of a map T from the copy of X to that of Y, right where it is `trusted`."""
+    part = scaled(sides.coarse_x, scale)
     curved = sides.curvature_x(scale)[sides.on_x], sides.curvature_y[sides.on_y]
-    found = register(sides.whole, part, T, known, curvature=curved, settings=settings)
-    cost = rank = _cost(found, settings)
+    options = {"curvature": curved, "reaches": reaches or REACHES}
+    registered = register(sides.whole, part, T, trusted, **options)
+    cost = rank = cost_of(registered)
     if not sides.same_unit:
-        rank += settings.register_weights.size * float(np.log(scale / found.scale))
-    return Start(scale, found, cost, rank, _missed(sides, found))
+        rank += WEIGHTS.size * float(np.log(scale / registered.scale))
+    return Start(scale, registered, cost, rank, _missed(sides, registered))
 
 
-def _by_distances(
-    from_x: np.ndarray,
-    from_y: np.ndarray,
-    settings: PartSettings,
-) -> np.ndarray:
+def cost_of(registered: Registered, weights: RankWeights = WEIGHTS) -> float:
+    """What `Start.cost` is: the weighted logarithms of residual, energy and share."""
+    figures = registered.residual, registered.energy, registered.share
+    logs = (np.log(max(float(f), 1e-6)) for f in figures)
+    return float(sum(w * log for w, log in zip(weights[:3], logs, strict=True)))
+
+
+def _by_distances(from_x: np.ndarray, from_y: np.ndarray) -> np.ndarray:
     """T: for points of X, that of Y as far from the partners as they from the anchors.
 
     Near anchors count most.
@@ -182,9 +225,8 @@ def _by_distances(
     Args:
         from_x: (a, p) distances of points of X from the anchors, in the unit of Y.
         from_y: (a, q) those of points of Y from their partners.
-        settings: how much near anchors count.
     """
-    weight = 1 / (from_x + settings.anchor_radius) ** 2
+    weight = 1 / (from_x + ANCHOR_RADIUS) ** 2
     weight /= weight.sum(0)
     apart = weight.T @ from_y**2 - 2 * (weight * from_x).T @ from_y
     return apart.argmin(1)
@@ -204,11 +246,11 @@ def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
         T_xy: the vertex of Y for each vertex of X.
     """
     x, settings = sides.x, sides.settings
-    which = anchors_of(x, settings)
+    which = anchors_of(x, settings.anchors)
     images = T_xy[x.at[which]]
     far_x = x.between[np.ix_(which, which)]
     far_y = GeodesicSolver(sides.y.mesh).rows(images)[:, images]
-    counts = ~along_cut(x.around[np.ix_(which, which)], far_x, settings)
+    counts = ~along_cut(x.around[np.ix_(which, which)], far_x)
     counts &= (far_x > 0) & (far_y > 0)
     if counts.sum() < 2 * FEW:  # each distance is there twice
         return 1.0
@@ -218,16 +260,9 @@ def scale_of(sides: Sides, T_xy: np.ndarray) -> float:
     return float(np.clip(ratio, min(settings.scales), max(settings.scales)))
 
 
-def _missed(sides: Sides, found: Registered) -> int:
+def _missed(sides: Sides, registered: Registered) -> int:
     x, y = sides.x, sides.y
     near = x.distance[x.landmarks][:, sides.on_x].argmin(1)
-    images = sides.on_y[found.T[near]]
+    images = sides.on_y[registered.T[near]]
     away = y.distance[y.landmarks, images]
-    return int(np.sum(away > sides.settings.max_landmark_distance))
-
-
-def _cost(found: Registered, settings: PartSettings) -> float:
-    weights = settings.register_weights[:3]
-    figures = found.residual, found.energy, found.share
-    logs = (np.log(max(float(f), 1e-6)) for f in figures)
-    return float(sum(w * log for w, log in zip(weights, logs, strict=True)))
+    return int(np.sum(away > MAX_LANDMARK_DISTANCE))

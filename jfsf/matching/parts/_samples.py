@@ -1,7 +1,8 @@
 """Mesh -> PartSamples: what survives a cut, read at samples. Host side (numpy).
 
 A cut changes the spectrum everywhere. Geodesics inside the part, directions along the
-surface and what is seen within a distance smaller than that of the cut stay.
+surface and the surface within a distance smaller than that of the cut stay. So samples
+are compared by the geodesic balls around them, and by descriptors that a caller gives.
 """
 
 from typing import NamedTuple
@@ -10,10 +11,25 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching.parts._settings import PartSettings
 from jfsf.mesh import face_normals, farthest_vertices, vertex_areas, vertex_normals
 from jfsf.mesh._geometry import boundary_edges
 from jfsf.types import ArrayLike, Mesh
+
+# Vertices on the boundary, at most, from which the distance to it is measured.
+BOUNDARY_SAMPLES = 80
+# A shortest path between two samples may run along the cut, and so be shorter in the
+# whole, if a path by the boundary is at most this factor as long and this length, in
+# sqrt(area of the whole), longer.
+ALONG_CUT_FACTOR, ALONG_CUT_SLACK = 1.02, 0.01
+# Radii of the geodesic balls around a sample, in sqrt(area of the whole), ascending.
+BALL_RADII = 0.05, 0.08, 0.12, 0.17, 0.23, 0.3
+# Of the soft border of a ball: a vertex at r (1 + 1 / BALL_STEEPNESS) has weight 0.27.
+BALL_STEEPNESS = 12.0
+BALL_REACH = 1.2  # in greatest radii: beyond this distance a vertex has no weight
+COLUMNS = 5  # numbers that describe the ball of one radius
+MAX_DIFFERENCE = 3.0  # in standard deviations; a greater difference counts as this
+DIFFERENCE_UNIT = 1.5  # standard deviations that count as 1
+UNREAD_DIFFERENCE = 0.5  # in standard deviations: of all samples, if none are compared
 
 
 class PartSamples(NamedTuple):
@@ -56,7 +72,6 @@ def part_samples(
     *,
     landmarks: ArrayLike = (),
     descriptors: ArrayLike | None = None,
-    settings: PartSettings = PartSettings(),
 ) -> PartSamples:
     """`num` samples of a connected mesh, wound outward; fewer vertices, fewer samples.
 
@@ -65,13 +80,12 @@ def part_samples(
         num: samples, those at landmarks not counted.
         landmarks: (l,) vertices.
         descriptors: (n, d), a row a vertex.
-        settings: how the distance to the boundary is measured.
     """
     n, solver = len(mesh.vertices), GeodesicSolver(mesh)
     edge = np.unique(boundary_edges(mesh.faces))
     to_boundary, from_edge = np.full(n, np.inf), np.zeros((0, n))
     if len(edge):
-        step = -(-len(edge) // settings.boundary_samples)
+        step = -(-len(edge) // BOUNDARY_SAMPLES)
         from_edge = solver.rows(edge[::step])
         to_boundary = from_edge.min(0)
         to_boundary[edge] = 0
@@ -92,15 +106,85 @@ def part_samples(
     )
 
 
-def along_cut(around, between, settings: PartSettings) -> np.ndarray:
+def along_cut(around, between) -> np.ndarray:
     """Whether shortest paths run along a cut: in the whole they may be shorter.
 
     Args:
         around, between: of `PartSamples`, or rows and columns of these.
-        settings: how much longer the path by the boundary may be.
     """
-    longer = settings.along_cut_factor * between + settings.along_cut_slack
-    return around < longer
+    return around < ALONG_CUT_FACTOR * between + ALONG_CUT_SLACK
+
+
+def ball_descriptors(samples: PartSamples, which, scale: float = 1.0) -> np.ndarray:
+    """Area, curvature and extent of the geodesic balls around samples.
+
+    Args:
+        samples: the shape.
+        which: (a,) samples.
+        scale: factor that brings the shape to the size of the other.
+
+    Returns:
+        (a, radii, columns); nan where the ball meets the boundary.
+    """
+    points, mass = samples.mesh.vertices * scale, samples.mass * scale**2
+    out = np.full((len(which), len(BALL_RADII), COLUMNS), np.nan)
+    distance = samples.distance[which] * scale
+    free = samples.to_boundary[samples.at[which]] * scale
+    for row, (i, far) in enumerate(zip(which, distance, strict=True)):
+        near = np.flatnonzero(far < BALL_RADII[-1] * BALL_REACH)
+        centre = samples.at[i]
+        apart = points[near] - points[centre]
+        for col, radius in enumerate(BALL_RADII):
+            if free[row] < radius:
+                continue
+            # A soft border: few vertices lie in a small ball.
+            weight = mass[near] / (
+                1 + np.exp(BALL_STEEPNESS * (far[near] / radius - 1))
+            )
+            total = weight.sum()
+            middle = weight @ apart / total
+            spread = (apart - middle).T @ ((apart - middle) * weight[:, None]) / total
+            extent = np.sqrt(np.maximum(np.linalg.eigvalsh(spread), 0)) / radius
+            rise = middle @ samples.normal[centre] / radius
+            out[row, col] = np.log(total / radius**2), 2 * rise, *(2 * extent)
+    return out
+
+
+def ball_difference(balls_x: np.ndarray, balls_y: np.ndarray) -> np.ndarray:
+    """(a, b) mean difference of the balls around two samples, in `DIFFERENCE_UNIT`.
+
+    Where nothing can be compared it is the mean of all that can.
+    """
+    flat = balls_y.reshape(-1, *balls_y.shape[1:])
+    # By hand: `nanstd` warns of a radius at which every ball meets the boundary.
+    count = np.maximum((~np.isnan(flat)).sum(0), 1)
+    middle = np.nansum(flat, 0) / count
+    width = np.sqrt(np.nansum((flat - middle) ** 2, 0) / count) + 1e-6
+    apart = np.abs(balls_x[:, None] - balls_y[None]) / width
+    both = ~np.isnan(apart)
+    total = np.where(both, np.minimum(apart, MAX_DIFFERENCE), 0).sum((2, 3))
+    count = both.sum((2, 3))
+    mean = total / np.maximum(count, 1)
+    usual = mean[count > 0].mean() if (count > 0).any() else UNREAD_DIFFERENCE
+    return np.where(count > 0, mean, usual) / DIFFERENCE_UNIT
+
+
+def descriptor_difference(given_x: np.ndarray, given_y: np.ndarray) -> np.ndarray:
+    """(a, b) mean squared difference of descriptors in `DIFFERENCE_UNIT`.
+
+    Standard deviations are those over `given_y`.
+
+    Args:
+        given_x, given_y: (a, d) and (b, d), column i of one like column i of the other.
+    """
+    width = given_y.std(0)
+    unit = DIFFERENCE_UNIT * np.where(width > 0, width, 1)
+    most = MAX_DIFFERENCE / DIFFERENCE_UNIT
+    total = np.zeros((len(given_x), len(given_y)))
+    # Column by column: there may be hundreds.
+    for x, y in zip((given_x / unit).T, (given_y / unit).T, strict=True):
+        total += np.minimum(np.abs(x[:, None] - y[None]), most) ** 2
+    return total / given_x.shape[1]
 
 
 def _directions(mesh: Mesh, at, distance, normal) -> np.ndarray:
