@@ -3,8 +3,8 @@
 Of the sets to choose on, parts of animals and 20 pairs of embedded bodies that are both
 cut (`partial.py --both`): the error of the map of coarse copies by the first start,
 which is refined, the least of the first three, and the least of all. Each change is of
-one choice in `jfsf.PartSettings`. `--sets` takes others too. A killed run goes on from
-what it has written.
+one choice in `jfsf.PartSettings`, or of a constant. `--sets` takes others too. A killed
+run goes on from what it has written.
 
     python -m experiments.fit.choose_starts --data ROOT [--sets psmal] \\
         [--out RESULT.json]
@@ -12,6 +12,7 @@ what it has written.
 
 import json
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +24,7 @@ from experiments.accuracy import cuts, datasets, protocol
 from experiments.accuracy.partial import Cut, pairs, parts_of
 from experiments.fit import fit_parts
 from jfsf import data
+from jfsf.matching.parts import PartSettings, _beam, _register
 from jfsf.matching.parts._sides import both_sides
 from jfsf.matching.parts._starts import first_starts
 from jfsf.mesh._closest import nearest_vertices
@@ -31,12 +33,14 @@ BOTH = "both cut"
 SETS = "psmal", BOTH
 EVERY = *fit_parts.SETS, fit_parts.MADE, BOTH
 KEEP, PAIRS = 0.7, 20  # of the bodies that are both cut
+# What is changed: fields of the settings, and constants of files.
 CHANGES: dict[str, dict] = {
     "shipped": {},
-    "min_groups=12": {"min_groups": 12},
+    "min_groups=12": {"MIN_GROUPS": 12},
     "assignments=16": {"assignments": 16},
-    "first_reach=0.1": {"first_reach": 0.1, "first_updates": 40},
+    "first_reach=0.1": {"FIRST_REACH": 0.1, "FIRST_UPDATES": 40},
 }
+FILES = {"MIN_GROUPS": _beam, "FIRST_REACH": _register, "FIRST_UPDATES": _register}
 FEW = 3
 KINDS = "first", f"best of {FEW}", "best"
 
@@ -91,11 +95,25 @@ def measure(x: datasets.Shape, y: datasets.Shape) -> dict[str, list[float]]:
     near = nearest_vertices(sides.coarse_x, sides.x.mesh)
     found = {}
     for name, change in CHANGES.items():
-        settings = replace(fit_parts.SETTINGS, **change)
-        begin = first_starts(sides._replace(settings=settings), 1)
+        with changed(change) as settings:
+            begin = first_starts(sides._replace(settings=settings), 1)
         errors = [error(sides.on_y[one.registered.T[near]]) for _, one in begin]
         found[name] = [errors[0], min(errors[:FEW]), min(errors)]
     return found
+
+
+@contextmanager
+def changed(change: dict) -> Iterator[PartSettings]:
+    """The settings of a change; its constants are set until the end."""
+    shipped = {name: getattr(file, name) for name, file in FILES.items()}
+    fields = {name: value for name, value in change.items() if name not in FILES}
+    try:
+        for name in change.keys() & FILES.keys():
+            setattr(FILES[name], name, change[name])
+        yield replace(fit_parts.SETTINGS, **fields)
+    finally:
+        for name, value in shipped.items():
+            setattr(FILES[name], name, value)
 
 
 def summary(rows: list[dict]) -> dict[str, dict]:
