@@ -549,7 +549,7 @@ def test_settings_change_any_stage():
 
 def functions_of_the_guide():
     """Those that the page on stages defines, by name; nothing is matched."""
-    page = ROOT / "jfsf" / "guide" / "stages.md"
+    page = ROOT / "jfsf" / "apps" / "guide" / "stages.md"
     names = {}
     for code in blocks(page.read_text(), "python"):
         kept = ast.Import | ast.ImportFrom | ast.FunctionDef

@@ -59,7 +59,7 @@ Two meshes:
 
 - `_shapes`: what can be matched, and its spectrum: `check_matchable`, `basis`
 - `_attempted`: spectra and programs at the same time, then the policy
-- `_partial`: the same of parts
+- `_partial`: shapes of which one is a part of the other
 - `_match`: `match`, `alternatives`, `symmetry`, `attempted_pair`
 - `_warm_up`: the programs of `match`, compiled before there are shapes
 """

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from functools import partial
-from time import perf_counter
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +10,7 @@ import numpy as np
 from jfsf.initial import Start
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._coarse import carried, padded_copies
-from jfsf.matching._pairs import PairState
+from jfsf.matching._pairs import PairState, seconds_of
 from jfsf.matching._settings import Settings
 from jfsf.matching._stages import deform_by_arap
 from jfsf.matching._steps import Work, bend
@@ -42,29 +41,26 @@ def bent_as_copies(
     settings: Settings,
 ) -> list[Work]:
     """The works before their last step; large shapes bent as their copies are."""
-    started, bent_works = perf_counter(), list(works)
+    bent_works = list(works)
     large = [i for i, pair in enumerate(pairs) if bends_copies(pair, settings)]
     if not large:
         return bent_works
-    inputs = [
-        (_spectra_of_copies(pairs[i], settings), works[i].C_yx, works[i].start)
-        for i in large
-    ]
-    bent = runner.map(STAGE, partial(bend, settings=settings), inputs)
-    for i, moved in zip(large, bent, strict=True):
-        whole = _whole_as(moved, pairs[i], works[i].start, settings)
-        bent_works[i] = works[i]._replace(C_yx=whole)
-    share = (perf_counter() - started) / len(large)
-    for i in large:
-        seconds = pairs[i].seconds
-        seconds[STAGE] = seconds.get(STAGE, 0.0) + share
+    with seconds_of([pairs[i] for i in large], STAGE):
+        inputs = [
+            (_spectra_of_copies(pairs[i], settings), works[i].C_yx, works[i].start)
+            for i in large
+        ]
+        bent = runner.map(STAGE, partial(bend, settings=settings), inputs)
+        for i, moved in zip(large, bent, strict=True):
+            whole = _whole_as(moved, pairs[i], works[i].start, settings)
+            bent_works[i] = works[i]._replace(C_yx=whole)
     return bent_works
 
 
 def _spectra_of_copies(
     pair: PairState, settings: Settings
 ) -> tuple[Spectrum, Spectrum]:
-    """Of a pair of shapes and types, those that its copies will have."""
+    """Those of the coarse copies, or the shapes and types that they will have."""
     if not _only_shapes(pair):
         return padded_copies(pair.coarse_copies(settings), MatchInputs())[0]
     few = [min(n, settings.coarse_vertices) for n in _sizes(pair)]

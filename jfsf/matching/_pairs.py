@@ -1,6 +1,9 @@
 """A pair on the way: what was attempted, and which match is the best so far."""
 
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from time import perf_counter
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -35,18 +38,20 @@ class PairState:
     """A pair on the way.
 
     spectra: of X and Y, padded.
-    inputs: padded, too.
+    inputs: what was given beside the shapes, padded.
     samples: of both shapes, made without landmarks.
     landmark_samples: made with them; the same where there are none.
-    attempts: in their order.
+    attempts: those that were made, in their order.
     shares: for each of them, how it stands among the maps of the coarse copies
         (`share_among`); nan if it was not compared with these.
-    rivals: likewise how many of these are as likely (`rivals_among`).
+    rivals: for each attempt, how many maps of the coarse copies are as likely
+        (`rivals_among`); nan if it was not compared with these.
     mirrored: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
     coarse: the coarse copies of both shapes, once they are made.
-    copies: the same as this, of these copies, where starts were tried on them.
+    copies: the pair of the coarse copies, with its attempts, where starts were tried on
+        them.
     seconds: by stage; its share where a stage ran for several pairs.
     unpadded: vertices of X and Y without padding; None leaves it to the caller.
     """
@@ -177,3 +182,13 @@ class PairState:
         """The best match, without padding where `unpadded` is known."""
         best = self.results(settings)[self.won]
         return best if self.unpadded is None else best.without_padding(*self.unpadded)
+
+
+@contextmanager
+def seconds_of(pairs: Sequence[PairState], name: str) -> Iterator[None]:
+    """What is done inside counts as a stage of each pair, which notes its share."""
+    started = perf_counter()
+    yield
+    share = (perf_counter() - started) / max(len(pairs), 1)
+    for pair in pairs:
+        pair.seconds[name] = pair.seconds.get(name, 0.0) + share

@@ -6,12 +6,11 @@ from functools import partial
 import jax
 
 from jfsf.initial._start import nonisometric_starts
-from jfsf.matching._pairs import Attempt, PairState
+from jfsf.matching._pairs import Attempt, PairState, seconds_of
 from jfsf.matching._run_stages import (
     attempt_starts,
     describe,
     search_inputs,
-    seconds_of,
 )
 from jfsf.matching._settings import Settings
 from jfsf.matching._sources import Comparison, Proposal, Source, sources_of
@@ -36,7 +35,8 @@ def attempt_pairs(
     """Match pairs, and try those in doubt again; the pairs keep all attempts.
 
     Args:
-        pairs: all with landmarks or all without; likewise an initial map.
+        pairs: all with landmarks or all without, and all with an initial map or all
+            without.
         runner: of the stages.
         settings: of all stages, and of further attempts.
 

@@ -1,14 +1,12 @@
 """The stages of an attempt, run for many pairs; each pair notes the seconds."""
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import partial
-from time import perf_counter
 from typing import Any, cast
 
 from jfsf.initial import Start
 from jfsf.matching._bent_copies import bent_as_copies
-from jfsf.matching._pairs import PairState
+from jfsf.matching._pairs import PairState, seconds_of
 from jfsf.matching._settings import Settings
 from jfsf.matching._steps import FINISH, shape_samples, steps_of
 from jfsf.runtime._runners import Runner
@@ -78,13 +76,3 @@ def search_inputs(pairs, sides) -> list[tuple]:
     """What `search_starts` and `nonisometric_starts` take, for each pair."""
     both = zip((pair.inputs for pair in pairs), sides, strict=True)
     return [(x.search, y.search, own.sign, own.self_map) for own, (x, y) in both]
-
-
-@contextmanager
-def seconds_of(pairs: Sequence[PairState], name: str) -> Iterator[None]:
-    """What is done inside counts as a stage of each pair, which notes its share."""
-    started = perf_counter()
-    yield
-    share = (perf_counter() - started) / max(len(pairs), 1)
-    for pair in pairs:
-        pair.seconds[name] = pair.seconds.get(name, 0.0) + share

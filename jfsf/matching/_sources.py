@@ -22,14 +22,13 @@ from jfsf.matching._others import (
     pulled_back,
     unstacked,
 )
-from jfsf.matching._pairs import Attempt, PairState
+from jfsf.matching._pairs import Attempt, PairState, seconds_of
 from jfsf.matching._rigid import moved_by_map
 from jfsf.matching._rivals import TIE, rivals_among, share_among
 from jfsf.matching._run_stages import (
     attempt_starts,
     describe,
     search_inputs,
-    seconds_of,
 )
 from jfsf.matching._settings import Settings
 from jfsf.matching._steps import given_start

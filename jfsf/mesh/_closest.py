@@ -24,7 +24,7 @@ class OnSurface(NamedTuple):
 
     face: (q,) the face it lies on; -1 where none was allowed.
     barycentric: (q, 3) its weights of the corners of that face; nan there.
-    position: (q, 3); likewise.
+    position: (q, 3), where the nearest point lies.
     distance: (q,) from the point, >= 0; inf there.
     """
 

@@ -91,7 +91,7 @@ def batch(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Landmarks of Y, such as one template, likewise.",
+            help="Landmarks of Y for all pairs, such as those of one template.",
         ),
     ] = None,
     largest_component: Annotated[

@@ -49,7 +49,7 @@ class Matched(NamedTuple):
 
     maps: of X, which has the smaller number, and Y.
     confidence: of the pair alone; nan where there is none.
-    shear: of the triangles of the pair, bent onto each other (`Certificate`); likewise.
+    shear: of the triangles of the pair, bent onto each other (`Certificate`).
     """
 
     maps: Maps
