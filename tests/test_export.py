@@ -61,8 +61,8 @@ def exported_stages(spec, landmarks, settings):
 @pytest.mark.slow
 @pytest.mark.parametrize("large", [False, True])
 def test_every_stage_lowers_for_accelerators(large):
-    few = {"samples_above": 1000, "exhaustive_up_to": 1000, "copies_above": 1000}
-    settings = Settings(samples=512, **few) if large else Settings()
+    few = {"samples": 512, "exhaustive_up_to": 1000, "copies_above": 1000}
+    settings = Settings(**few) if large else Settings()
     at = jax.ShapeDtypeStruct((3,), jnp.int32)
     programs = exported_stages(shape(2304), (at, at), settings)
     names = {name for name, _ in programs}

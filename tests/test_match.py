@@ -124,9 +124,7 @@ def specs():
 
 @pytest.mark.slow  # the whole of match, compiled once more
 def test_large_meshes_are_matched_through_tiles_and_samples():
-    small = Settings(
-        tiles_above=200, samples_above=300, samples=256, exhaustive_up_to=300
-    )
+    small = Settings(tiles_above=200, samples=256, exhaustive_up_to=300)
     found = jfsf.match_spectra(*specs(), settings=small)
     assert found.T_xy.shape == (len(shapes()[0][0].vertices),)
     # Samples of a mesh of 500 vertices are few.
@@ -581,9 +579,7 @@ def test_the_guides_own_stages_match_a_shape_that_was_turned():
 @pytest.mark.usefixtures("run_once")
 def test_a_converter_without_a_plan_has_a_certificate():
     (mesh_x, _), (mesh_y, _) = shapes()
-    mine = jfsf.Settings(
-        retry_below=0, converter=ten_lines, bend_converter=ten_lines, bend_rounds=1
-    )
+    mine = jfsf.Settings(retry_below=0, converter=ten_lines, bend_rounds=1)
     start = plain().C_yx
     found = match(mesh_x, mesh_y, initial=start, settings=mine)
     evidence = found.certificate

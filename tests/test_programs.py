@@ -1,6 +1,8 @@
 """Programs that are compiled early, with options, or kept on disk: same results."""
 
+import copy
 import hashlib
+import operator
 import os
 import pickle
 import shutil
@@ -8,15 +10,18 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import cloudpickle
 import jax
 import jax.numpy as jnp
 import numpy as np
 import platformdirs
 import pytest
 
+import jfsf
 from jfsf import storage
 from jfsf.matching import Settings
 from jfsf.runtime import _compiler, _program_files, _programs
@@ -72,8 +77,12 @@ def ask(scale=4.0, at=2):
 
 @pytest.fixture
 def kept(tmp_path, monkeypatch):
-    """Programs are kept in this folder, and none is known yet."""
+    """Programs are kept in this folder, and none is known yet.
+
+    The code of this file counts as the package's.
+    """
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
+    monkeypatch.setattr(_program_files, "OWN", ("jfsf", __name__))
     _programs.known.clear()
     traced.clear()
     yield tmp_path / "jfsf" / "programs"
@@ -105,23 +114,39 @@ def test_other_options_or_settings_of_jax_are_other_programs(kept):
     assert traced == [2, 3, 2] and len(list(kept.iterdir())) == 3
 
 
-def test_other_code_or_parts_are_other_names():
-    names = [
-        _program_files.program_key(split, "one"),
-        _program_files.program_key(split, "two"),
-        _program_files.program_key(run, "one"),
-        _program_files.program_key(split, "one", code="newer"),
-    ]
-    assert len(set(names)) == 4
-    assert names[0] == _program_files.program_key(split, "one")
+@pytest.mark.usefixtures("kept")
+def test_other_code_functions_or_parts_are_other_names(monkeypatch):
+    name = partial(_program_files.program_path, split, {})
+    names = [name("one"), name("two"), _program_files.program_path(run, {}, "one")]
+    assert name("one") == names[0]
+    monkeypatch.setattr(_program_files, "CODE", "newer")
+    assert len({*names, name("one")}) == 4
+
+
+@pytest.mark.usefixtures("kept")
+def test_no_two_options_have_one_name():
+    # Numbers and their texts, functions and classes and their copies, and what holds
+    # them: what differs has another name, or none.
+    def own(value):
+        return _program_files.program_path(split, {"how": value})
+
+    options = [None, "None", 1, 1.0, True, "1", (1,), ((1,),), ("1",), "(1,)", (1, 2)]
+    options += [partial(split, at=1), partial(split, at="1"), partial(split, 1)]
+    options += [split, run, Halves, Halves(1, 2), Settings(), Settings(k=200)]
+    options += [jfsf.convert.nearest, jfsf.convert.sinkhorn]
+    names = [own(value) for value in options]
+    assert None not in names and len(set(names)) == len(options)
+    copies = [cloudpickle.loads(cloudpickle.dumps(value)) for value in options]
+    assert [own(value) for value in copies] == names
+    named_alike = jax.jit(jnp.negative)
+    named_alike.__module__, named_alike.__qualname__ = __name__, "split"
+    unknown = [lambda x: x, jax.jit(lambda x: 2 * x), jnp.ones(2), [1], object()]
+    unknown += [np.float64(1), named_alike, copy.deepcopy(jax.jit(lambda x: 3 * x))]
+    assert [own(value) for value in unknown] == [None] * len(unknown)
 
 
 def with_settings(x, *, settings):
     return settings.converter(x)
-
-
-def doubled(x):
-    return 2 * x
 
 
 def test_settings_are_part_of_the_name(kept):
@@ -140,8 +165,8 @@ def described(x, *, settings):
 
 def test_a_program_with_code_from_elsewhere_is_not_kept(kept):
     # Its name could not tell when that code has changed.
-    settings = Settings(converter=doubled)
-    assert run(with_settings, jnp.ones(()), settings=settings) == 2
+    settings = Settings(converter=operator.neg)
+    assert run(with_settings, jnp.ones(()), settings=settings) == -1
     assert not kept.exists()
 
 
@@ -223,6 +248,7 @@ import jax
 jax.config.update("jax_enable_x64", True)
 sys.path.insert(0, {str(Path(__file__).parent)!r})
 import test_programs
+test_programs._program_files.OWN += ("test_programs",)
 print(test_programs.ask().low, test_programs.traced)
 """
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))

@@ -1,14 +1,25 @@
 """Settings: hashable by content, printed as one would write them, checked."""
 
+import copy
 import json
+import pickle
 from dataclasses import fields, is_dataclass
 from functools import partial
 
+import cloudpickle
+import distributed
+import numpy as np
 import pytest
 
 import jfsf
-from jfsf import ArapSettings, FeatureSettings, NeighbourSettings, SearchSettings
-from jfsf.array._static import static_key, static_text
+from jfsf import (
+    ArapSettings,
+    FeatureSettings,
+    NeighbourSettings,
+    PartSettings,
+    SearchSettings,
+)
+from jfsf.array._static import static, static_key, static_text
 from jfsf.convert import authors_sinkhorn, sinkhorn
 from jfsf.matching import Settings
 
@@ -18,6 +29,62 @@ def test_equal_content_is_one_key():
     assert make() == make() and hash(make()) == hash(make())
     assert make() != Settings() and make() != "settings"
     assert Settings(ks=[30, 60]) == Settings(ks=(30, 60))  # type: ignore
+
+
+@pytest.mark.parametrize(
+    "kind", [Settings, SearchSettings, ArapSettings, FeatureSettings, PartSettings]
+)
+def test_numbers_of_numpy_and_lists_are_plain(kind):
+    def numpy(value):
+        if isinstance(value, bool) or not isinstance(value, int | float | tuple):
+            return value
+        return (
+            np.asarray(value).tolist()
+            if isinstance(value, tuple)
+            else np.array(value)[()]
+        )
+
+    usual = kind()
+    other = kind(**{f.name: numpy(getattr(usual, f.name)) for f in fields(kind)})
+    assert other == usual and hash(other) == hash(usual) and repr(other) == repr(usual)
+
+
+MINE = {
+    "settings": Settings(converter=partial(sinkhorn, k0=40), retry_below=0.5),
+    "sinkhorn": sinkhorn,
+    "converter": authors_sinkhorn,
+    "match": jfsf.match_spectra,
+    "stage": jfsf.matching.refine_by_zoomout,
+}
+COPIES = {
+    "pickle": lambda value: pickle.loads(pickle.dumps(value)),
+    "cloudpickle": lambda value: cloudpickle.loads(cloudpickle.dumps(value)),
+    "deepcopy": copy.deepcopy,
+}
+
+
+@pytest.mark.parametrize("name", MINE)
+@pytest.mark.parametrize("way", COPIES)
+def test_a_copy_is_equal_and_has_the_same_hash(name, way):
+    mine = MINE[name]
+    copied = COPIES[way](mine)
+    assert static_key(copied) == static_key(mine)
+    assert hash(static_key(copied)) == hash(static_key(mine))
+    assert static(copied) == static(mine)
+
+
+def of_another_process(value):
+    """A key of a value that was sent, made where it arrives; and the value."""
+    return static_text(value), value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MINE)
+def test_a_value_that_was_sent_to_a_worker_comes_back_equal(name):
+    with distributed.Client(n_workers=1, dashboard_address=None) as client:
+        said, back = client.submit(of_another_process, MINE[name]).result()
+    assert said == static_text(MINE[name])
+    assert static_key(back) == static_key(MINE[name])
 
 
 @pytest.mark.parametrize("name", [f.name for f in fields(Settings)])
@@ -30,7 +97,6 @@ def test_each_field_counts(name):
         "zoomout": jfsf.ZoomOutSettings(slack=0.1),
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(tiles=32),
-        "bend_converter": sinkhorn,
         "parts": jfsf.PartSettings(anchors=12),
     }
     value = getattr(Settings(), name)
@@ -84,6 +150,12 @@ def test_every_number_is_explained():
         ({"coarse_vertices": 0}, "coarse_vertices is 0; give 160 or more"),
         ({"samples": 0}, "samples 0"),
         ({"samples": 4000}, "samples is 4000; give a power of two"),
+        ({"k": "128"}, "k is '128'; give a whole number"),
+        ({"k": 128.5}, "k is 128.5; give a whole number"),
+        ({"k": True}, "k is True; give a whole number"),
+        ({"rigid_below": "0.015"}, "rigid_below is '0.015'; give a number"),
+        ({"ks": 30}, "ks is 30; give a tuple"),
+        ({"zoomout": 0.05}, "zoomout is 0.05; give a ZoomOutSettings"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),
         ({"refine": "zoomout"}, "refine is 'zoomout'; give .* jfsf.matching"),
     ],
@@ -101,3 +173,21 @@ def test_descriptions():
     # What cannot be hashed is told apart by identity.
     held = partial(max, [3])
     assert static_key(held) == static_key(held) != static_key(partial(max, [3]))
+
+
+def test_a_static_argument_is_compared_by_its_content():
+    same = [static(partial(sinkhorn, k0=np.int64(5), lam=2.0)) for _ in range(2)]
+    assert same[0] is same[1] is not static(partial(sinkhorn, k0=5, lam=3.0))
+    assert static([1, [2, np.int32(3)]]) == (1, (2, 3))
+    assert type(static(np.float32(0.5))) is float and static("max") == "max"
+    assert static(jfsf.types.Maps(1, 2)) == jfsf.types.Maps(1, 2)
+
+
+@pytest.mark.parametrize("refine", [jfsf.refine.icp, jfsf.refine.zoomout])
+def test_partials_of_equal_content_share_a_program(refine):
+    spec, C = jfsf.testing.blob_spectrum(1, 8), np.eye(4)
+    sizes = {"num_iters": 1} if refine is jfsf.refine.icp else {"ks": [4, 8]}
+    known = refine._jitted._cache_size()
+    for _ in range(3):
+        refine(spec, spec, C, converter=partial(sinkhorn, k0=np.int64(3)), **sizes)
+    assert refine._jitted._cache_size() == known + 1

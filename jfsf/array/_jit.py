@@ -6,6 +6,8 @@ from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 import jax
 
+from jfsf.array._static import static
+
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -15,19 +17,26 @@ class Jitted(Generic[P, R]):
 
     Its signature is that of the function, for people and for type checkers. It is
     pickled by its module and name, as functions are, so copies in other processes are
-    the same object there: equal, with an equal hash, and one program.
+    the same object there: equal, with an equal hash, and one program. Static arguments
+    are compared by their content (`jfsf.array._static.static`).
     """
 
     def __init__(self, function: Callable[P, R], **options: Any):
         self._jitted = jax.jit(function, **options)
+        names = options.get("static_argnames", ())
+        self._static = (names,) if isinstance(names, str) else names
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        return self._jitted(*args, **kwargs)
+        return self._jitted(*args, **self._by_content(kwargs))
 
     def lower(self, *args: P.args, **kwargs: P.kwargs) -> jax.stages.Lowered:
         """As the function that `jax.jit` returns."""
-        return self._jitted.lower(*args, **kwargs)
+        return self._jitted.lower(*args, **self._by_content(kwargs))
+
+    def _by_content(self, kwargs: dict[str, Any]) -> dict[str, Any]:
+        known = {name: static(kwargs[name]) for name in self._static if name in kwargs}
+        return kwargs | known
 
     def __reduce__(self) -> str:
         return self.__qualname__  # type: ignore[attr-defined]

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from jfsf.array._static import check_types
 from jfsf.initial._terms import Weights
 
 # Starts: all sign patterns of the first eigenfunctions, the constant included, with
@@ -55,6 +56,7 @@ class SearchSettings:
 
     def __post_init__(self) -> None:
         """ValueError for numbers that do not fit each other."""
+        check_types(self)
         least, first = STARTS + FLIPS, self.final_ks[0]
         facts = {
             f"hypotheses is {self.hypotheses}, the least is {least}": (

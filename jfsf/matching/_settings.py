@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from jfsf.array._static import static_key, static_text
-from jfsf.convert import Converter, nearest, sinkhorn
+from jfsf.array._static import check_types, static_key, static_text
+from jfsf.convert import Converter, sinkhorn
 from jfsf.convert._sinkhorn import quick_sinkhorn
 from jfsf.initial import SearchSettings
 from jfsf.matching._stages import (
@@ -63,12 +63,11 @@ class Settings:
     refine_converter: the converter of the rounds of the refinement.
     zoomout: how ZoomOut weighs columns in the refinement.
     deform: deforms both shapes: a `jfsf.matching.Deform`. That of the package reads
-        `bend_rounds`, `last_rounds`, `bend_converter` and `bend`.
+        `bend_rounds`, `last_rounds` and `bend`.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
         leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
         not bent. Beside a mesh, the points of such a cloud move freely.
     last_rounds: times that whole shapes are deformed after their coarse copies.
-    bend_converter: the converter before and between the deformations.
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
         figures; they are nan without one.
@@ -76,16 +75,11 @@ class Settings:
     tiles_above: vertices of the larger shape, padding included, above which neighbours
         are searched among tiles, at a cost that grows like n
         (`experiments/bench/bench_large.py`).
-    samples_above: vertices of a shape, padding included, above which the functional map
-        is refined on samples.
-    samples: vertices at which the functional map of a large shape is refined; a power
-        of two.
+    samples: vertices at which the functional map of a shape is refined that has more,
+        padding included; a power of two.
     exhaustive_up_to: vertices of the larger shape, padding included, above which all
         points are never compared with all, and farthest points of a shape are chosen
         among its `samples`.
-    min_recall: recall among tiles below which the last conversion compares all points,
-        up to `exhaustive_up_to` vertices. Rounds of the refinement and the bending do
-        not check it: later ones correct what is missed.
     parts: how the region is found that two shapes share, with `match(partial=True)`.
     """
 
@@ -105,20 +99,17 @@ class Settings:
     deform: Deform = deform_by_arap
     bend_rounds: int = 8
     last_rounds: int = 2
-    bend_converter: Converter = nearest
     bend: ArapSettings = field(default_factory=ArapSettings)
     converter: Converter = sinkhorn
     neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
     tiles_above: int = 2000
-    samples_above: int = 4096
     samples: int = 4096
     exhaustive_up_to: int = 20_480
-    min_recall: float = 0.95
     parts: PartSettings = field(default_factory=PartSettings)
 
     def __post_init__(self) -> None:
         """ValueError for values that no match can be made with."""
-        object.__setattr__(self, "ks", tuple(self.ks))
+        check_types(self)
         if not self.ks or list(self.ks) != sorted(self.ks) or self.ks[0] < 2:
             raise ValueError(
                 f"Settings: ks is {self.ks}; give sizes from 2 up that do not decrease"
@@ -149,7 +140,7 @@ class Settings:
             raise ValueError(
                 f"Settings: retry_below is {self.retry_below}; give a probability"
             )
-        converters = "converter", "refine_converter", "bend_converter"
+        converters = "converter", "refine_converter"
         for name in (*converters, "describe", "refine", "deform"):
             if not callable(getattr(self, name)):
                 kind = "convert.Converter" if name in converters else "matching"

@@ -17,7 +17,7 @@ from typing import Any
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.convert import maps_of
+from jfsf.convert import nearest
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._tiles import tiles_of_pair
 from jfsf.refine import arap, zoomout
@@ -35,6 +35,9 @@ Refine = Callable[..., Float[Array, "k l"]]
 # one's own is handed the functional map of whole shapes, however large they are.
 # Where it returns `moved_x` and `moved_y`, the confidence reads how well they coincide.
 Deform = Callable[..., Aligned]
+# Recall among tiles below which the last conversion compares all points. Rounds of the
+# refinement and the bending do not check it: later ones correct what is missed.
+MIN_RECALL = 0.95
 
 
 def refine_by_zoomout(
@@ -96,13 +99,12 @@ def deform_by_arap(
             faces that are bent already, for the last rounds.
         orientation: -1 for a map that mirrors.
         search: for neighbours.
-        settings: `jfsf.Settings`: `bend_rounds`, `last_rounds`, `bend_converter`,
-            `bend`. Without rounds, or if neither shape has faces, the embeddings are
-            those of C_yx, in the direct space.
+        settings: `jfsf.Settings`: `bend_rounds`, `last_rounds`, `bend`. Without rounds,
+            or if neither shape has faces, the embeddings are those of C_yx, in the
+            direct space.
     """
     search = (search or NeighbourSearch()).unchecked()
-    options = {"search": search, "settings": settings.bend}
-    options |= {"converter": settings.bend_converter}
+    options = {"converter": nearest, "search": search, "settings": settings.bend}
     sign = jnp.where(jnp.asarray(orientation) < 0, -1.0, 1.0)
     if isinstance(C_yx, Bent):
         bent = arap(spec_x, spec_y, C_yx, sign, rounds=settings.last_rounds, **options)
@@ -118,7 +120,7 @@ def deform_by_arap(
         for spec in (spec_x, spec_y)
     )
     marginals = uniform(spec_x.mass), uniform(spec_y.mass)
-    maps = maps_of(settings.bend_converter(emb_x, emb_y, *marginals, search))
+    maps = nearest(emb_x, emb_y, *marginals, search)
     return _aligned(
         arap(spec_x, spec_y, maps, sign, rounds=settings.bend_rounds, **options)
     )
@@ -137,7 +139,7 @@ def pair_search(
     Args:
         spec_x, spec_y: whole or at samples.
         settings: `jfsf.Settings`: among tiles above `tiles_above` vertices; all points
-            are compared where the recall is below `min_recall`, but never above
+            are compared where the recall is below `MIN_RECALL`, but never above
             `exhaustive_up_to` vertices.
     """
     larger = max(len(spec_x.mass), len(spec_y.mass))
@@ -146,6 +148,6 @@ def pair_search(
         if larger > settings.tiles_above
         else None,
         # To compare a million points with all others would take hours.
-        0.0 if larger > settings.exhaustive_up_to else settings.min_recall,
+        0.0 if larger > settings.exhaustive_up_to else MIN_RECALL,
         settings.neighbours,
     )

@@ -63,7 +63,7 @@ def shape_samples(
 
     Args:
         spec, descriptors, landmarks, self_map: as `jfsf.spectral.features`.
-        settings: `describe`, `features`, `search`, `samples_above`, `samples`,
+        settings: `describe`, `features`, `search`, `samples`,
             `exhaustive_up_to`.
 
     Raises:
@@ -74,9 +74,8 @@ def shape_samples(
     n = len(spec.mass)
     refinement, among = whole, None
     # Equally many samples of all large shapes: one program refines them.
-    if n > settings.samples_above:
-        num = min(settings.samples, n)
-        at = even_points(spec, num=num)
+    if n > settings.samples:
+        at = even_points(spec, num=settings.samples)
         refinement = whole.at(at)
         among = at if n > settings.exhaustive_up_to else None
     search = search_samples(whole, among, settings=settings.search)

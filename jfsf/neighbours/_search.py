@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import jax
 
+from jfsf.array._static import check_types
 from jfsf.types import Tiles
 
 # Groups of each level of the tree of tiles whose children are ranked next, and children
@@ -56,6 +57,7 @@ class NeighbourSettings:
 
     def __post_init__(self) -> None:
         """ValueError for values that no search can work with."""
+        check_types(self)
         at_least_0 = "margin", "tolerance"
         for name in (f.name for f in fields(self)):
             value, least = getattr(self, name), 0 if name in at_least_0 else 1

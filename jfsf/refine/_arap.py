@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 from jfsf.array import matmul
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
+from jfsf.array._static import check_types
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals
 from jfsf.geometry._surface import (
@@ -54,6 +55,10 @@ class ArapSettings:
     max_steps: int = 60
     tolerance: float = 1e-3
     stiffness_range: tuple[float, float] = STIFFNESS_RANGE
+
+    def __post_init__(self) -> None:
+        """ValueError for a value of another type."""
+        check_types(self)
 
 
 @jit(

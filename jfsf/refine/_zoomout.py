@@ -17,6 +17,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._static import check_types
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import embeddings, uniform
@@ -42,6 +43,10 @@ class ZoomOutSettings:
     slack: float = 0.05
     pulled_back: int = PULLED_BACK
     oriented_weight: float = COLUMN_WEIGHT
+
+    def __post_init__(self) -> None:
+        """ValueError for a value of another type."""
+        check_types(self)
 
 
 class _Columns(NamedTuple):

@@ -4,6 +4,7 @@ import hashlib
 import os
 import pickle
 import platform as machine
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
@@ -45,6 +46,8 @@ CODE = key(
         if "apps" not in file.relative_to(PACKAGE).parts
     ),
 )
+# Packages whose code is known by the above.
+OWN = (__name__.partition(".")[0],)
 # Seconds to wait for another process that compiles the same program.
 LOCK_SECONDS = 120
 
@@ -54,28 +57,27 @@ def program_path(
 ) -> Path | None:
     """The file of the program of `partial(function, **options)`.
 
-    None if options hold a function from outside this package, whose code is not known,
-    or if it is for other devices than one CPU.
+    None if the function, or one that options hold, is from outside this package, whose
+    code is not known, or if it is for other devices than one CPU.
 
     Args:
-        function: of this package.
+        function: at the top of its module.
         options: static.
         parts: what else it depends on, beside jax's settings and the processor.
 
     Raises:
         ValueError: JFSF_CACHE_LIMIT is no number above 0.
     """
-    text = _describe_own(options)
-    if text is None or [d.platform for d in jax.devices()] != ["cpu"]:
+    held = function, tuple(sorted(options.items()))
+    try:
+        text = static_text(held, name_of=own_name)
+    except ForeignError:
+        return None
+    if [d.platform for d in jax.devices()] != ["cpu"]:
         return None
     limit_bytes()  # a wrong limit is found before the work
-    name = program_key(function, text, *parts, jax_settings(), _processor())
+    name = key(CODE, text, *parts, jax_settings(), _processor())
     return programs_folder() / f"{name}{PROGRAM}"
-
-
-def program_key(function: Callable, *parts: Any, code: str = CODE) -> str:
-    """The name on disk of a program of `function` that depends on `parts`."""
-    return key(code, function.__module__, function.__qualname__, *parts)
 
 
 @contextmanager
@@ -175,21 +177,24 @@ def jax_settings() -> str:
     return repr([pair for pair in values if not pair[0].startswith(other)])
 
 
-def _describe_own(options: Mapping[str, Any]) -> str | None:
-    """The text of static options; None if they hold a function of somebody else's."""
-    own = __name__.partition(".")[0]
+def own_name(value: Any) -> str:
+    """Where a function or a class of this package is found.
 
-    def name_of(function):
-        module = getattr(function, "__module__", None) or ""
-        if module.partition(".")[0] != own:
-            raise _ForeignFunctionError
-        return f"{module}.{function.__qualname__}"
+    Raises:
+        ForeignError: anything else, or what is not found there: it was made in another
+            function, or its name is that of something else.
+    """
+    module = getattr(value, "__module__", None) or ""
+    path = getattr(value, "__qualname__", "")
+    found: Any = None
+    if module.partition(".")[0] in OWN:
+        found = sys.modules.get(module)
+        for name in path.split("."):
+            found = getattr(found, name, None)
+    if found is not value:
+        raise ForeignError(f"{value!r} is not of this package")
+    return f"{module}.{path}"
 
-    try:
-        return static_text(tuple(sorted(options.items())), name_of=name_of)
-    except _ForeignFunctionError:
-        return None
 
-
-class _ForeignFunctionError(Exception):
-    pass
+class ForeignError(Exception):
+    """The code of a static argument is not known, so its program is not kept."""

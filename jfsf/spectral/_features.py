@@ -7,6 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
+from jfsf.array._static import check_types
 from jfsf.spectral._descriptors import (
     CURVATURE_TIMES,
     curvature,
@@ -41,6 +42,10 @@ class FeatureSettings:
     curvature_times: tuple[float, ...] = CURVATURE_TIMES
     curvature_weight: float = 1.5
     oriented_functions: int = FUNCTIONS
+
+    def __post_init__(self) -> None:
+        """ValueError for a value of another type."""
+        check_types(self)
 
 
 class Features(NamedTuple):

@@ -13,6 +13,7 @@ import numpy as np
 
 from jfsf.apps.registration._flaws import flaws_of, unfold
 from jfsf.apps.registration._scan import Scan, facing
+from jfsf.array._static import check_types
 from jfsf.mesh import vertex_normals
 from jfsf.mesh._closest import on_rim
 from jfsf.refine._rest import (
@@ -67,6 +68,7 @@ class RegistrationSettings:
 
     def __post_init__(self) -> None:
         """ValueError for numbers that nothing can be registered with."""
+        check_types(self)
         if not self.reaches or not min([*self.map_reaches, *self.reaches]) > 0:
             raise ValueError(
                 f"RegistrationSettings: map_reaches are {self.map_reaches} and reaches "

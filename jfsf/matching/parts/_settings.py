@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from jfsf.array._static import check_types
+
 # Groups of scales that keep their share of all starts where units may differ.
 ANY_UNIT_BANDS = 3
 SCALES = tuple(float(scale) for scale in np.exp(np.linspace(-0.45, 0.45, 10)))
@@ -48,6 +50,7 @@ class PartSettings:
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
+        check_types(self)
         at_least_one = "samples_of_whole", "beam", "assignments", "refined"
         for name in (*at_least_one, "refinements"):
             if getattr(self, name) < 1:
