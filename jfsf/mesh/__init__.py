@@ -16,7 +16,6 @@ Read in this order:
 - `_edit`: the components of a mesh, its mirror image, its seams welded
 - `_holes`: close small holes
 - `_reconstruct`: the oriented surface of a point cloud
-- `_clouds`: outliers of point clouds, floors and walls
 - `_partners`: leave out vertices, and keep track of the others
 - `_repair`: mend a mesh
 - `_coarsen`: keep some of its vertices, for display
@@ -34,7 +33,6 @@ Read in this order:
 
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._closest import OnSurface, closest
-from jfsf.mesh._clouds import floor_points, outliers
 from jfsf.mesh._coarsen import coarsen
 from jfsf.mesh._colours import vertex_colours
 from jfsf.mesh._decimate import decimate
@@ -66,11 +64,9 @@ __all__ = [
     "denoised",
     "face_normals",
     "farthest_vertices",
-    "floor_points",
     "largest_component",
     "mirror_image",
     "orient",
-    "outliers",
     "read",
     "read_noted",
     "read_uv",

@@ -177,7 +177,7 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     elif (left := without_strays(file)).done:
         shape = Shape(*left[:3], file, left, left.done)
     elif len(file.faces) == 0 and (would := repair(file, name=str(path)).done):
-        # What a scanner adds to a cloud misleads the match without a sign of it.
+        # Nothing refuses a cloud whose points coincide.
         shape = shape._replace(said=(f"--repair would mend: {', '.join(would)}",))
     check_mesh(shape.mesh, path)
     return shape._replace(said=(*notes, *shape.said))

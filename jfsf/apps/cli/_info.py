@@ -34,9 +34,8 @@ def info(
 
     A repair removes vertices whose coordinates are not finite; merges those with equal
     ones; removes duplicate faces, small pieces and vertices without a face; mends faces
-    without area and spikes; and winds the faces outward. From a point cloud it removes
-    outliers and floors. Exit code 0 if the mesh can be matched, repaired if a file for
-    it is named, and 1 if not.
+    without area and spikes; and winds the faces outward. Exit code 0 if the mesh can be
+    matched, repaired if a file for it is named, and 1 if not.
 
     Example: jfsf info scan.obj --repair scan.ply
     """
