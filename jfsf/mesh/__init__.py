@@ -24,7 +24,6 @@ Read in this order:
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
 - `_points`: text with a point a line, and arrays of numpy
-- `_vtk_process`: VTK files as arrays, in a process of its own
 - `_others`: VTK and GIFTI, through their libraries
 - `_read`: read a mesh file of any of these formats
 - `_colours`: the colours of its vertices
