@@ -40,7 +40,9 @@ def match_partial(
     for name, mesh in meshes.items():
         if len(mesh.faces) == 0:
             raise MeshError(
-                f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
+                "has no faces, and parts are cut out of surfaces",
+                "triangulate it",
+                name,
             )
     if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
         shapes = {name: MatchedShape(mesh) for name, mesh in meshes.items()}

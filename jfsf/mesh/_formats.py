@@ -34,20 +34,23 @@ def parse_off(data: bytes) -> Mesh:
     keyword = off_keyword(lines[0][0])
     if keyword is None:
         raise MeshError(
-            f"it starts with {lines[0][0][:20]!r}, not OFF; export it again"
+            f"it starts with {lines[0][0][:20]!r}, not OFF", "export it again"
         )
     if keyword[2] or lines[0][1:2] == ["BINARY"]:
-        raise MeshError(f"it is {' '.join(lines[0][:2])}; export it as ASCII OFF in 3D")
+        raise MeshError(
+            f"it is {' '.join(lines[0][:2])}", "export it as ASCII OFF in 3D"
+        )
     head, body = [keyword[3]] * bool(keyword[3]) + lines[0][1:], lines[1:]
     if not head:
         head, body = body[0] if body else [], body[1:]
     n, m = (int(count) if count.isdecimal() else -1 for count in (*head, "", "")[:2])
     if min(n, m) < 0:
-        raise MeshError(f"its counts are {' '.join(head)[:40]!r}; export it again")
+        raise MeshError(f"its counts are {' '.join(head)[:40]!r}", "export it again")
     if len(body) != n + m:
         raise MeshError(
-            f"its header announces {n} vertices and {m} faces, but {len(body)} lines "
-            f"follow instead of {n + m}; export it again"
+            f"its header announces {n} vertices and {m} faces, but {len(body)} "
+            f"lines follow instead of {n + m}",
+            "export it again",
         )
     check_plain_numbers("\n".join(text))
     sizes, corners = [], []
@@ -55,7 +58,7 @@ def parse_off(data: bytes) -> Mesh:
         size = int(row[0])
         if len(row) <= size:
             raise MeshError(
-                f"face {face} is cut short to {' '.join(row)!r}; export it again"
+                f"face {face} is cut short to {' '.join(row)!r}", "export it again"
             )
         sizes.append(size)
         corners += map(int, row[1 : 1 + size])
@@ -86,7 +89,8 @@ def parse_obj(data: bytes) -> Mesh:
             if 0 in here or min(here, default=0) < -len(rows):
                 raise MeshError(
                     f"face {len(sizes) - 1} is {line.strip()!r} after {len(rows)} "
-                    "vertices, and OBJ counts from 1 or back from -1; export it again"
+                    "vertices, and OBJ counts from 1 or back from -1",
+                    "export it again",
                 )
     vertices = _coordinates(rows)
     return Mesh(vertices, triangulate(sizes, corners, vertices))
@@ -110,7 +114,7 @@ def parse_stl(data: bytes) -> Mesh:
         lines = re.findall(rb"(?im)^\s*(?:vertex|endfacet|endsolid)\b[^\r\n]*", data)
         words = [line.split() for line in lines]
         if not words or words[-1][0].lower() != b"endsolid":
-            raise MeshError("its last endsolid is missing; export it again")
+            raise MeshError("its last endsolid is missing", "export it again")
         corners = [word[1:] for word in words if word[0].lower() == b"vertex"]
         check_plain_numbers(
             b" ".join(map(b" ".join, corners)).decode("ascii", "replace")
@@ -118,11 +122,12 @@ def parse_stl(data: bytes) -> Mesh:
         points = _coordinates(corners)
     else:
         raise MeshError(
-            f"its header announces {count} triangles in {84 + 50 * count} bytes, but "
-            f"it has {len(data)}; export it again"
+            f"its header announces {count} triangles in {84 + 50 * count} bytes, "
+            f"but it has {len(data)}",
+            "export it again",
         )
     if len(points) % 3:
-        raise MeshError(f"its {len(points)} corners are not triples; export it again")
+        raise MeshError(f"its {len(points)} corners are not triples", "export it again")
     faces = np.arange(len(points)).reshape(-1, 3)
     return weld(Mesh(points.astype(np.float64), faces)).mesh
 
@@ -147,6 +152,6 @@ def _coordinates(rows: list) -> ArrayLike:
     short = next((i for i, row in enumerate(rows) if len(row) < 3), None)
     if short is not None:
         raise MeshError(
-            f"vertex {short} has {len(rows[short])} coordinates; export it again"
+            f"vertex {short} has {len(rows[short])} coordinates", "export it again"
         )
     return np.array([row[:3] for row in rows], np.float64).reshape(-1, 3)

@@ -53,8 +53,8 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
         kinds = _array(found.GetCellTypesArray(), np.int64) if len(sizes) else sizes
     else:
         raise MeshError(
-            f"it holds a {kind.removeprefix('vtk')}; export a surface (PolyData), in "
-            "ParaView with Extract Surface"
+            f"it holds a {kind.removeprefix('vtk')}",
+            "export a surface (PolyData), in ParaView with Extract Surface",
         )
     points = np.zeros((0, 3))
     if found.GetNumberOfPoints():
@@ -93,7 +93,7 @@ def _vtk_output(data: bytes, suffix: str) -> Any:
         # The first of its messages, without the place in VTK's own code.
         said = re.split(r" ERROR:| Warning:", said.split("): ", 1)[-1])[0]
         said = said.removesuffix("for file:").strip(" !.") or "no data set"
-        raise MeshError(f"VTK cannot read it ({said[:120]}); export it again")
+        raise MeshError(f"VTK cannot read it ({said[:120]})", "export it again")
     return found
 
 
@@ -122,7 +122,7 @@ def _cells(cells: Any) -> tuple[ArrayLike, ArrayLike]:
     corners = _array(cells.GetConnectivityArray(), np.int64)
     offsets = _array(cells.GetOffsetsArray(), np.int64)
     if offsets[0] or offsets[-1] != len(corners) or (np.diff(offsets) < 0).any():
-        raise MeshError("its cells do not fit their numbers; export it again")
+        raise MeshError("its cells do not fit their numbers", "export it again")
     return np.diff(offsets), corners
 
 
@@ -133,7 +133,8 @@ def _triangles(points, kinds, sizes, corners):
         numbers = ", ".join(map(str, sorted(others)))
         raise MeshError(
             f"it holds cells that are no flat polygons (VTK's types {numbers}), as "
-            "volumes do; extract the surface, in ParaView with Extract Surface"
+            "volumes do",
+            "extract the surface, in ParaView with Extract Surface",
         )
     kept = np.isin(kinds, list(_SURFACES))
     corners = corners[np.repeat(kept, sizes)]
@@ -172,14 +173,15 @@ def parse_gifti(data: bytes) -> Mesh:
     )
     if len(points) != 1 or len(faces) > 1:
         raise MeshError(
-            f"it has {len(points)} arrays of points and {len(faces)} of triangles; "
-            "give the file of one surface, such as .surf.gii"
+            f"it has {len(points)} arrays of points and {len(faces)} of triangles",
+            "give the file of one surface, such as .surf.gii",
         )
     (vertices,), found = points, faces[0] if faces else np.zeros((0, 3), np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or found.shape[1:] != (3,):
         raise MeshError(
             f"its points are {vertices.shape} and its triangles {found.shape}, not "
-            "(n, 3); export it again"
+            "(n, 3)",
+            "export it again",
         )
     triangles = triangulate([3] * len(found), found.ravel())
     return Mesh(vertices.astype(np.float64), triangles)

@@ -42,15 +42,16 @@ def parse_xyz(data: bytes) -> Mesh:
         if len(row) != len(rows[0]):
             raise MeshError(
                 f"line {number} has {len(row)} numbers, and the first point "
-                f"{len(rows[0])}; export it again"
+                f"{len(rows[0])}",
+                "export it again",
             )
     try:
         check_plain_numbers(text)
         points = np.array([row[:3] for row in rows], np.float64)
     except ValueError as error:
-        raise MeshError(f"it is no list of points ({error}); write x y z a line") from (
-            None
-        )
+        raise MeshError(
+            f"it is no list of points ({error})", "write x y z a line"
+        ) from (None)
     return Mesh(points.reshape(-1, 3), np.zeros((0, 3), np.int64))
 
 
@@ -60,8 +61,8 @@ def _words(line: str, number: int) -> list[str]:
         words = [word.strip(",") for word in line.replace(";", " ").split()]
         if len(words) > 1 and any("," in word for word in words):
             raise MeshError(
-                f"line {number} is {line[:40]!r}, with commas inside of numbers; write "
-                "decimal points"
+                f"line {number} is {line[:40]!r}, with commas inside of numbers",
+                "write decimal points",
             )
     return line.replace(",", " ").replace(";", " ").split()
 
@@ -81,14 +82,15 @@ def parse_npy(data: bytes) -> Mesh:
     stream = io.BytesIO(data)
     version = np.lib.format.read_magic(stream)
     if version not in _HEADERS:
-        raise MeshError(f"it is of version {version}; save it with numpy.save")
+        raise MeshError(f"it is of version {version}", "save it with numpy.save")
     shape, in_columns, kind = _HEADERS[version](stream)
     if kind.kind not in "fiu" or len(shape) != 2 or shape[1] != 3:
-        raise MeshError(f"it holds {kind} {shape}; save real numbers (n, 3)")
+        raise MeshError(f"it holds {kind} {shape}", "save real numbers (n, 3)")
     body = data[stream.tell() :]
     if (size := math.prod(shape) * kind.itemsize) != len(body):
         raise MeshError(
-            f"its header announces {size} bytes, but {len(body)} follow; save it again"
+            f"its header announces {size} bytes, but {len(body)} follow",
+            "save it again",
         )
     points = np.frombuffer(body, kind).reshape(shape, order="F" if in_columns else "C")
     return Mesh(points.astype(np.float64), np.zeros((0, 3), np.int64))

@@ -62,8 +62,9 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     vertices, faces = known.mesh
     if len(faces) == 0 and len(np.asarray(mesh.faces)):
         raise MeshError(
-            f"{name}: all its faces have a vertex that is not finite; export the mesh "
-            "again"
+            "all its faces have a vertex that is not finite",
+            "export the mesh again",
+            name,
         )
     return after(known, _mended(vertices, faces, small, name))
 
@@ -85,7 +86,7 @@ def _mended(vertices, faces, small: float, name: str) -> Repaired:
     vertices = _flattened(vertices, faces, done)
     faces = _without_flat(vertices, faces, done)
     if len(faces) == 0:
-        raise MeshError(f"{name}: none of its faces has an area; export the mesh again")
+        raise MeshError("none of its faces has an area", "export the mesh again", name)
     lone = len(index) - len(np.unique(faces))
     note(done, lone, "{vertices} without a face removed")
     faces = _without_small(vertices, faces, small, done)

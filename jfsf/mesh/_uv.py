@@ -42,23 +42,27 @@ def read_uv(path: str | os.PathLike[str], mesh: Mesh) -> ArrayLike:
     reader = readers.get(format_of(path))
     if reader is None:
         raise MeshError(
-            f"{path}: {path.suffix!r} holds no texture coordinates; they come from "
-            f"{FORMATS}"
+            f"{path.suffix!r} holds no texture coordinates",
+            f"they come from {FORMATS}",
+            str(path),
         )
     faces = np.asarray(mesh.faces)
     try:
         uv = reader(contents(path), faces, path)
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from None
+        raise error.named(str(path)) from None
     except Exception as error:
         # Broken numbers, and whatever trimesh meets in a broken glTF.
         raise MeshError(
-            f"{path}: its texture coordinates cannot be read ({error}); export it again"
+            f"its texture coordinates cannot be read ({error})",
+            "export it again",
+            str(path),
         ) from error
     if not np.isfinite(uv).all(2).any():
         raise MeshError(
-            f"{path}: has no texture coordinates for its {len(faces)} faces; export "
-            f"it with them, as {FORMATS}"
+            f"has no texture coordinates for its {len(faces)} faces",
+            f"export it with them, as {FORMATS}",
+            str(path),
         )
     return uv
 
@@ -83,8 +87,8 @@ def _of_obj(data: bytes, faces, path):
     number = np.array(number, int)
     if (wrong := number >= len(points)).any():
         raise MeshError(
-            f"a face names texture coordinates {number[wrong][0] + 1} of "
-            f"{len(points)}; export it again"
+            f"a face names texture coordinates {number[wrong][0] + 1} of {len(points)}",
+            "export it again",
         )
     # The last row is that of a corner without.
     points = np.array([*points, [np.nan, np.nan]])
@@ -110,7 +114,8 @@ def _of_ply(data: bytes, faces, path):
         if not np.array_equal(counts, 2 * np.asarray(sizes, int)):
             raise MeshError(
                 f"its faces have {np.sum(counts)} numbers in {_OF_FACE}, expected "
-                f"{2 * len(corners)}, two a corner; export it again"
+                f"{2 * len(corners)}, two a corner",
+                "export it again",
             )
         return _of_triangles(sizes, corners, np.reshape(uv, (-1, 2)), faces)
     for names in _OF_VERTEX:
@@ -139,7 +144,8 @@ def _of_triangles(sizes, vertices, uv, faces):
     if len(polygon) != len(faces):
         raise MeshError(
             f"its polygons split into {len(polygon)} triangles, and the mesh has "
-            f"{len(faces)}; is it that of this file?"
+            f"{len(faces)}",
+            "is it that of this file?",
         )
     n = 1 + max(vertices.max(initial=0), faces.max(initial=0))
     keys = np.repeat(np.arange(len(sizes)), sizes) * n + vertices
@@ -147,5 +153,7 @@ def _of_triangles(sizes, vertices, uv, faces):
     wanted = polygon[:, None] * n + faces
     at = order[np.minimum(np.searchsorted(keys[order], wanted), len(order) - 1)]
     if not np.array_equal(keys[at], wanted):
-        raise MeshError("its faces are not those of the mesh; is it that of this file?")
+        raise MeshError(
+            "its faces are not those of the mesh", "is it that of this file?"
+        )
     return np.asarray(uv, float)[at]

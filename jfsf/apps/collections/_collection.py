@@ -226,8 +226,9 @@ def check_surface(mesh: Mesh, name: str) -> None:
     """MeshError for a point cloud, onto which no template can be deformed."""
     if len(mesh.faces) == 0:
         raise MeshError(
-            f"{name}: has no faces, and a collection registers surfaces; triangulate "
-            "it (jfsf.mesh.reconstruct)"
+            "has no faces, and a collection registers surfaces",
+            "triangulate it (jfsf.mesh.reconstruct)",
+            name,
         )
 
 

@@ -170,7 +170,7 @@ def export_textured(
     textured_files(path)
     vertices, faces = checked_mesh(mesh, "export_textured")
     if not len(faces):
-        raise MeshError("export_textured: the mesh has no faces; triangulate it")
+        raise MeshError("the mesh has no faces", "triangulate it", "export_textured")
     uv = np.asarray(uv, np.float64)
     if uv.shape != (len(faces), 3, 2) or not np.isfinite(uv).all():
         raise ValueError(

@@ -90,8 +90,9 @@ def register(
         validate(mesh, name=name, components=False)
         if len(mesh.faces) == 0:
             raise MeshError(
-                f"{name}: has no faces, and registration needs a surface; triangulate "
-                "it (jfsf.mesh.reconstruct)"
+                "has no faces, and registration needs a surface",
+                "triangulate it (jfsf.mesh.reconstruct)",
+                name,
             )
     T, matched = checked_map(
         T,
