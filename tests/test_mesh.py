@@ -32,11 +32,11 @@ from jfsf.mesh import (
 from jfsf.mesh._geometry import (
     boundary_edges,
     components,
+    edge_graph,
     edges,
     face_areas,
     vertex_components,
 )
-from jfsf.mesh._paths import edge_graph
 from jfsf.mesh._polygons import triangulate
 from jfsf.types import Mesh
 

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.mesh._formats import parse_obj, parse_off, parse_stl
+from jfsf.mesh._formats import parse_npy, parse_obj, parse_off, parse_stl, parse_xyz
 from jfsf.mesh._gltf import parse_gltf
 from jfsf.mesh._others import LIBRARIES, parse_gifti, parse_vtk
 from jfsf.mesh._ply import parse_ply
-from jfsf.mesh._points import parse_npy, parse_xyz
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import Mesh
 

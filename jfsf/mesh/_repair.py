@@ -8,8 +8,8 @@ import numpy as np
 
 from jfsf.mesh._check import degenerate_faces, pinched_vertices
 from jfsf.mesh._denoise import without_spikes
-from jfsf.mesh._doubled import doubled_faces
 from jfsf.mesh._edit import first_equal
+from jfsf.mesh._faces import doubled_faces
 from jfsf.mesh._geometry import (
     boundary_edges,
     edges,
