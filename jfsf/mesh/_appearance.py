@@ -44,7 +44,7 @@ def vertex_colours(path: str | os.PathLike[str]) -> Float[np.ndarray, "n 3"] | N
         MeshError: as `read`.
     """
     path = Path(path)
-    finder = _FINDERS.get(format_of(path))
+    finder = _COLOUR_READERS.get(format_of(path))
     if finder is None:
         return None
     mesh = read_noted(path, finite=False).mesh
@@ -119,7 +119,7 @@ def _srgb(linear):
     return np.where(linear > _STEP, curve, 12.92 * linear)
 
 
-_FINDERS = {
+_COLOUR_READERS = {
     **{".off": _colours_of_off, ".obj": _colours_of_obj, ".ply": _colours_of_ply},
     **dict.fromkeys([".glb", ".gltf"], _colours_of_scene),
 }
