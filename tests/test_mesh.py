@@ -18,15 +18,11 @@ from scipy.sparse.csgraph import shortest_path
 from jfsf.mesh import (
     MeshError,
     check,
-    face_normals,
-    farthest_vertices,
     largest_component,
     orient,
     read,
     surface_area,
     validate,
-    vertex_areas,
-    vertex_normals,
     weld,
 )
 from jfsf.mesh._geometry import (
@@ -35,7 +31,11 @@ from jfsf.mesh._geometry import (
     edge_graph,
     edges,
     face_areas,
+    face_normals,
+    farthest_vertices,
+    vertex_areas,
     vertex_components,
+    vertex_normals,
 )
 from jfsf.mesh._polygons import triangulate
 from jfsf.types import Mesh

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.mesh import MeshError, face_normals, read, read_noted
-from jfsf.mesh._geometry import face_areas
+from jfsf.mesh import MeshError, read, read_noted
+from jfsf.mesh._geometry import face_areas, face_normals
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._read import format_of, stem_of
 

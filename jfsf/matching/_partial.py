@@ -22,8 +22,8 @@ from jfsf.matching._kept_landmarks import landmark_distances
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.matching.parts._match import match_parts
-from jfsf.mesh import MeshError, vertex_areas
-from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh import MeshError
+from jfsf.mesh._geometry import boundary_edges, vertex_areas
 from jfsf.spectral import embeddings, functional_map, truncate
 from jfsf.types import Match, Mesh
 

@@ -29,14 +29,8 @@ from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._closest import OnSurface, closest
 from jfsf.mesh._decimate import coarsen, decimate
 from jfsf.mesh._denoise import denoised
-from jfsf.mesh._edit import largest_component, mirror_image, weld, without_holes
-from jfsf.mesh._geometry import (
-    face_normals,
-    farthest_vertices,
-    surface_area,
-    vertex_areas,
-    vertex_normals,
-)
+from jfsf.mesh._edit import largest_component, weld, without_holes
+from jfsf.mesh._geometry import surface_area
 from jfsf.mesh._partners import Repaired, without_strays
 from jfsf.mesh._read import Reading, read, read_noted
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
@@ -57,10 +51,7 @@ __all__ = [
     "coarsen",
     "decimate",
     "denoised",
-    "face_normals",
-    "farthest_vertices",
     "largest_component",
-    "mirror_image",
     "orient",
     "read",
     "read_noted",
@@ -71,9 +62,7 @@ __all__ = [
     "surface_area",
     "unclear_winding",
     "validate",
-    "vertex_areas",
     "vertex_colours",
-    "vertex_normals",
     "weld",
     "without_holes",
     "without_strays",

@@ -102,7 +102,7 @@ def grown(out, shapes, template, mirror, run, *, orientation: str):
 def mirror_back(out: Path, shapes, graph):
     """The shapes, joined mirror images mirrored back; writes these as files too."""
     from jfsf.apps.export import export_mesh
-    from jfsf.mesh import mirror_image
+    from jfsf.mesh._edit import mirror_image
 
     shapes = dict(shapes)
     for i, (name, own) in enumerate(list(shapes.items())):

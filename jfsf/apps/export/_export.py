@@ -17,7 +17,8 @@ from jfsf.apps.plot._colours import (
     texture_coordinates,
 )
 from jfsf.apps.plot._frames import Up, frame
-from jfsf.mesh import MeshError, vertex_normals
+from jfsf.mesh import MeshError
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.mesh._values import checked_mesh
 from jfsf.storage._atomic import write_atomically
 from jfsf.types import ArrayLike, Mesh

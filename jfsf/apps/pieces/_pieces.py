@@ -13,8 +13,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from jfsf.matching import Settings, check_matchable
-from jfsf.mesh import MeshError, surface_area, validate, vertex_areas, without_strays
+from jfsf.mesh import MeshError, surface_area, validate, without_strays
 from jfsf.mesh._edit import split_components
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.mesh._values import checked_mesh
 from jfsf.types import ArrayLike, Mesh
 
