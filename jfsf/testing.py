@@ -15,7 +15,7 @@ import trimesh
 from hypothesis import strategies as st
 from jaxtyping import Array, Float, Int
 
-from jfsf.mesh import mirror_image
+from jfsf.mesh._edit import mirror_image
 from jfsf.spectral import spectrum
 from jfsf.types import Maps, Mesh, Spectrum
 
@@ -107,7 +107,10 @@ def move(mesh: Mesh, motion: tuple[Any, Any], *, unit: float = 1.0) -> Mesh:
 
 
 def mirror(mesh: Mesh) -> Mesh:
-    """`jfsf.mesh.mirror_image`."""
+    """The mirror image in x, with faces wound as before: outward stays outward.
+
+    Vertex i and face i keep their numbers.
+    """
     return mirror_image(mesh)
 
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+import pickle
 
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +14,7 @@ import jfsf
 from jfsf import testing
 from jfsf.apps.cli import app
 from jfsf.apps.cli._batch_jobs import work
-from jfsf.apps.cli._words import in_options, print_any_letter
+from jfsf.apps.cli._words import print_any_letter, said
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import (
     MapFileError,
@@ -22,12 +23,16 @@ from jfsf.apps.mapfiles import (
     write_map,
     write_match,
 )
+from jfsf.apps.mapfiles._formats import FROM_0
 from jfsf.apps.report._words import attempts, readings
 from jfsf.batch._jobs import Job
 from jfsf.batch._pair_list import PairOptions
 from jfsf.evaluate import evaluate, geodesic_error
+from jfsf.geometry._geodesics import NOT_EXACT
 from jfsf.matching import _partial
 from jfsf.matching._arguments import check_one_unit, doubtful_units
+from jfsf.mesh._check import ONE_COMPONENT
+from jfsf.mesh._values import LEAVE_OUT, InputError, MeshError
 from jfsf.types import STAGES, Certificate, Maps, Match, MatchInfo, Mesh
 
 X = testing.blob(0)
@@ -58,25 +63,41 @@ def folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text, said",
+    "error, words",
     [
-        ("a.map: holds a 0; pass base=0", "a.map: holds a 0; pass --base 0"),
-        ("mesh_x: has no faces, and partial=True", "X: has no faces, and --partial"),
-        ("part of mesh_y is small", "part of Y is small"),
         (
-            "/a/mesh_x.ply: keep one with largest_component, or weld",
-            "/a/mesh_x.ply: keep one with match --largest-component, or weld",
+            MapFileError("holds a 0", FROM_0, "a.map"),
+            "a.map: holds a 0; pass --base 0",
         ),
-        ("made with {'largest_component': True}",) * 2,
+        (MeshError("has no faces", "triangulate it", "mesh_x"), "X: has no faces; tri"),
+        (MeshError("is small", name="part of mesh_y"), "part of Y: is small"),
         (
-            "/a/largest_component/b.ply: is\nempty",
-            "/a/largest_component/b.ply: is empty",
+            MeshError("has 2", ONE_COMPONENT, "/a/mesh_x.ply"),
+            "/a/mesh_x.ply: has 2; keep one with match --largest-component, match all "
+            "with match --components, or join seams of coincident vertices with match "
+            "--repair",
         ),
-        ("use exact=False", "leave out --exact"),
+        (MeshError("has nan", LEAVE_OUT), "has nan; leave them out with --repair"),
+        (
+            InputError("needs a manifold", NOT_EXACT, "geodesics"),
+            "geodesics: needs a manifold; leave out --exact",
+        ),
+        (MeshError("is\nempty", name="weld.ply"), "weld.ply: is empty"),
+        (ValueError("made with {'largest_component': True}"),) * 2,
     ],
 )
-def test_messages_name_options(text, said):
-    assert in_options(text) == said
+def test_messages_name_options(error, words):
+    assert said(error).startswith(str(words))
+
+
+@pytest.mark.parametrize("kind", [InputError, MeshError, MapFileError])
+def test_errors_reach_other_processes_with_their_fields(kind):
+    error = kind("is empty", "export it again", "a.ply")
+    assert str(error) == "a.ply: is empty; export it again"
+    found = pickle.loads(pickle.dumps(error))
+    assert type(found) is kind and vars(found) == vars(error)
+    assert str(found.named("b.ply")) == "b.ply: is empty; export it again"
+    assert str(kind("a.ply: is empty")) == "a.ply: is empty"
 
 
 def test_names_in_letters_that_a_terminal_lacks_do_not_end_a_command(monkeypatch):

@@ -23,7 +23,8 @@ from jfsf.apps.cli._collection_steps import _write_way
 from jfsf.apps.mapfiles import read_match
 from jfsf.apps.model import read_model
 from jfsf.batch._jobs import Job, is_done
-from jfsf.mesh import mirror_image, read
+from jfsf.mesh import read
+from jfsf.mesh._edit import mirror_image
 from jfsf.types import Mesh
 
 pytest.importorskip("distributed")

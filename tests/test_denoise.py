@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import data, testing
-from jfsf.mesh import denoised, face_normals, surface_area
+from jfsf.mesh import denoised, surface_area
 from jfsf.mesh._denoise import noise, spikes, without_spikes
+from jfsf.mesh._geometry import face_normals
 from jfsf.types import Mesh
 
 MAN = data.load("man_walk").mesh

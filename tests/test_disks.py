@@ -7,7 +7,8 @@ from scipy.spatial import Delaunay
 
 from jfsf import testing
 from jfsf.matching._disks import as_disk, is_disk, turned_maps
-from jfsf.mesh import surface_area, vertex_areas
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.runtime._sizes import pad
 from jfsf.types import Mesh, Spectrum
 

@@ -16,7 +16,8 @@ from jfsf.apps.export import export_map, export_mesh
 from jfsf.apps.plot import coordinate_colours
 from jfsf.apps.plot._colours import body_colours, texture_coordinates
 from jfsf.data import load
-from jfsf.mesh import MeshError, face_normals, read
+from jfsf.mesh import MeshError, read
+from jfsf.mesh._geometry import face_normals
 from jfsf.types import Mesh
 
 X, Y = load("man_walk").mesh, load("man_up").mesh

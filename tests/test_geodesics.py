@@ -222,7 +222,7 @@ def test_errors(monkeypatch):
     broken[5, 1] = np.nan
     with pytest.raises(ValueError, match="vertex 5 is .* not finite"):
         geodesics(mesh._replace(vertices=broken), [0])
-    with pytest.raises(ValueError, match="needs faces, the mesh has 0"):
+    with pytest.raises(ValueError, match="need faces, the mesh has 0"):
         geodesics(mesh._replace(faces=NO_FACES), [0], exact=True)
     with pytest.raises(ValueError, match="at least 32 points, this one has 16"):
         geodesics(mesh._replace(faces=NO_FACES), [0])

@@ -9,7 +9,8 @@ import trimesh
 from scipy.spatial import KDTree
 
 from jfsf import data
-from jfsf.mesh import surface_area, vertex_normals
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import closest_rotations
 from jfsf.types import Mesh
 

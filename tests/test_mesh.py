@@ -18,25 +18,25 @@ from scipy.sparse.csgraph import shortest_path
 from jfsf.mesh import (
     MeshError,
     check,
-    face_normals,
-    farthest_vertices,
     largest_component,
     orient,
     read,
     surface_area,
     validate,
-    vertex_areas,
-    vertex_normals,
     weld,
 )
 from jfsf.mesh._geometry import (
     boundary_edges,
     components,
+    edge_graph,
     edges,
     face_areas,
+    face_normals,
+    farthest_vertices,
+    vertex_areas,
     vertex_components,
+    vertex_normals,
 )
-from jfsf.mesh._paths import edge_graph
 from jfsf.mesh._polygons import triangulate
 from jfsf.types import Mesh
 

@@ -13,7 +13,8 @@ from scipy.spatial.transform import Rotation
 from jfsf import testing
 from jfsf.apps import model as room
 from jfsf.apps.model._align import align_onto, nearest_rotation
-from jfsf.mesh import MeshError, read, surface_area, vertex_areas
+from jfsf.mesh import MeshError, read, surface_area
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.types import Mesh
 
 RNG = np.random.default_rng(0)

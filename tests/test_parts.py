@@ -59,8 +59,8 @@ from jfsf.matching.parts._surfaces import (
     outward,
     scaled,
 )
-from jfsf.mesh import MeshError, decimate, surface_area, vertex_areas, vertex_normals
-from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh import MeshError, decimate, surface_area
+from jfsf.mesh._geometry import boundary_edges, vertex_areas, vertex_normals
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.

@@ -10,7 +10,8 @@ from jfsf.matching.parts import cut
 from jfsf.matching.parts._alignments import _rotations, aligned, alignments, correlation
 from jfsf.matching.parts._register import whole_at_rest
 from jfsf.matching.parts._settings import ANY_UNIT_BANDS
-from jfsf.mesh import decimate, surface_area, vertex_normals
+from jfsf.mesh import decimate, surface_area
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.types import Mesh
 
 NUMBER = 8

@@ -16,7 +16,7 @@ from jfsf.matching.parts._curvature import (
 from jfsf.matching.parts._region import BEND, nearest_by_curvature, target
 from jfsf.matching.parts._register import register, whole_at_rest
 from jfsf.matching.parts._surfaces import outward
-from jfsf.mesh import vertex_normals
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.types import Mesh
 
 TIMES = 0.003, 0.01, 0.03

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.mesh import MeshError, face_normals, read, read_noted
-from jfsf.mesh._geometry import face_areas
+from jfsf.mesh import MeshError, read, read_noted
+from jfsf.mesh._geometry import face_areas, face_normals
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._read import format_of, stem_of
 
@@ -111,7 +111,10 @@ BAD_CLOUDS = {
     "decimal commas in a table": (b"0,5;1,5;2,5\n", "commas inside of numbers"),
     "underscore": (b"0 1_0 2\n", "'1_0' for a number"),
     "titles alone": (b"x y z\n", "0 vertices"),
-    "nan": (b"0 1 nan\n", "1 of 1 are not finite; leave them out with --repair"),
+    "nan": (
+        b"0 1 nan\n",
+        "leave them out with jfsf.mesh.repair",
+    ),
 }
 
 

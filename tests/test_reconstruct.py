@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from jfsf import basis, data, testing
-from jfsf.mesh import check, face_normals, reconstruct, surface_area, vertex_normals
-from jfsf.mesh._geometry import vertex_components
+from jfsf.mesh import check, reconstruct, surface_area
+from jfsf.mesh._geometry import face_normals, vertex_components, vertex_normals
 from jfsf.types import Mesh
 
 NONE = np.zeros((0, 3), np.int32)

@@ -6,7 +6,8 @@ from scipy.spatial.transform import Rotation
 
 from jfsf import testing
 from jfsf.matching._rigid import motion, moved_by_map
-from jfsf.mesh import surface_area, vertex_areas
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.runtime._sizes import pad
 from jfsf.types import Mesh, Spectrum
 

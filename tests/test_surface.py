@@ -16,8 +16,9 @@ from jfsf.geometry._surface import (
     sum_at_vertices,
     surface,
 )
-from jfsf.mesh import MeshError, closest, vertex_normals
+from jfsf.mesh import MeshError, closest
 from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.spectral._laplacian import operators
 from jfsf.types import Mesh
 

@@ -24,16 +24,9 @@ from jfsf.apps.transfer._files import Column, png_of, read_image, write_column
 from jfsf.apps.transfer._nearest import finder, in_faces, nearest, place, placed
 from jfsf.apps.transfer._overlay import Overlay, extended, overlay_template
 from jfsf.apps.transfer._texture import look_up
-from jfsf.mesh import (
-    MeshError,
-    closest,
-    decimate,
-    mirror_image,
-    read,
-    read_uv,
-    surface_area,
-)
+from jfsf.mesh import MeshError, closest, decimate, read, read_uv, surface_area
 from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._edit import mirror_image
 from jfsf.testing import blob, mirror
 from jfsf.types import Certificate, Mesh
 

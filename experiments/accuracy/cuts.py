@@ -11,8 +11,9 @@ from scipy.spatial import KDTree
 from jfsf.data import Sample
 from jfsf.geometry import geodesics
 from jfsf.matching.parts import cut
-from jfsf.mesh import surface_area, vertex_areas
+from jfsf.mesh import surface_area
 from jfsf.mesh._edit import Submesh
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.types import Mesh
 
 

@@ -15,8 +15,8 @@ from scipy.spatial import ConvexHull, Delaunay, KDTree
 from jfsf import data
 from jfsf.geometry import geodesics
 from jfsf.mesh import decimate, largest_component, surface_area
+from jfsf.mesh._edit import rims
 from jfsf.mesh._geometry import boundary_edges
-from jfsf.mesh._holes import rims
 from jfsf.testing import mirror
 from jfsf.types import Mesh
 

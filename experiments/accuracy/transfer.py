@@ -38,9 +38,9 @@ from jfsf.apps.landmarks import Landmarks, carry_landmarks
 from jfsf.apps.mapfiles import read_match, write_match
 from jfsf.apps.transfer._overlay import Overlay
 from jfsf.apps.transfer._texture import look_up
-from jfsf.mesh import closest, face_normals, surface_area, vertex_normals
+from jfsf.mesh import closest, surface_area
 from jfsf.mesh._closest import surface_tree
-from jfsf.mesh._geometry import components, face_areas
+from jfsf.mesh._geometry import components, face_areas, face_normals, vertex_normals
 from jfsf.types import Mesh
 
 PARTS = "trunk", "head", "left arm", "right arm", "left leg", "right leg"

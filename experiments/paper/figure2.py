@@ -19,7 +19,7 @@ from experiments import command_line, results_file
 from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.convert import nearest
 from jfsf.evaluate import geodesic_error
-from jfsf.mesh import face_normals
+from jfsf.mesh._geometry import face_normals
 from jfsf.spectral import functional_map, spectrum, truncate
 from jfsf.types import Mesh, Spectrum
 

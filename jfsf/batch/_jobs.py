@@ -54,6 +54,7 @@ def run_jobs(
     work: Callable[[Job], None],
     done: Callable[[Job], bool] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    say: Callable[[Exception], str] = str,
 ) -> Iterator[Outcome]:
     """Do the jobs that are not done yet, and yield the outcome of each as it ends.
 
@@ -70,6 +71,8 @@ def run_jobs(
         work: writes job.out. Both are functions of a module that workers can import.
         done: whether a job needs no work; `is_done` when absent.
         progress: called with the number of inputs prepared, and of all.
+        say: the message of an error, for `Outcome.reason`. As `prepare` and `work` it
+            is a function of a module that workers can import.
 
     Yields:
         One outcome a job, as they end.
@@ -92,7 +95,7 @@ def run_jobs(
             left.append(job)
     inputs = list(dict.fromkeys(path for job in left for path in job.inputs))
     reasons = {}
-    calls = {path: (_timed, prepare, path) for path in inputs}
+    calls = {path: (_timed, prepare, path, say) for path in inputs}
     for count, (path, (reason, _)) in enumerate(_results(client, calls), 1):
         reasons[path] = reason
         if progress is not None:
@@ -103,7 +106,7 @@ def run_jobs(
         if reason is not None:
             yield Outcome(job, reason, False, math.nan)
         else:
-            calls[job] = (_timed, work, job)
+            calls[job] = (_timed, work, job, say)
     for job, (reason, seconds) in _results(client, calls):
         yield Outcome(job, reason, False, seconds)
 
@@ -149,7 +152,7 @@ def _result(future) -> tuple[str | None, float]:
     try:
         return future.result()
     except Exception as error:  # of dask: `_timed` catches those of the work
-        return _reason(error), math.nan
+        return _reason(error, str), math.nan
 
 
 def is_done(job: Job) -> bool:
@@ -167,17 +170,17 @@ def is_done(job: Job) -> bool:
         return False
 
 
-def _timed(function, argument) -> tuple[str | None, float]:
+def _timed(function, argument, say) -> tuple[str | None, float]:
     start = time.perf_counter()
     try:
         function(argument)
     except Exception as error:
-        return _reason(error), time.perf_counter() - start
+        return _reason(error, say), time.perf_counter() - start
     return None, time.perf_counter() - start
 
 
-def _reason(error: Exception) -> str:
-    text = " ".join(str(error).split())
+def _reason(error: Exception, say: Callable[[Exception], str]) -> str:
+    text = " ".join(say(error).split())
     # The messages of this package are complete sentences; others need their type.
     if isinstance(error, ValueError | OSError) and text:
         return text

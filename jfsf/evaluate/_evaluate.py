@@ -136,7 +136,7 @@ def evaluate(
         elif len(error):
             raise ValueError(
                 f"evaluate: all {len(error)} points of the ground truth are vertices "
-                "of mesh_y that belong to no face; give ground truth on its surface"
+                "of Y that belong to no face; give ground truth on its surface"
             )
     for name, forward, back, mesh in (
         ("bijectivity_x", T_xy, T_yx, mesh_x),

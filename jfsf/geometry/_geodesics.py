@@ -16,10 +16,13 @@ import potpourri3d as pp3d
 from scipy.spatial import KDTree
 
 from jfsf.mesh._geometry import components, edges, vertex_components
+from jfsf.mesh._values import InputError
 from jfsf.types import ArrayLike, Mesh
 
 Progress = Callable[[int, int], object]  # sources done, sources in all
 
+# What to do where there are no exact distances.
+NOT_EXACT = "use exact=False"
 CLOUD_POINTS = 32  # the point cloud solver joins each point to its 30 nearest
 
 
@@ -231,7 +234,7 @@ def _heat_solver(vertices, faces):
 
 def _cloud_row(vertices, exact):
     if exact:
-        raise ValueError("geodesics: exact=True needs faces, the mesh has 0")
+        raise ValueError("geodesics: exact distances need faces, the mesh has 0")
     n = len(vertices)
     if n < CLOUD_POINTS:
         raise ValueError(
@@ -258,14 +261,16 @@ def _exact_solver(vertices, faces):
         from pygeodesic.geodesic import PyGeodesicAlgorithmExact
     except ImportError:
         raise ValueError(
-            "geodesics: exact=True needs pygeodesic: pip install 'jfsf[exact]'"
+            "geodesics: exact distances need pygeodesic: pip install 'jfsf[exact]'"
         ) from None
     count = edges(faces).counts
     # pygeodesic does not refuse these: it crashes.
     if count.max() > 2:
-        raise ValueError(
-            f"geodesics: exact=True needs a manifold; {(count > 2).sum()} edges have "
-            f"more than 2 faces (up to {count.max()}); use exact=False"
+        raise InputError(
+            f"exact distances need a manifold, and {(count > 2).sum()} edges have more "
+            f"than 2 faces (up to {count.max()})",
+            NOT_EXACT,
+            "geodesics",
         )
     solver = PyGeodesicAlgorithmExact(vertices, faces.astype(np.int32))
 
@@ -273,9 +278,11 @@ def _exact_solver(vertices, faces):
         out = solver.geodesicDistances(np.array([source]), None)[0]
         # Paths do not cross a vertex whose faces only touch at that vertex.
         if not np.isfinite(out).all():
-            raise ValueError(
-                f"geodesics: exact=True needs a manifold; {(~np.isfinite(out)).sum()} "
-                f"of {len(out)} vertices hang on by a single vertex; use exact=False"
+            raise InputError(
+                f"exact distances need a manifold, and {(~np.isfinite(out)).sum()} of "
+                f"{len(out)} vertices hang on by a single vertex",
+                NOT_EXACT,
+                "geodesics",
             )
         return out
 

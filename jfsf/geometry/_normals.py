@@ -1,4 +1,4 @@
-"""Unit normals at vertices, traced; `jfsf.mesh.vertex_normals` is their host side."""
+"""Unit normals at vertices, traced; those of numpy are in `jfsf.mesh._geometry`."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int

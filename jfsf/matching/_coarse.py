@@ -13,8 +13,9 @@ from scipy.spatial import KDTree
 
 from jfsf.matching._arguments import MatchInputs, padded_inputs
 from jfsf.matching._settings import Settings
-from jfsf.mesh import decimate, vertex_areas, vertex_normals
+from jfsf.mesh import decimate
 from jfsf.mesh._closest import nearest_vertices
+from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.refine._rest import at_rest, follow, rotations_of
 from jfsf.runtime._sizes import padded, padded_shapes
 from jfsf.types import ArrayLike, Mesh, Spectrum

@@ -15,8 +15,8 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
 from jfsf.matching._rigid import motion, surface_of
+from jfsf.mesh._edit import rims
 from jfsf.mesh._geometry import boundary_edges, edges
-from jfsf.mesh._holes import rims
 from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 

@@ -184,8 +184,10 @@ def symmetry(
     shape = shape_of(mesh)
     if len(shape.surface.faces) == 0:
         raise MeshError(
-            f"symmetry: mesh has {len(mesh.vertices)} vertices and no faces, and a "
-            "point cloud without a clear outside no left and right; triangulate it"
+            f"mesh has {len(mesh.vertices)} vertices and no faces, and a point "
+            "cloud without a clear outside no left and right",
+            "triangulate it",
+            "symmetry",
         )
     inputs = MatchInputs(sign=orientation_sign("reverse"), self_map=True)
     pair = attempted({"mesh": shape}, inputs, settings, Host(cache, cache))

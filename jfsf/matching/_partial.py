@@ -22,8 +22,8 @@ from jfsf.matching._kept_landmarks import landmark_distances
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.matching.parts._match import match_parts
-from jfsf.mesh import MeshError, vertex_areas
-from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh import MeshError
+from jfsf.mesh._geometry import boundary_edges, vertex_areas
 from jfsf.spectral import embeddings, functional_map, truncate
 from jfsf.types import Match, Mesh
 
@@ -40,7 +40,9 @@ def match_partial(
     for name, mesh in meshes.items():
         if len(mesh.faces) == 0:
             raise MeshError(
-                f"{name}: has no faces, and partial=True cuts surfaces; triangulate it"
+                "has no faces, and parts are cut out of surfaces",
+                "triangulate it",
+                name,
             )
     if not any(len(boundary_edges(mesh.faces)) for mesh in meshes.values()):
         shapes = {name: MatchedShape(mesh) for name, mesh in meshes.items()}

@@ -12,8 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
-from jfsf.mesh import closest, vertex_normals
+from jfsf.mesh import closest
 from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import closest_rotations
 from jfsf.types import Mesh, Spectrum
 

@@ -60,8 +60,9 @@ def check_matchable(
     validate(mesh, name=name)
     if (n := len(mesh.vertices)) < settings.min_vertices:
         raise MeshError(
-            f"{name}: has {n} vertices, matching needs {settings.min_vertices}; "
-            "subdivide the mesh"
+            f"has {n} vertices, matching needs {settings.min_vertices}",
+            "subdivide the mesh",
+            name,
         )
 
 

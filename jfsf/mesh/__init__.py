@@ -4,51 +4,38 @@ Read in this order:
 
 - `_values`: check the arrays of a mesh
 - `_polygons`: split polygons into triangles
-- `_geometry`: areas, normals, edges, components
+- `_geometry`: areas, normals, edges, components, paths along edges
 - `_closest`: the point of a surface nearest to each of many points
-- `_paths`: shortest paths along edges
 - `_rounding`: coordinates rounded far from the origin
 - `_check`: report what is wrong with a mesh, or refuse it
 - `_denoise`: noise and spikes, measured and taken away
-- `_doubled`: faces with the same vertices as others, and which to keep
-- `_links`: pairs of neighbouring faces
+- `_faces`: pairs of neighbouring faces, and faces with the same vertices
 - `_winding`: wind a mesh outward, and say where that is unclear
-- `_edit`: the components of a mesh, its mirror image, its seams welded
-- `_holes`: close small holes
+- `_edit`: the components of a mesh, its mirror image, seams welded, holes closed
 - `_reconstruct`: the oriented surface of a point cloud
-- `_clouds`: outliers of point clouds, floors and walls
 - `_partners`: leave out vertices, and keep track of the others
 - `_repair`: mend a mesh
-- `_coarsen`: keep some of its vertices, for display
-- `_decimate`: fewer vertices, a surface like it
-- `_formats`: OFF, OBJ and STL
+- `_decimate`: fewer vertices: some of its own, or a surface like it
+- `_formats`: OFF, OBJ, STL, text with a point a line, and arrays of numpy
 - `_ply`: PLY
 - `_gltf`: glTF and GLB
-- `_points`: text with a point a line, and arrays of numpy
-- `_vtk_process`: VTK files as arrays, in a process of its own
 - `_others`: VTK and GIFTI, through their libraries
 - `_read`: read a mesh file of any of these formats
-- `_colours`: the colours of its vertices
-- `_uv`: the texture coordinates of a file
+- `_appearance`: its colours, and its texture coordinates
 """
 
+from jfsf.mesh._appearance import read_uv, vertex_colours
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._closest import OnSurface, closest
-from jfsf.mesh._clouds import floor_points, outliers
-from jfsf.mesh._coarsen import coarsen
-from jfsf.mesh._colours import vertex_colours
-from jfsf.mesh._decimate import decimate
+from jfsf.mesh._decimate import coarsen, decimate
 from jfsf.mesh._denoise import denoised
-from jfsf.mesh._edit import largest_component, mirror_image, weld
-from jfsf.mesh._geometry import face_normals, surface_area, vertex_areas, vertex_normals
-from jfsf.mesh._holes import without_holes
+from jfsf.mesh._edit import largest_component, weld, without_holes
+from jfsf.mesh._geometry import surface_area
 from jfsf.mesh._partners import Repaired, without_strays
-from jfsf.mesh._paths import farthest_vertices
 from jfsf.mesh._read import Reading, read, read_noted
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import repair
 from jfsf.mesh._rounding import rounding
-from jfsf.mesh._uv import read_uv
 from jfsf.mesh._values import MeshError
 from jfsf.mesh._winding import orient, unclear_winding
 
@@ -64,13 +51,8 @@ __all__ = [
     "coarsen",
     "decimate",
     "denoised",
-    "face_normals",
-    "farthest_vertices",
-    "floor_points",
     "largest_component",
-    "mirror_image",
     "orient",
-    "outliers",
     "read",
     "read_noted",
     "read_uv",
@@ -80,9 +62,7 @@ __all__ = [
     "surface_area",
     "unclear_winding",
     "validate",
-    "vertex_areas",
     "vertex_colours",
-    "vertex_normals",
     "weld",
     "without_holes",
     "without_strays",

@@ -28,6 +28,11 @@ _FLAT_SURFACE = 1e-12
 # With coordinates rounded to this many edge lengths, and this share of faces without
 # area, the shape is lost; the map of a body rounded so has an error of 0.6.
 _LOST_STEP, _LOST_FACES = 0.5, 0.1
+# What to do about several components.
+ONE_COMPONENT = (
+    "keep one with largest_component, match all with match_components, or join seams "
+    "of coincident vertices with weld"
+)
 
 
 class Report(NamedTuple):
@@ -170,41 +175,39 @@ def validate(
     n = len(vertices)
     if k is not None and n < k:
         raise MeshError(
-            f"{name}: has {n} vertices, fewer than the {k} eigenpairs asked for; "
-            "ask for fewer or subdivide the mesh"
+            f"has {n} vertices, fewer than the {k} eigenpairs asked for",
+            "ask for fewer or subdivide the mesh",
+            name,
         )
     # Centred and scaled without overflow: neither unit nor place matters here.
     low, high = vertices.min(axis=0) / 2, vertices.max(axis=0) / 2
     size = (high - low).max()
     if size == 0:
-        raise MeshError(f"{name}: all {n} vertices coincide; choose another shape")
+        raise MeshError(f"all {n} vertices coincide", "choose another shape", name)
     if len(faces) == 0:
         return
     if face_areas((vertices - (low + high)) / size, faces).sum() <= _FLAT_SURFACE:
-        raise MeshError(f"{name}: the area of its {len(faces)} faces is 0; repair it")
+        raise MeshError(f"the area of its {len(faces)} faces is 0", "repair it", name)
     coarse = rounding(mesh)
     if coarse is not None and coarse.step > _LOST_STEP * coarse.edge:
         lost = degenerate_faces(vertices, faces)
         if lost.mean() > _LOST_FACES:
-            raise MeshError(f"{name}: {lost.sum()} faces have no area, and {coarse}")
+            raise MeshError(f"{lost.sum()} faces have no area, and {coarse}", name=name)
     loose = np.ones(n, bool)
     loose[faces] = False
     if loose.any():
         first, others = np.argmax(loose), int(loose.sum()) - 1
-        what = f"vertex {first} belongs to no face; remove it"
+        what, which = f"vertex {first} belongs to no face", "it"
         if others:
             many = f"{others} others" if others > 1 else "1 other"
-            what = f"vertex {first} and {many} belong to no face; remove them"
-        raise MeshError(f"{name}: {what}, as without_strays and largest_component do")
+            what, which = f"vertex {first} and {many} belong to no face", "them"
+        advice = f"remove {which}, as without_strays and largest_component do"
+        raise MeshError(what, advice, name)
     if not components:
         return
     pieces = vertex_components(faces, n).max() + 1
     if pieces > 1:
-        raise MeshError(
-            f"{name}: has {pieces} connected components; keep one with "
-            "largest_component, match all with match_components, or join seams of "
-            "coincident vertices with weld"
-        )
+        raise MeshError(f"has {pieces} connected components", ONE_COMPONENT, name)
 
 
 def pinched_vertices(faces: ArrayLike, n: int, pairs: HalfEdgePairs) -> Any:

@@ -68,12 +68,14 @@ def surface_tree(mesh: Mesh) -> SurfaceTree:
     """
     vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
     if len(faces) == 0:
-        raise MeshError("surface_tree: the mesh has no faces; triangulate it")
+        raise MeshError("the mesh has no faces", "triangulate it", "surface_tree")
     corner = vertices[faces]
     middle = corner.mean(1)
     reach = np.linalg.norm(corner - middle[:, None], axis=2).max(1)
     if not reach.any():
-        raise MeshError("surface_tree: its faces are single points; repair the mesh")
+        raise MeshError(
+            "its faces are single points", "repair the mesh", "surface_tree"
+        )
     radius = np.median(reach[reach > 0])
     while (np.ceil(reach / radius) ** 2).sum() > PIECES * len(faces):
         radius *= 1.5

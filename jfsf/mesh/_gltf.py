@@ -83,7 +83,7 @@ def scene_parts(
         if not np.any(part.vertices):
             # trimesh gives zeros for draco data if DracoPy is not installed.
             raise MeshError(
-                f"the vertices of its part {name!r} are all 0; export it uncompressed"
+                f"the vertices of its part {name!r} are all 0", "export it uncompressed"
             )
         found.append((np.asarray(matrix), part))
     return found
@@ -102,7 +102,8 @@ def _check_accessors(scene: dict[str, Any]) -> None:
         if "bufferView" not in accessor and accessor["count"] > MOST_ZEROS:
             raise MeshError(
                 f"its accessor {number} announces {accessor['count']} items without "
-                "data; export it uncompressed"
+                "data",
+                "export it uncompressed",
             )
     for mesh in scene.get("meshes", []):
         for part in mesh["primitives"]:
@@ -112,6 +113,6 @@ def _check_accessors(scene: dict[str, Any]) -> None:
             for accessor in (accessors[i] for i in used if i is not None):
                 if "bufferView" not in accessor or "sparse" in accessor:
                     raise MeshError(
-                        "it has vertices or faces that are compressed or sparse; "
-                        "export it uncompressed"
+                        "it has vertices or faces that are compressed or sparse",
+                        "export it uncompressed",
                     )

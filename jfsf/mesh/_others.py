@@ -4,16 +4,12 @@ They come from medical imaging and ParaView, in many versions and encodings. The
 libraries are not installed with this package: see `LIBRARIES`.
 """
 
-import io
 import re
-import subprocess
-import sys
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 
-from jfsf.mesh import _vtk_process
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._values import MeshError
 from jfsf.types import ArrayLike, Mesh
@@ -24,8 +20,6 @@ LIBRARIES = {
     ".vtp": ("vtkmodules", "vtk"),
     ".gii": ("nibabel", "gifti"),
 }
-# Time that VTK may take, and for each byte of a file: on some damaged ones it hangs.
-SECONDS, SECONDS_FOR_EACH = 120.0, 2e-6
 # Of VTK: cells that are surfaces, and those that are less and are left out.
 _STRIP, _PIXEL = 6, 8
 _SURFACES = {5: "triangle", 6: "strip", 7: "polygon", 8: "pixel", 9: "quad"}
@@ -47,57 +41,88 @@ def parse_vtk(data: bytes, suffix: str) -> Mesh:
             something else than a surface.
     """
     _need(suffix)
-    # -P: the folder of this file holds no modules that others should import.
-    command = [sys.executable, "-P", _vtk_process.__file__, suffix]
-    seconds = SECONDS + SECONDS_FOR_EACH * len(data)
-    try:
-        done = subprocess.run(command, input=data, capture_output=True, timeout=seconds)
-    except subprocess.TimeoutExpired:
-        raise MeshError(
-            f"VTK does not read it within {seconds:.0f} s, so it is damaged; export it "
-            "again"
-        ) from None
-    if done.returncode > 0:  # by an exception
-        said = done.stderr.decode("utf-8", "replace").strip().split("\n")[-1]
-        raise MeshError(
-            f"VTK fails on it ({said[:120]}); export it again, or install vtk again if "
-            "it reads no file"
-        )
-    if done.returncode:
-        raise MeshError("VTK fails on it, so it is damaged; export it again")
-    with np.load(io.BytesIO(done.stdout)) as file:
-        arrays = dict(file)
-    if said := " ".join(str(arrays["said"]).split()):
-        # The first of its messages, without the place in VTK's own code.
-        said = re.split(r" ERROR:| Warning:", said.split("): ", 1)[-1])[0]
-        said = said.removesuffix("for file:").strip(" !.")
-        raise MeshError(f"VTK cannot read it ({said[:120]}); export it again")
-    if (kind := str(arrays["kind"])) == "vtkPolyData":
-        sizes, corners = _cells(arrays, "polys")
-        strips = _cells(arrays, "strips")
+    found = _vtk_output(data, suffix)
+    if (kind := found.GetClassName()) == "vtkPolyData":
+        sizes, corners = _cells(found.GetPolys())
+        strips = _cells(found.GetStrips())
         kinds = np.repeat([7, _STRIP], [len(sizes), len(strips[0])])
         sizes = np.concatenate([sizes, strips[0]])
         corners = np.concatenate([corners, strips[1]])
     elif kind == "vtkUnstructuredGrid":
-        sizes, corners = _cells(arrays, "cells")
-        kinds = np.asarray(arrays.get("types", sizes), np.int64)
+        sizes, corners = _cells(found.GetCells())
+        kinds = _array(found.GetCellTypesArray(), np.int64) if len(sizes) else sizes
     else:
         raise MeshError(
-            f"it holds a {kind.removeprefix('vtk')}; export a surface (PolyData), in "
-            "ParaView with Extract Surface"
+            f"it holds a {kind.removeprefix('vtk')}",
+            "export a surface (PolyData), in ParaView with Extract Surface",
         )
-    points = np.asarray(arrays.get("points", np.zeros((0, 3))), np.float64)
+    points = np.zeros((0, 3))
+    if found.GetNumberOfPoints():
+        points = _array(found.GetPoints().GetData(), np.float64)
     return Mesh(points, _triangles(points, kinds, sizes, corners))
 
 
-def _cells(arrays: dict[str, Any], name: str) -> tuple[ArrayLike, ArrayLike]:
+def _vtk_output(data: bytes, suffix: str) -> Any:
+    """The data set of a VTK file, or MeshError with what VTK says of it."""
+    from vtkmodules.vtkCommonCore import (
+        vtkLogger,
+        vtkOutputWindow,
+        vtkStringOutputWindow,
+    )
+
+    if suffix == ".vtk":
+        from vtkmodules.vtkIOLegacy import vtkDataSetReader as Reader
+    else:
+        from vtkmodules.vtkIOXML import vtkXMLPolyDataReader as Reader
+    # VTK raises no exceptions: it writes to its window, and by its log to the terminal.
+    window, usual = vtkStringOutputWindow(), vtkOutputWindow.GetInstance()
+    verbosity = vtkLogger.GetCurrentVerbosityCutoff()
+    vtkOutputWindow.SetInstance(window)
+    vtkLogger.SetStderrVerbosity(vtkLogger.VERBOSITY_OFF)
+    try:
+        reader = Reader()
+        reader.ReadFromInputStringOn()
+        reader.SetInputArray(_held(data))
+        reader.Update()
+        found = reader.GetOutput()
+        said = " ".join((window.GetOutput() or "").split())
+    finally:
+        vtkLogger.SetStderrVerbosity(verbosity)
+        vtkOutputWindow.SetInstance(usual)
+    if said or found is None:
+        # The first of its messages, without the place in VTK's own code.
+        said = re.split(r" ERROR:| Warning:", said.split("): ", 1)[-1])[0]
+        said = said.removesuffix("for file:").strip(" !.") or "no data set"
+        raise MeshError(f"VTK cannot read it ({said[:120]})", "export it again")
+    return found
+
+
+def _held(data: bytes) -> Any:
+    """Bytes as an array of VTK; a string would end at the first byte 0."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkCharArray
+
+    held = vtkCharArray()
+    held.SetNumberOfValues(len(data))
+    vtk_to_numpy(held)[:] = np.frombuffer(data, np.int8)
+    return held
+
+
+def _array(values: Any, dtype: Any) -> Any:
+    """A copy of an array of VTK."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    return np.array(vtk_to_numpy(values), dtype)
+
+
+def _cells(cells: Any) -> tuple[ArrayLike, ArrayLike]:
     """The sizes of cells, and their vertices, one cell after the other."""
-    if name not in arrays:
+    if cells is None or not cells.GetNumberOfCells():
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    corners = np.asarray(arrays[name], np.int64)
-    offsets = np.asarray(arrays[f"{name}_offsets"], np.int64)
+    corners = _array(cells.GetConnectivityArray(), np.int64)
+    offsets = _array(cells.GetOffsetsArray(), np.int64)
     if offsets[0] or offsets[-1] != len(corners) or (np.diff(offsets) < 0).any():
-        raise MeshError("its cells do not fit their numbers; export it again")
+        raise MeshError("its cells do not fit their numbers", "export it again")
     return np.diff(offsets), corners
 
 
@@ -108,7 +133,8 @@ def _triangles(points, kinds, sizes, corners):
         numbers = ", ".join(map(str, sorted(others)))
         raise MeshError(
             f"it holds cells that are no flat polygons (VTK's types {numbers}), as "
-            "volumes do; extract the surface, in ParaView with Extract Surface"
+            "volumes do",
+            "extract the surface, in ParaView with Extract Surface",
         )
     kept = np.isin(kinds, list(_SURFACES))
     corners = corners[np.repeat(kept, sizes)]
@@ -147,14 +173,15 @@ def parse_gifti(data: bytes) -> Mesh:
     )
     if len(points) != 1 or len(faces) > 1:
         raise MeshError(
-            f"it has {len(points)} arrays of points and {len(faces)} of triangles; "
-            "give the file of one surface, such as .surf.gii"
+            f"it has {len(points)} arrays of points and {len(faces)} of triangles",
+            "give the file of one surface, such as .surf.gii",
         )
     (vertices,), found = points, faces[0] if faces else np.zeros((0, 3), np.int64)
     if vertices.ndim != 2 or vertices.shape[1] != 3 or found.shape[1:] != (3,):
         raise MeshError(
             f"its points are {vertices.shape} and its triangles {found.shape}, not "
-            "(n, 3); export it again"
+            "(n, 3)",
+            "export it again",
         )
     triangles = triangulate([3] * len(found), found.ravel())
     return Mesh(vertices.astype(np.float64), triangles)

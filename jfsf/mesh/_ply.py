@@ -53,11 +53,11 @@ def ply_columns(
     """
     end = re.search(rb"^end_header[^\n]*\n", data, re.M)
     if not data.startswith(b"ply") or end is None:
-        raise MeshError("it has no complete PLY header; export the mesh again")
+        raise MeshError("it has no complete PLY header", "export the mesh again")
     header = data[: end.start()].decode("ascii", "replace")
     encoding = re.search(r"^format (\S+)", header, re.M)
     if encoding is None or encoding[1] not in _ORDER:
-        raise MeshError("its PLY header names no known format; export the mesh again")
+        raise MeshError("its PLY header names no known format", "export the mesh again")
     is_text = encoding[1] == "ascii"
     body = data[end.end() :]
 
@@ -72,8 +72,8 @@ def ply_columns(
         lines = sum(map(bool, map(bytes.strip, body.splitlines())))
         if lines != total:
             raise MeshError(
-                f"its header announces {total} lines, but {lines} follow; "
-                "export the mesh again"
+                f"its header announces {total} lines, but {lines} follow",
+                "export the mesh again",
             )
         check_plain_numbers(body.decode("ascii", "replace"))
         body, notes = _announced(body, elements)
@@ -83,8 +83,8 @@ def ply_columns(
         columns[name], at = _records(body, at, name, count, properties)
     if left := len(body[at:] if is_text else body[at:].strip(b"\r\n")):
         raise MeshError(
-            f"its header accounts for all but the last {left} bytes; export the mesh "
-            "again"
+            f"its header accounts for all but the last {left} bytes",
+            "export the mesh again",
         )
     return columns, notes
 
@@ -115,8 +115,8 @@ def _announced(
                 if len(own) != _length(own, properties):
                     raise MeshError(
                         f"its lines of element {name!r} hold more values than its "
-                        f"header names: {more} in the first, but not in line {row}; "
-                        "export the mesh again"
+                        f"header names: {more} in the first, but not in line {row}",
+                        "export the mesh again",
                     )
             lines[at : at + count] = map(b" ".join, left)
             values = "value" if more == 1 else "values"
@@ -161,18 +161,18 @@ def _elements(
                 elements[-1][2].append((name, None, kind(item)))
             case _:
                 raise MeshError(
-                    f"its header has the line {line[:60]!r}; export the mesh again"
+                    f"its header has the line {line[:60]!r}", "export the mesh again"
                 )
     _distinct("element", [name for name, _, _ in elements])
     for element, _, properties in elements:
         names = [name for name, _, _ in properties]
         _distinct("property", names)
         if element == "tristrips":
-            raise MeshError("it holds triangle strips; export it with single faces")
+            raise MeshError("it holds triangle strips", "export it with single faces")
         if element != "face" and not set(names).isdisjoint(CORNERS):
             raise MeshError(
-                f"its element {element!r} has corners, as only 'face' may; export the "
-                "mesh again"
+                f"its element {element!r} has corners, as only 'face' may",
+                "export the mesh again",
             )
     return elements
 
@@ -180,17 +180,17 @@ def _elements(
 def _distinct(what, names):
     if len(names) > len(set(names)):
         twice = next(name for i, name in enumerate(names) if name in names[:i])
-        raise MeshError(f"it has two of {what} {twice!r}; export the mesh again")
+        raise MeshError(f"it has two of {what} {twice!r}", "export the mesh again")
 
 
 def _mesh(columns):
     vertex, face = columns.get("vertex", {}), columns.get("face", {})
     if vertex and not vertex.keys() >= {"x", "y", "z"}:
-        raise MeshError("its vertices lack x, y or z; export the mesh again")
+        raise MeshError("its vertices lack x, y or z", "export the mesh again")
     points = [vertex[axis][1] if vertex else np.zeros(0) for axis in "xyz"]
     names = [name for name in CORNERS if name in face]
     if face and not names:
-        raise MeshError("its faces lack vertex_indices; export the mesh again")
+        raise MeshError("its faces lack vertex_indices", "export the mesh again")
     sizes, corners = face[names[0]] if face else ([], [])
     vertices = np.stack(points, axis=1).astype(np.float64)
     return Mesh(vertices, triangulate(sizes, corners, vertices))
@@ -228,7 +228,8 @@ def _walk(body, at, element, count, properties):
         if number < 0 or at > len(body):
             raise MeshError(
                 f"its header announces {count} of element {element!r}, but the data "
-                "ends before the last; export the mesh again"
+                "ends before the last",
+                "export the mesh again",
             )
         return np.frombuffer(body, kind, number, start)
 

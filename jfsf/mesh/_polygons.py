@@ -39,13 +39,13 @@ def triangulate(
     if (sizes < 3).any():
         face = np.argmax(sizes < 3)
         raise MeshError(
-            f"face {face} has {sizes[face]} vertices and splits into no triangle; "
-            "delete such faces"
+            f"face {face} has {sizes[face]} vertices and splits into no triangle",
+            "delete such faces",
         )
     corners = whole.astype(np.int64)
     if (corners != whole).any():
         raise MeshError(
-            f"a face names vertex {whole[corners != whole][0]}; export the mesh again"
+            f"a face names vertex {whole[corners != whole][0]}", "export the mesh again"
         )
     pieces = sizes - 2
     start = np.cumsum(sizes) - sizes

@@ -7,11 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.mesh._formats import parse_obj, parse_off, parse_stl
+from jfsf.mesh._formats import parse_npy, parse_obj, parse_off, parse_stl, parse_xyz
 from jfsf.mesh._gltf import parse_gltf
 from jfsf.mesh._others import LIBRARIES, parse_gifti, parse_vtk
 from jfsf.mesh._ply import parse_ply
-from jfsf.mesh._points import parse_npy, parse_xyz
 from jfsf.mesh._values import MeshError, check_values
 from jfsf.types import Mesh
 
@@ -75,30 +74,32 @@ def read_noted(path: str | os.PathLike[str], *, finite: bool = True) -> Reading:
     suffix, _ = _format(path)
     if not path.is_file():
         what = "is a folder" if path.is_dir() else "does not exist"
-        raise MeshError(f"{path}: {what}; pass the path of a mesh file")
+        raise MeshError(what, "pass the path of a mesh file", str(path))
     if suffix not in SUFFIXES:
         known = ", ".join(SUFFIXES)
         packings = ", ".join(COMPRESSED)
         raise MeshError(
-            f"{path}: has format {suffix!r}; convert it to one of {known} (also with "
-            f"{packings})"
+            f"has format {suffix!r}",
+            f"convert it to one of {known} (also with {packings})",
+            str(path),
         )
     try:
         data = contents(path)
         if not data.strip():
-            raise MeshError(f"its {len(data)} bytes are empty; export the mesh again")
+            raise MeshError(f"its {len(data)} bytes are empty", "export the mesh again")
         # numpy warns of nan and overflow where `check_values` says which vertex it is.
         with np.errstate(all="ignore"), warnings.catch_warnings():
             # Libraries warn of what is damaged, and then it is refused or sound.
             warnings.simplefilter("ignore")
             mesh, notes = _parsed(data, suffix, path)
     except MeshError as error:
-        raise MeshError(f"{path}: {error}") from error
+        raise error.named(str(path)) from error
     except Exception as error:
         # Broken numbers, and whatever other libraries meet in a broken file.
         raise MeshError(
-            f"{path}: not a readable {suffix[1:].upper()} file ({error}); "
-            "export the mesh again"
+            f"not a readable {suffix[1:].upper()} file ({error})",
+            "export the mesh again",
+            str(path),
         ) from error
     check_values(*mesh, str(path), finite=finite)
     return Reading(Mesh(mesh.vertices, mesh.faces.astype(np.int32)), notes)
@@ -151,9 +152,9 @@ def _unpacked(data: bytes, packed: str) -> bytes:
         found = decompress(data)
     except Exception as error:
         why = str(error) or type(error).__name__
-        raise MeshError(f"it cannot be decompressed ({why}); pack it again") from None
+        raise MeshError(f"it cannot be decompressed ({why})", "pack it again") from None
     if not found.strip():
-        raise MeshError("what is packed in it is empty; pack the mesh again")
+        raise MeshError("what is packed in it is empty", "pack the mesh again")
     return found
 
 

@@ -7,10 +7,9 @@ there is more than one way to mend them.
 import numpy as np
 
 from jfsf.mesh._check import degenerate_faces, pinched_vertices
-from jfsf.mesh._clouds import floor_points, outliers
 from jfsf.mesh._denoise import without_spikes
-from jfsf.mesh._doubled import doubled_faces
 from jfsf.mesh._edit import first_equal
+from jfsf.mesh._faces import doubled_faces
 from jfsf.mesh._geometry import (
     boundary_edges,
     edges,
@@ -46,8 +45,7 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     rest is wound outward, as `orient` does.
 
     Args:
-        mesh: n vertices, m faces. Of a point cloud equal points are merged, and
-            `outliers` and `floor_points` removed.
+        mesh: n vertices, m faces. Of a point cloud equal points are merged.
         small: components with less area than this share of the largest go; inf leaves
             the largest alone.
         name: opens the message of an error.
@@ -64,8 +62,9 @@ def repair(mesh: Mesh, *, small: float = SMALL, name: str = "mesh") -> Repaired:
     vertices, faces = known.mesh
     if len(faces) == 0 and len(np.asarray(mesh.faces)):
         raise MeshError(
-            f"{name}: all its faces have a vertex that is not finite; export the mesh "
-            "again"
+            "all its faces have a vertex that is not finite",
+            "export the mesh again",
+            name,
         )
     return after(known, _mended(vertices, faces, small, name))
 
@@ -75,7 +74,6 @@ def _mended(vertices, faces, small: float, name: str) -> Repaired:
     index = np.unique(first)
     note(done, len(vertices) - len(index), "duplicate {vertices} merged")
     if len(faces) == 0:
-        index = _without_noise(vertices, faces, index, done)
         return kept(vertices, faces, first, index, done)
     # Vertices keep their old numbers until the end.
     faces = first[faces].astype(np.int32)
@@ -88,7 +86,7 @@ def _mended(vertices, faces, small: float, name: str) -> Repaired:
     vertices = _flattened(vertices, faces, done)
     faces = _without_flat(vertices, faces, done)
     if len(faces) == 0:
-        raise MeshError(f"{name}: none of its faces has an area; export the mesh again")
+        raise MeshError("none of its faces has an area", "export the mesh again", name)
     lone = len(index) - len(np.unique(faces))
     note(done, lone, "{vertices} without a face removed")
     faces = _without_small(vertices, faces, small, done)
@@ -146,20 +144,6 @@ def _nonmanifold(faces, n: int):
     found = edges(solid)
     pinched = pinched_vertices(solid, n, pair_half_edges(solid, n))
     return found.ends[found.counts > 2], np.flatnonzero(pinched)
-
-
-def _without_noise(vertices, faces, index, done):
-    """The vertices of a cloud that are left of these without outliers and a floor."""
-    far = outliers(Mesh(vertices[index], faces))
-    note(done, int(far.sum()), "{vertices} far from all others removed, as outliers")
-    index = index[~far]
-    flat = floor_points(Mesh(vertices[index], faces))
-    note(
-        done,
-        int(flat.sum()),
-        "{vertices} of a plane beside the rest removed, as a floor or wall",
-    )
-    return index[~flat]
 
 
 def _flattened(vertices, faces, done):

@@ -16,21 +16,21 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from jfsf.mesh._doubled import doubled_faces
+from jfsf.mesh._faces import (
+    Links,
+    across_edges,
+    between_nodes,
+    doubled_faces,
+    in_fans,
+    joined,
+    two_sheets,
+)
 from jfsf.mesh._geometry import (
     component_volumes,
     edge_keys,
     face_areas,
     pair_half_edges,
     repeats_vertex,
-)
-from jfsf.mesh._links import (
-    Links,
-    across_edges,
-    between_nodes,
-    in_fans,
-    joined,
-    two_sheets,
 )
 from jfsf.types import ArrayLike, Mesh
 

@@ -113,7 +113,7 @@ def spectrum_of_valid(
         try:
             return _spectrum(mesh, k, laplacian, mass, tol, threads)
         except MeshError as error:
-            raise MeshError(f"{name}: {error}") from error
+            raise error.named(name) from error
 
     if not cache:
         return compute()
@@ -155,15 +155,17 @@ def _spectrum(mesh, k, laplacian, mass, tol, threads):
 def _check_operators(stiffness, areas):
     """MeshError unless these are operators of one connected surface."""
     if not (np.isfinite(stiffness.data).all() and np.isfinite(areas).all()):
-        raise MeshError("has faces without area; remove them or pass laplacian='auto'")
+        raise MeshError(
+            "has faces without area", "remove them or pass laplacian='auto'"
+        )
     if areas.min() <= 0:
         raise MeshError(
-            f"vertex {areas.argmin()} has area {areas.min():.3g}; remove degenerate "
-            "faces, or pass laplacian='robust'"
+            f"vertex {areas.argmin()} has area {areas.min():.3g}",
+            "remove degenerate faces, or pass laplacian='robust'",
         )
     pieces = connected_components(stiffness, directed=False)[0]
     if pieces > 1:
-        raise MeshError(f"its Laplacian falls into {pieces} pieces; keep one of them")
+        raise MeshError(f"its Laplacian falls into {pieces} pieces", "keep one of them")
 
 
 def _shift_invert(
@@ -200,8 +202,8 @@ def _arpack(solve, k, start, *, max_restarts=None):
         evals, evecs = eigsh(inverse, k, v0=start, ncv=ncv, maxiter=max_restarts)
     except ArpackNoConvergence as error:
         raise MeshError(
-            f"only {len(error.eigenvalues)} of {k} eigenpairs converged; pass "
-            "laplacian='robust', or remesh the thinnest triangles"
+            f"only {len(error.eigenvalues)} of {k} eigenpairs converged",
+            "pass laplacian='robust', or remesh the thinnest triangles",
         ) from error
     order = np.argsort(-evals)
     return evals[order], evecs[:, order]

@@ -47,7 +47,7 @@ def operators(
     mesh = plain_arrays(mesh)
     cloud = len(mesh.faces) == 0
     if cloud and laplacian == "cotan":
-        raise MeshError("a point cloud has no cotangents; pass laplacian='robust'")
+        raise MeshError("a point cloud has no cotangents", "pass laplacian='robust'")
     if laplacian == "cotan" or laplacian == "auto" and _is_clean(mesh):
         return _cotan(mesh, mass)
     try:
@@ -60,7 +60,7 @@ def operators(
             pair = robust_laplacian.mesh_laplacian(mesh.vertices, mesh.faces)
     except RuntimeError as error:
         raise MeshError(
-            f"no Laplacian could be built ({error}); points on a line, or too few"
+            f"no Laplacian could be built ({error})", "points on a line, or too few"
         ) from error
     return pair[0].tocsr(), pair[1].diagonal()
 

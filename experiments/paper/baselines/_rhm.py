@@ -40,8 +40,7 @@ import scipy.sparse as sp
 from jfsf.convert import precise, to_vertex
 from jfsf.geometry import geodesics
 from jfsf.geometry._geodesics import vertex_indices
-from jfsf.mesh import farthest_vertices
-from jfsf.mesh._geometry import vertex_components
+from jfsf.mesh._geometry import farthest_vertices, vertex_components
 from jfsf.runtime._shared import one_blas_thread
 from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import ArrayLike, Maps, Mesh, PreciseMap

@@ -49,6 +49,7 @@ from jfsf.apps.cli._summary import (
     summary_table,
     write_summary,
 )
+from jfsf.apps.cli._words import said
 
 MOST_NOTES = 20  # lines on the meshes that are printed
 
@@ -221,6 +222,7 @@ def batch(
                 progress=lambda n, total: shown.update(
                     shapes, completed=n, total=total
                 ),
+                say=said,
             )
             for outcome in outcomes:
                 rows[outcome.job.out.name] = _row(outcome)

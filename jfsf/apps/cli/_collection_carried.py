@@ -67,7 +67,8 @@ def write_carried(
     from jfsf.apps.transfer import labels, values
     from jfsf.apps.transfer._files import write_column
     from jfsf.apps.transfer._overlay import extended, overlay_template
-    from jfsf.mesh import mirror_image, read
+    from jfsf.mesh import read
+    from jfsf.mesh._edit import mirror_image
 
     carry = {"labels": labels, "values": values}
     for one in carried:

@@ -66,7 +66,7 @@ def kept(path: Path) -> Kept:
 def match_pair(job, orientation: str, turned: bool) -> None:
     """Match two shapes, the first one mirrored if `turned`."""
     from jfsf.matching import match
-    from jfsf.mesh import mirror_image
+    from jfsf.mesh._edit import mirror_image
 
     x, y = map(kept, job.inputs)
     if turned:
@@ -187,7 +187,7 @@ def put_agreed(job) -> None:
 
 
 def _turned(mesh: Mesh, turn: bool) -> Mesh:
-    from jfsf.mesh import mirror_image
+    from jfsf.mesh._edit import mirror_image
 
     return mirror_image(mesh) if turn else mesh
 

@@ -17,7 +17,7 @@ from jfsf.apps.cli._collection_jobs import (
 from jfsf.apps.cli._collection_pages import picture_of_shape
 from jfsf.apps.cli._collection_results import registered
 from jfsf.apps.cli._pages import pages_of
-from jfsf.apps.cli._words import in_options
+from jfsf.apps.cli._words import said
 from jfsf.mesh._read import stem_of
 
 PARTS = (  # of the results
@@ -34,9 +34,9 @@ def outcomes(
 
     bar = shown.add_task(label, total=len(jobs))
     reasons = {}
-    for outcome in run_jobs(jobs, client, prepare=nothing, work=work, done=done):
-        why = outcome.reason
-        reasons[outcome.job.out] = None if why is None else in_options(why)
+    given = {"prepare": nothing, "work": work, "done": done, "say": said}
+    for outcome in run_jobs(jobs, client, **given):
+        reasons[outcome.job.out] = outcome.reason
         shown.advance(bar)
     return reasons
 
@@ -102,7 +102,7 @@ def grown(out, shapes, template, mirror, run, *, orientation: str):
 def mirror_back(out: Path, shapes, graph):
     """The shapes, joined mirror images mirrored back; writes these as files too."""
     from jfsf.apps.export import export_mesh
-    from jfsf.mesh import mirror_image
+    from jfsf.mesh._edit import mirror_image
 
     shapes = dict(shapes)
     for i, (name, own) in enumerate(list(shapes.items())):

@@ -11,7 +11,7 @@ from jfsf.apps.cli._exports import Looks, Seen, draw, export
 from jfsf.apps.cli._files import Shape, sides_in_doubt
 from jfsf.apps.cli._notes import WARNING
 from jfsf.apps.cli._stages import stage_bar
-from jfsf.apps.cli._words import counted, in_options
+from jfsf.apps.cli._words import counted
 from jfsf.apps.report._words import verdict, warnings_of
 
 _STAGES = 5  # two pieces on either side, and writing
@@ -66,10 +66,8 @@ def match_pieces(
                 progress=stage,
             )
         except MeshError as error:
-            text = str(error)
-            for name, path in (("mesh_x", x), ("mesh_y", y)):
-                text = text.replace(f"{name}: ", f"{path}: ")
-            raise MeshError(in_options(text)) from None
+            files = {"mesh_x": str(x), "mesh_y": str(y)}
+            raise error.named(files.get(error.name, error.name)) from None
         stage("writing")
         notes += _said((x, y), found) + _doubts((x, y), found, orientation)
         write_components(out, found, notes=notes)

@@ -9,7 +9,6 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
-from jfsf.apps.cli._words import in_options
 from jfsf.types import Match, Mesh
 
 
@@ -100,17 +99,6 @@ def need_matplotlib() -> None:
         raise ImportError("drawing needs matplotlib: pip install 'jfsf[viz]'")
 
 
-def check_mesh(mesh: Mesh, path: Path) -> None:
-    """`jfsf.matching.check_matchable`, with advice for the command line."""
-    from jfsf.matching import check_matchable
-    from jfsf.mesh import MeshError
-
-    try:
-        check_matchable(mesh, name=str(path))
-    except MeshError as error:
-        raise MeshError(in_options(str(error))) from None
-
-
 def sides_in_doubt(mesh: Mesh) -> str:
     """Why left and right of a mesh may be swapped; "" if nothing speaks for it."""
     from jfsf.mesh import unclear_winding
@@ -159,6 +147,7 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     Raises:
         MeshError: it cannot be matched.
     """
+    from jfsf.matching import check_matchable
     from jfsf.mesh import largest_component, read_noted, repair, without_strays
 
     file, notes = read_noted(path, finite=not mend)
@@ -177,9 +166,9 @@ def matchable(path: Path, largest: bool, mend: bool = False) -> Shape:
     elif (left := without_strays(file)).done:
         shape = Shape(*left[:3], file, left, left.done)
     elif len(file.faces) == 0 and (would := repair(file, name=str(path)).done):
-        # What a scanner adds to a cloud misleads the match without a sign of it.
+        # Nothing refuses a cloud whose points coincide.
         shape = shape._replace(said=(f"--repair would mend: {', '.join(would)}",))
-    check_mesh(shape.mesh, path)
+    check_matchable(shape.mesh, name=str(path))
     return shape._replace(said=(*notes, *shape.said))
 
 

@@ -12,10 +12,10 @@ from rich.table import Table
 from jfsf.apps.cli._files import (
     FORMATS,
     can_export,
-    check_mesh,
     pieces_beside,
     sides_in_doubt,
 )
+from jfsf.apps.cli._words import said
 from jfsf.types import Mesh
 
 
@@ -34,13 +34,13 @@ def info(
 
     A repair removes vertices whose coordinates are not finite; merges those with equal
     ones; removes duplicate faces, small pieces and vertices without a face; mends faces
-    without area and spikes; and winds the faces outward. From a point cloud it removes
-    outliers and floors. Exit code 0 if the mesh can be matched, repaired if a file for
-    it is named, and 1 if not.
+    without area and spikes; and winds the faces outward. Exit code 0 if the mesh can be
+    matched, repaired if a file for it is named, and 1 if not.
 
     Example: jfsf info scan.obj --repair scan.ply
     """
     from jfsf.apps.export import export_mesh
+    from jfsf.matching import check_matchable
     from jfsf.mesh import MeshError, check, read_noted, reconstruct, without_strays
     from jfsf.mesh import repair as repaired
     from jfsf.mesh._partners import without_nonfinite
@@ -56,7 +56,7 @@ def info(
     try:
         mended = repaired(file, name=str(path))
     except MeshError as error:
-        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        console.print(f"cannot be matched: {said(error)}", soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
     if mended.done:
         would = "would mend" if repair is None else "mended"
@@ -67,9 +67,9 @@ def info(
         console.print(f"wrote {repair}", soft_wrap=True, markup=False)
         mesh, file, path = mended.mesh, mended.mesh, repair
     try:
-        check_mesh(without_strays(file).mesh, path)
+        check_matchable(without_strays(file).mesh, name=str(path))
     except MeshError as error:
-        console.print(f"cannot be matched: {error}", soft_wrap=True, markup=False)
+        console.print(f"cannot be matched: {said(error)}", soft_wrap=True, markup=False)
         if mended.done and repair is None:
             console.print(_after(mended.mesh, path), soft_wrap=True, markup=False)
         raise typer.Exit(1) from None
@@ -157,10 +157,11 @@ def _flaws(mesh: Mesh) -> list[str]:
 
 
 def _after(mesh: Mesh, path: Path) -> str:
+    from jfsf.matching import check_matchable
     from jfsf.mesh import MeshError
 
     try:
-        check_mesh(mesh, path)
+        check_matchable(mesh, name=str(path))
     except MeshError as error:
-        return f"repaired, it still could not: {error}"
+        return f"repaired, it still could not: {said(error)}"
     return "repaired, it can be: pass --repair to match"

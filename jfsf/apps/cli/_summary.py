@@ -13,7 +13,6 @@ from rich.table import Table
 
 from jfsf._figures import FIGURES
 from jfsf.apps.cli._notes import WARNING
-from jfsf.apps.cli._words import in_options
 from jfsf.apps.report._words import warnings_of
 from jfsf.types import STAGES
 
@@ -31,7 +30,7 @@ def summary_row(
 
     row: dict[str, Any] = {
         "file": "",
-        "reason": in_options(outcome.reason or ""),
+        "reason": outcome.reason or "",
         "earlier": outcome.earlier,
         "seconds": None if math.isnan(outcome.seconds) else outcome.seconds,
         "n_x": None,

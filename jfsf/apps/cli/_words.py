@@ -1,37 +1,49 @@
 """Messages of the package in the words of the command line: options, X and Y."""
 
-import re
 import sys
+from functools import cache
 
-# Arguments of the functions, and what stands for them here. Not in names of files, nor
-# in quotes.
-_BEFORE, _AFTER = r"(?<![\w/\\.'\"-])", r"(?=[:;,]? |$)"
-_OPTIONS = {
-    rf"{_BEFORE}pass base=([01])": r"pass --base \1",
-    rf"{_BEFORE}partial=True": "--partial",
-    rf"{_BEFORE}exact=True": "--exact",
-    rf"{_BEFORE}use exact=False": "leave out --exact",
-    rf"{_BEFORE}largest_component{_AFTER}": "match --largest-component",
-    rf"{_BEFORE}match_components{_AFTER}": "match --components",
-    rf"{_BEFORE}with weld{_AFTER}": "with match --repair",
-    rf"{_BEFORE}mesh_x{_AFTER}": "X",
-    rf"{_BEFORE}mesh_y{_AFTER}": "Y",
+from jfsf.mesh._values import LEAVE_OUT, InputError
+
+# Arguments of functions, as they name a mesh in errors, and what it is called here.
+_SHAPES = {
+    f"{part}mesh_{side.lower()}": f"{part}{side}"
+    for part in ("", "part of ")
+    for side in "XY"
 }
 
 
-def in_options(text: str) -> str:
-    """A message on one line, with options in place of the arguments of functions."""
-    for argument, option in _OPTIONS.items():
-        text = re.sub(argument, option, text)
-    return " ".join(text.split())
+@cache
+def _in_options() -> dict[str, str]:
+    """Advice of the package that names functions: the same advice with options."""
+    from jfsf.apps.mapfiles._formats import FROM_0, FROM_1
+    from jfsf.geometry._geodesics import NOT_EXACT
+    from jfsf.mesh._check import ONE_COMPONENT
+
+    return {
+        FROM_0: "pass --base 0",
+        FROM_1: "it looks 1-based: pass --base 1",
+        LEAVE_OUT: "leave them out with --repair",
+        NOT_EXACT: "leave out --exact",
+        ONE_COMPONENT: "keep one with match --largest-component, match all with match "
+        "--components, or join seams of coincident vertices with match --repair",
+    }
+
+
+def said(error: Exception) -> str:
+    """The message of an error on one line; its advice names options."""
+    if isinstance(error, InputError):
+        advice = _in_options().get(error.advice, error.advice)
+        name = _SHAPES.get(error.name, error.name)
+        error = InputError(error.what, advice, name)
+    return " ".join(str(error).split())
 
 
 def sentence(error: Exception) -> str:
     """What to say of an error about the input."""
-    text = str(error)
     if isinstance(error, OSError) and error.filename and error.strerror:
-        text = f"{error.filename}: {error.strerror}; check the path"
-    return in_options(text)
+        return f"{error.filename}: {error.strerror}; check the path"
+    return said(error)
 
 
 def counted(number: int, one: str, many: str) -> str:

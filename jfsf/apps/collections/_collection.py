@@ -23,8 +23,9 @@ from jfsf.apps.collections._sketch import sketch
 from jfsf.apps.model import ShapeModel, fit_model
 from jfsf.initial import Orientation, orientation_sign
 from jfsf.matching import basis, check_matchable, match
-from jfsf.mesh import MeshError, closest, mirror_image
+from jfsf.mesh import MeshError, closest
 from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._edit import mirror_image
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -226,8 +227,9 @@ def check_surface(mesh: Mesh, name: str) -> None:
     """MeshError for a point cloud, onto which no template can be deformed."""
     if len(mesh.faces) == 0:
         raise MeshError(
-            f"{name}: has no faces, and a collection registers surfaces; triangulate "
-            "it (jfsf.mesh.reconstruct)"
+            "has no faces, and a collection registers surfaces",
+            "triangulate it (jfsf.mesh.reconstruct)",
+            name,
         )
 
 

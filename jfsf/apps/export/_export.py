@@ -17,7 +17,8 @@ from jfsf.apps.plot._colours import (
     texture_coordinates,
 )
 from jfsf.apps.plot._frames import Up, frame
-from jfsf.mesh import MeshError, vertex_normals
+from jfsf.mesh import MeshError
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.mesh._values import checked_mesh
 from jfsf.storage._atomic import write_atomically
 from jfsf.types import ArrayLike, Mesh
@@ -170,7 +171,7 @@ def export_textured(
     textured_files(path)
     vertices, faces = checked_mesh(mesh, "export_textured")
     if not len(faces):
-        raise MeshError("export_textured: the mesh has no faces; triangulate it")
+        raise MeshError("the mesh has no faces", "triangulate it", "export_textured")
     uv = np.asarray(uv, np.float64)
     if uv.shape != (len(faces), 3, 2) or not np.isfinite(uv).all():
         raise ValueError(

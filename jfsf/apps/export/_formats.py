@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Int
 
 from jfsf.apps.export._painted import Painted
-from jfsf.mesh import vertex_normals
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.storage._atomic import utf8
 
 _FLOAT, _UINT = 5126, 5125  # component types of glTF

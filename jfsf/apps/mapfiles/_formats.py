@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jfsf.mesh._values import InputError
 from jfsf.types import ArrayLike
 
 # The first index of each format, by convention.
@@ -33,8 +34,17 @@ NOTES_KEY = "notes"  # where something is to be said of how it was made
 Arrays = dict[str, Callable[[], Any]]
 
 
-class MapFileError(ValueError):
-    """A map file that cannot be used. The message says which, why and what to do."""
+# What to do about a map that was read with another first index than it has.
+FROM_0, FROM_1 = "pass base=0", "it looks 1-based: pass base=1"
+
+
+class MapFileError(InputError):
+    """A map file that cannot be used. The message says which, why and what to do.
+
+    what: what is wrong with it.
+    advice: what to do; "" if that is plain or said in `what`.
+    name: of the file; "" if `what` names it.
+    """
 
 
 def first_index(name: str, path: Path, base: int | None) -> int:
@@ -106,15 +116,17 @@ def to_indices(
             "image, unmatched ones are not supported"
         )
     if low < base:
-        raise MapFileError(f"{name}: holds a 0, so it is not 1-based; pass base=0")
+        raise MapFileError("holds a 0, so it is not 1-based", FROM_0, name)
     limit = INT_MAX if n_to is None else n_to
     if high >= limit + base:
         hint = "is it another shape's, or does it run the other way?"
         if base == 0 and high == n_to and low > 0:
-            hint = "it looks 1-based: pass base=1"
+            hint = FROM_1
         raise MapFileError(
-            f"{name}: entry {values.argmax() + 1} is {high:.15g}, the target has "
-            f"{limit} vertices and the file is read as {base}-based; {hint}"
+            f"entry {values.argmax() + 1} is {high:.15g}, the target has {limit} "
+            f"vertices and the file is read as {base}-based",
+            hint,
+            name,
         )
     return (values.astype(np.int64) - base).astype(np.int32)
 

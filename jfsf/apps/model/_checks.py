@@ -115,5 +115,5 @@ def check_faces(name: str, faces: Any, shapes: Array) -> Array:
     faces = np.asarray(faces)
     check_values(np.asarray(shapes[0]), faces, name, finite=False)
     if not len(faces):
-        raise MeshError(f"{name}: there are no faces; pass (m, 3) integers")
+        raise MeshError("there are no faces", "pass (m, 3) integers", name)
     return jnp.asarray(faces)

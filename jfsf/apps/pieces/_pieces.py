@@ -13,8 +13,9 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from jfsf.matching import Settings, check_matchable
-from jfsf.mesh import MeshError, surface_area, validate, vertex_areas, without_strays
+from jfsf.mesh import MeshError, surface_area, validate, without_strays
 from jfsf.mesh._edit import split_components
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.mesh._values import checked_mesh
 from jfsf.types import ArrayLike, Mesh
 
@@ -88,8 +89,9 @@ def pieces_of(
     validate(without_strays(mesh).mesh, name=name, components=False)
     if len(mesh.faces) == 0:
         raise MeshError(
-            f"{name}: has no faces, so its pieces are not known; triangulate it, or "
-            "match it as one shape"
+            "has no faces, so its pieces are not known",
+            "triangulate it, or match it as one shape",
+            name,
         )
     whole, parts = surface_area(mesh), split_components(mesh)
     pieces: list[Piece] = []
@@ -118,7 +120,7 @@ def pieces_of(
     if not pieces:
         reasons = "; ".join(f"{out.pieces} {out.why}" for out in left_out.values())
         raise MeshError(
-            f"{name}: none of its {len(parts)} pieces can be matched: {reasons}"
+            f"none of its {len(parts)} pieces can be matched: {reasons}", name=name
         )
     pieces.sort(key=lambda piece: -piece.share)  # stable: equal ones stay in order
     return tuple(pieces), tuple(left_out.values())
@@ -133,7 +135,7 @@ def _unfit(part: Mesh, share: float, min_share: float, settings: Settings) -> st
     try:
         check_matchable(part, name="", settings=settings)
     except MeshError as error:
-        return f"that cannot be matched ({str(error).removeprefix(': ')})"
+        return f"that cannot be matched ({error})"
     return ""
 
 

@@ -10,8 +10,7 @@ from scipy.spatial import KDTree
 
 from jfsf.apps.plot._frames import Up, frame, frames_of_pair, natural_turn, points_of
 from jfsf.apps.plot._page import INK, check_png, new_figure, save
-from jfsf.mesh import vertex_normals
-from jfsf.mesh._geometry import face_areas
+from jfsf.mesh._geometry import face_areas, vertex_normals
 from jfsf.types import ArrayLike, Mesh
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ import numpy as np
 from jfsf.apps.registration._flaws import flaws_of, unfold
 from jfsf.apps.registration._scan import Scan, facing
 from jfsf.array._static import check_types
-from jfsf.mesh import vertex_normals
 from jfsf.mesh._closest import on_rim
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import (
     Rest,
     closest_rotations,

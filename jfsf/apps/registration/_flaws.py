@@ -13,8 +13,8 @@ from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
 
 from jfsf.apps.registration._scan import Scan
-from jfsf.mesh import closest, face_normals, vertex_normals
-from jfsf.mesh._geometry import face_areas
+from jfsf.mesh import closest
+from jfsf.mesh._geometry import face_areas, face_normals, vertex_normals
 from jfsf.refine._rest import Rest, rotations_of
 
 COLLAPSED = 1e-4  # of the area at rest

@@ -10,8 +10,8 @@ from jfsf.apps.registration._draw import RegistrationSettings, Template, draw
 from jfsf.apps.registration._flaws import flaws_of
 from jfsf.apps.registration._scan import scan_of
 from jfsf.matching._arguments import checked_map
-from jfsf.mesh import MeshError, closest, orient, surface_area, validate, vertex_areas
-from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh import MeshError, closest, orient, surface_area, validate
+from jfsf.mesh._geometry import boundary_edges, vertex_areas
 from jfsf.refine._rest import at_rest
 from jfsf.types import ArrayLike, Mesh
 
@@ -90,8 +90,9 @@ def register(
         validate(mesh, name=name, components=False)
         if len(mesh.faces) == 0:
             raise MeshError(
-                f"{name}: has no faces, and registration needs a surface; triangulate "
-                "it (jfsf.mesh.reconstruct)"
+                "has no faces, and registration needs a surface",
+                "triangulate it (jfsf.mesh.reconstruct)",
+                name,
             )
     T, matched = checked_map(
         T,

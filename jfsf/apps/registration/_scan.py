@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import OnSurface, vertex_normals
+from jfsf.mesh import OnSurface
 from jfsf.mesh._closest import SurfaceTree, nearest_of, surface_tree
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.types import Mesh
 
 CANDIDATES = 12  # pieces of the scan that are looked at for each point

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.matching._vertices import WITHIN
-from jfsf.mesh import vertex_areas
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
 
 SOURCES = 500  # geodesics are measured from about so many vertices,

@@ -16,9 +16,9 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.apps.transfer._overlay import Overlay
-from jfsf.mesh import closest, orient, vertex_normals
+from jfsf.mesh import closest, orient
 from jfsf.mesh._closest import SurfaceTree, nearest_of, surface_tree
-from jfsf.mesh._geometry import face_areas
+from jfsf.mesh._geometry import face_areas, vertex_normals
 from jfsf.types import ArrayLike, Mesh
 
 CANDIDATES = 24  # pieces of faces that are tried where the nearest faces away

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from jfsf.matching.parts._register import NORMAL_WEIGHT, Whole
 from jfsf.matching.parts._settings import ANY_UNIT_BANDS
-from jfsf.mesh import vertex_areas, vertex_normals
+from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.types import Mesh
 
 ROTATIONS = 400  # that are tried, spread over all

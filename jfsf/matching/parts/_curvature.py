@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from jfsf.mesh import vertex_normals
+from jfsf.mesh._geometry import vertex_normals
 from jfsf.spectral._laplacian import definite_solver, operators
 from jfsf.types import ArrayLike, Mesh
 

@@ -184,7 +184,7 @@ def match_parts(
             break
     if not tried:
         raise ValueError(
-            f"match: partial=True found no region of {MIN_VERTICES} vertices "
+            f"match: found no region of {MIN_VERTICES} vertices "
             "that both shapes share; finer meshes, or one unit for both, may help"
         )
     tried.sort(key=lambda pair: pair[0].score)

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from jfsf.geometry._surface import surface
 from jfsf.matching.parts._register import UNCOVERED_WEIGHT
 from jfsf.matching.parts._surfaces import from_rim, outward, wound
-from jfsf.mesh import vertex_areas, vertex_normals
+from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.refine import ArapSettings, deform
 from jfsf.runtime._sizes import padded_shapes, with_rows
 from jfsf.types import Mesh

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh import vertex_areas, vertex_normals
+from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.refine._rest import (
     Rest,
     at_rest,

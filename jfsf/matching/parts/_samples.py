@@ -11,8 +11,13 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry import GeodesicSolver
-from jfsf.mesh import face_normals, farthest_vertices, vertex_areas, vertex_normals
-from jfsf.mesh._geometry import boundary_edges
+from jfsf.mesh._geometry import (
+    boundary_edges,
+    face_normals,
+    farthest_vertices,
+    vertex_areas,
+    vertex_normals,
+)
 from jfsf.types import ArrayLike, Mesh
 
 # Vertices on the boundary, at most, from which the distance to it is measured.

@@ -21,14 +21,9 @@ from jfsf.matching.parts._register import Whole, whole_at_rest
 from jfsf.matching.parts._samples import PartSamples, part_samples
 from jfsf.matching.parts._settings import PartSettings
 from jfsf.matching.parts._surfaces import outward
-from jfsf.mesh import (
-    decimate,
-    farthest_vertices,
-    orient,
-    surface_area,
-    vertex_normals,
-)
+from jfsf.mesh import decimate, orient, surface_area
 from jfsf.mesh._closest import nearest_vertices
+from jfsf.mesh._geometry import farthest_vertices, vertex_normals
 from jfsf.types import ArrayLike, Mesh
 
 COARSE_PART, COARSE_WHOLE = 600, 1000  # vertices of the coarse copies

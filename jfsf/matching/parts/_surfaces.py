@@ -7,8 +7,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from jfsf.mesh import largest_component, surface_area
 from jfsf.mesh._edit import Submesh
-from jfsf.mesh._geometry import boundary_edges, components
-from jfsf.mesh._paths import edge_graph
+from jfsf.mesh._geometry import boundary_edges, components, edge_graph
 from jfsf.types import Mesh
 
 # In sqrt(area): a neck or an upper arm that was cut through has about 0.35.
