@@ -119,8 +119,8 @@ def test_maps_lead_to_the_shape_from_trusted_ones_only():
         Paths(1, np.array([1, -1, 1, 1]), np.ones(4)),
         np.array([True, True, True, False]),
     )
-    found = dict(graph.trusted_maps(1, least=0.7))
+    found = dict(graph.trusted_maps(1))
     assert set(found) == {0, 2}  # 3 was left out
     for other, T in found.items():
         np.testing.assert_array_equal(T, np.full(sizes[other], 1))
-    assert dict(graph.trusted_maps(0, least=0.7)).keys() == {1}
+    assert dict(graph.trusted_maps(0)).keys() == {1}

@@ -136,7 +136,7 @@ def collection(
 
     Example: jfsf collection scans --out model --report
     """
-    from jfsf.apps.collections import mirrored, reason
+    from jfsf.apps.collections._reasons import mirrored, reason
     from jfsf.batch import connect
 
     if report:

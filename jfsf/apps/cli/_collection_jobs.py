@@ -85,7 +85,7 @@ def write_maps(path: Path, match, x: Kept, y: Kept) -> None:
 
 def read_maps(path: Path):
     """The maps of a file of `write_maps`, and their confidence."""
-    from jfsf.apps.collections import matched
+    from jfsf.apps.collections._grow import matched
     from jfsf.apps.mapfiles import read_match
 
     return matched(read_match(path))

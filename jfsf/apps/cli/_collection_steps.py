@@ -140,14 +140,13 @@ def agree(out, names, graph, bad, run) -> dict[str, str]:
 
     bad: names of the shapes that it could not be put on.
     """
-    from jfsf.apps.collections import PairSettings
     from jfsf.batch._jobs import Job
 
-    base, jobs, least = graph.paths.template, {}, PairSettings().trusted
+    base, jobs = graph.paths.template, {}
     for i in np.flatnonzero(graph.joined).tolist():
         if names[i] in bad:
             continue
-        known = graph.trusted_maps(i, least=least) if i != base else []
+        known = graph.trusted_maps(i) if i != base else []
         known = [(j, T) for j, T in known if names[j] not in bad]
         turned = [n in graph.mirrored for n in (i, *(j for j, _ in known))]
         maps = {f"T_{number}": np.asarray(T) for number, (_, T) in enumerate(known)}

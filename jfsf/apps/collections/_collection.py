@@ -126,10 +126,10 @@ def collection(
 
     A sparse graph of pairs is matched (`first_pairs`); maps that disagree round
     triangles are not trusted (`trust`), and more pairs are matched until trusted maps
-    reach every shape or `PairSettings.pairs_a_shape` is spent. The maps on the way from
-    the template to a shape make the start of the map between both, which is refined,
-    and by which the template is deformed onto the shape (`jfsf.register`). Once more it
-    is deformed by the mean of all trusted ways that lead there (`agreed_map`).
+    reach every shape or there are `pairs_a_shape`. The maps on the way from the
+    template to a shape make the start of the map between both, which is refined, and by
+    which the template is deformed onto the shape (`jfsf.register`). Once more it is
+    deformed by the mean of all trusted ways that lead there (`agreed_map`).
 
     Args:
         meshes: two or more, each as `match` takes it, any units and poses.
@@ -189,7 +189,7 @@ def collection(
         match_pairs,
         mirror=mirror if orientation == "preserve" else None,
         template=template,
-        settings=settings.pairs,
+        pairs_a_shape=settings.pairs_a_shape,
     )
     meshes = [
         mirror_image(mesh) if i in graph.mirrored and graph.joined[i] else mesh
@@ -215,8 +215,7 @@ def collection(
             continue
         say(f"template onto {names[i]}, by all ways")
         others = [
-            Beside(meshes[j], on[j].vertices, T)
-            for j, T in graph.trusted_maps(i, least=settings.pairs.trusted)
+            Beside(meshes[j], on[j].vertices, T) for j, T in graph.trusted_maps(i)
         ]
         agreed.append(agreed_member(base, mesh, own, others, settings=settings))
     return Collection(names, tuple(meshes), graph, tuple(agreed))
