@@ -11,6 +11,8 @@ Read in this order:
 - `_agree`: where the template lies on a shape, by all ways that lead there
 - `_reasons`: why a shape was left out
 - `_member`: the template on one shape
+- `_engine`: the steps, for any runner that does the work
+- `_in_memory`: a runner on meshes in memory
 - `_collection`: many meshes to one topology
 """
 

@@ -102,6 +102,11 @@ class Graph(NamedTuple):
         """Of each pair."""
         return {edge: one.maps for edge, one in self.matched.items()}
 
+    @property
+    def mirrored_back(self) -> frozenset[int]:
+        """Mirror images that joined: what is made is of their mirror images, in x."""
+        return frozenset(i for i in self.mirrored if self.joined[i])
+
     def trusted_maps(self, shape: int) -> list[tuple[int, Int[ArrayLike, " m"]]]:
         """Joined shapes whose maps to this one are trusted, and these maps."""
         found = []

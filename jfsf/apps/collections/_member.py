@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.collections._agree import Beside, agreed_map
+from jfsf.apps.collections._agree import OtherShape, agreed_map
 from jfsf.apps.collections._grow import PAIRS_A_SHAPE, matched
 from jfsf.apps.registration import Registration, RegistrationSettings, register
 from jfsf.matching import Settings, match
@@ -74,25 +74,24 @@ def member(
     return Member(maps, found, on_shape)
 
 
-def agreed_member(
+def agreed_registration(
     template: Mesh,
     mesh: Mesh,
-    own: Member,
-    others: Sequence[Beside],
+    own: Registration,
+    others: Sequence[OtherShape],
     *,
     settings: CollectionSettings = CollectionSettings(),
-) -> Member:
-    """A member whose registration all trusted ways agree on; its maps stay.
+) -> Registration:
+    """The template on a shape, by all trusted ways that lead there.
 
     Args:
         template, mesh: as `member`.
-        own: by its own map.
+        own: the template on the shape by its own map.
         others: of the shapes whose map to this one is trusted.
         settings: as `collection`.
     """
-    T = agreed_map(own.registration.vertices, others, mesh)
-    on_shape = register(template, mesh, T, settings=settings.registration)
-    return own._replace(registration=on_shape)
+    T = agreed_map(own.vertices, others, mesh)
+    return register(template, mesh, T, settings=settings.registration)
 
 
 def itself(
