@@ -41,7 +41,8 @@ class Runner(Protocol):
         """Put the template on each joined shape.
 
         Args:
-            graph: the template, and the shapes to be mirrored back first.
+            graph: has the template, and the shapes whose meshes are mirrored before
+                (`mirrored_back`).
             ways: the vertex of the shape for each vertex of the template; the identity
                 for the template itself.
 
@@ -58,7 +59,7 @@ class Runner(Protocol):
         """Put the template on each shape once more, by way of other shapes too.
 
         Args:
-            graph: as `place` was given it.
+            graph: that `place` was called with.
             maps: of each shape on which the template was placed, other such shapes and
                 the trusted maps from these to it; none for the template itself.
 

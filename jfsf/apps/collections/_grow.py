@@ -104,7 +104,7 @@ class Graph(NamedTuple):
 
     @property
     def mirrored_back(self) -> frozenset[int]:
-        """Mirror images that joined: what is made is of their mirror images, in x."""
+        """Numbers of the mirror images that joined: their meshes are mirrored, in x."""
         return frozenset(i for i in self.mirrored if self.joined[i])
 
     def trusted_maps(self, shape: int) -> list[tuple[int, Int[ArrayLike, " m"]]]:
