@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from jfsf.apps.collections import agreed_map
-from jfsf.apps.collections._agree import Beside
+from jfsf.apps.collections._agree import OtherShape
 from jfsf.apps.collections._grow import Graph, Matched
 from jfsf.apps.collections._paths import Paths
 from jfsf.types import Maps, Mesh
@@ -41,7 +41,7 @@ def problem(seed, num, size):
     for i in range(num):
         other, where = ball(2 + i)
         T = moved(mesh, rng, size)[number[np.argsort(where)]]
-        others.append(Beside(other, other.vertices[where], T))
+        others.append(OtherShape(other, other.vertices[where], T))
     return mesh, number, own, others
 
 
@@ -68,7 +68,7 @@ def test_more_ways_are_nearer_to_the_truth():
 
 def test_a_wrong_way_counts_for_little():
     mesh, number, own, others = problem(1, 4, 0.05)
-    opposite = Beside(*others[0][:2], np.roll(others[0].T, len(others[0].T) // 2))
+    opposite = OtherShape(*others[0][:2], np.roll(others[0].T, len(others[0].T) // 2))
     before, after = (
         error(mesh, number, agreed_map(own, ways, mesh, within=WITHIN))
         for ways in (others, [*others, opposite])
@@ -119,8 +119,8 @@ def test_maps_lead_to_the_shape_from_trusted_ones_only():
         Paths(1, np.array([1, -1, 1, 1]), np.ones(4)),
         np.array([True, True, True, False]),
     )
-    found = dict(graph.trusted_maps(1, least=0.7))
+    found = dict(graph.trusted_maps(1))
     assert set(found) == {0, 2}  # 3 was left out
     for other, T in found.items():
         np.testing.assert_array_equal(T, np.full(sizes[other], 1))
-    assert dict(graph.trusted_maps(0, least=0.7)).keys() == {1}
+    assert dict(graph.trusted_maps(0)).keys() == {1}

@@ -18,8 +18,9 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli import app
-from jfsf.apps.cli._collection import _meshes_in, _points, _with_template
-from jfsf.apps.cli._collection_steps import _write_way
+from jfsf.apps.cli._collection import _meshes_in, _with_template
+from jfsf.apps.cli._collection_carried import points_of
+from jfsf.apps.cli._collection_runner import _write_way
 from jfsf.apps.mapfiles import read_match
 from jfsf.apps.model import read_model
 from jfsf.batch._jobs import Job, is_done
@@ -117,7 +118,7 @@ def test_another_template_leaves_nothing_of_the_first(tmp_path):
 
 
 def test_nothing_stays_of_what_is_left_out(tmp_path):
-    from jfsf.apps.cli._collection_steps import forget, known_before
+    from jfsf.apps.cli._collection_runner import forget, known_before
 
     kinds = (
         *("maps/{}.npz", "maps/report/{}.html", "placed/{}.npz"),
@@ -138,7 +139,7 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
 
 @pytest.mark.parametrize("end", [".mrk.json", ".fcsv", ".json"])
 def test_landmarks_keep_the_ending_of_their_file(tmp_path, end):
-    from jfsf.apps.cli._collection_results import write_landmarks_of
+    from jfsf.apps.cli._collection_carried import write_landmarks_of
     from jfsf.apps.landmarks import Landmarks, read_landmarks
 
     mesh = small("man_t", 300)[0]
@@ -280,12 +281,12 @@ def test_landmarks_by_vertices_are_those_of_the_file(tmp_path):
     rows += [f"f {a} {b} {c}" for a, b, c in strays.faces + 1]
     (tmp_path / "t.obj").write_text("\n".join(rows))
     (tmp_path / "marks.csv").write_text("name,vertex\nnose,10\n")
-    found = _points(tmp_path / "marks.csv", tmp_path / "t.obj")
+    found = points_of(tmp_path / "marks.csv", tmp_path / "t.obj")
     assert found.vertices is None and found.names == ("nose",)
     np.testing.assert_allclose(found.points, strays.vertices[[10]], atol=1e-9)
     (tmp_path / "marks.csv").write_text(f"name,vertex\nnose,{len(strays.vertices)}\n")
     with pytest.raises(ValueError, match="has no finite place"):
-        _points(tmp_path / "marks.csv", tmp_path / "t.obj")
+        points_of(tmp_path / "marks.csv", tmp_path / "t.obj")
 
 
 def test_ways_that_are_cut_short_are_written_again(tmp_path):

@@ -2,7 +2,6 @@
 
 from itertools import combinations, product
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import trimesh
@@ -12,21 +11,19 @@ from hypothesis import strategies as st
 from jfsf import testing
 from jfsf.apps.collections import (
     Collection,
-    Member,
-    PairSettings,
     collection,
     grow,
-    mirrored,
     reason,
-    synchronise,
     trust,
     unlikeness,
 )
 from jfsf.apps.collections._cycles import AGREE, Triangle, distance, triangles
 from jfsf.apps.collections._grow import Graph, Matched, MirrorTest
+from jfsf.apps.collections._member import Member
 from jfsf.apps.collections._mirror import grow_with_mirrors, mirror_images, suspects
 from jfsf.apps.collections._pairs import first_pairs, more_pairs
 from jfsf.apps.collections._paths import best_paths, map_along
+from jfsf.apps.collections._reasons import mirrored
 from jfsf.apps.collections._sketch import Sketch, sketch
 from jfsf.apps.registration import Registration
 from jfsf.mesh import MeshError
@@ -221,7 +218,7 @@ def test_more_pairs_are_matched_where_maps_are_wrong():
     assert len(asked) == len(set(asked)) <= 18
     bad = {e for e, one in graph.matched.items() if (one.maps.T_xy != own).any()}
     assert bad and max(graph.right[e] for e in bad) < 0.5
-    few = grow(sketches, match, settings=PairSettings(pairs_a_shape=0))
+    few = grow(sketches, match, pairs_a_shape=0)
     assert len(few.matched) <= 10
     with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
         grow(sketches[:1], match)
@@ -318,63 +315,6 @@ def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
     assert "0.95" in mirrored(found, tuple("abcd"), 1)
     found = graph._replace(tests=(surer,), mirrored=frozenset({1, 2, 3}))
     assert "by way of another mirror image" in mirrored(found, tuple("abcd"), 3)
-
-
-def energy(Z, edges, Cs_yx, Cs_xy, weight):
-    total = 0.0
-    for (x, y), C_yx, C_xy, w in zip(edges, Cs_yx, Cs_xy, weight, strict=True):
-        total += w * np.sum((C_yx @ Z[y] - Z[x]) ** 2)
-        total += w * np.sum((C_xy @ Z[x] - Z[y]) ** 2)
-    return total
-
-
-def functional_maps(rng, s, k, noise):
-    turns = [np.linalg.qr(rng.normal(size=(k, k)))[0] for _ in range(s)]
-    edges = np.array(list(combinations(range(s), 2)))
-    noisy = lambda C: C + noise * rng.normal(size=C.shape)
-    Cs_yx = np.stack([noisy(turns[x] @ turns[y].T) for x, y in edges])
-    Cs_xy = np.stack([noisy(turns[y] @ turns[x].T) for x, y in edges])
-    return turns, edges, Cs_yx, Cs_xy
-
-
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_consistent_maps_come_back(dtype):
-    turns, edges, *Cs = functional_maps(np.random.default_rng(0), 5, 4, 0.0)
-    Cs = [C.astype(dtype) for C in Cs]
-    Z = synchronise(edges, *Cs, np.ones(len(edges), dtype), 2, num_shapes=5)
-    assert Z.dtype == dtype
-    for own, C in zip(turns, Z, strict=True):
-        np.testing.assert_allclose(C, own @ turns[2].T, atol=2e-3)
-
-
-def test_the_energy_is_least_by_a_dense_oracle():
-    rng = np.random.default_rng(0)
-    s, k = 4, 3
-    _, edges, Cs_yx, Cs_xy = functional_maps(rng, s, k, 0.3)
-    weight = rng.uniform(0.2, 1, len(edges))
-    Z = synchronise(edges, Cs_yx, Cs_xy, weight, 0, num_shapes=s, tolerance=1e-12)
-    rows = []
-    for (x, y), C_yx, C_xy, w in zip(edges, Cs_yx, Cs_xy, weight, strict=True):
-        for a, b, C in ((x, y, C_yx), (y, x, C_xy)):
-            block = np.zeros((k, s * k))
-            block[:, b * k : (b + 1) * k] = C
-            block[:, a * k : (a + 1) * k] -= np.eye(k)
-            rows.append(np.sqrt(w) * block)
-    system = np.concatenate(rows)
-    best = np.linalg.lstsq(system[:, k:], -system[:, :k], rcond=None)[0]
-    np.testing.assert_allclose(Z[0], np.eye(k))
-    np.testing.assert_allclose(Z[1:].reshape(-1, k), best, atol=1e-8)
-
-
-def test_a_pair_of_no_weight_is_padding():
-    turns, edges, *Cs = functional_maps(np.random.default_rng(0), 4, 3, 0.1)
-    weight = np.ones(len(edges))
-    Z = synchronise(edges, *Cs, weight, 0, num_shapes=4)
-    more = np.concatenate([edges, [[0, 0]]])
-    Cs = [np.concatenate([C, np.full((1, 3, 3), 7.0)]) for C in Cs]
-    padded = synchronise(more, *Cs, np.append(weight, 0.0), 0, num_shapes=5)
-    np.testing.assert_allclose(padded[:4], Z, atol=1e-10)
-    assert (np.asarray(padded[4]) == 0).all() and jnp.isfinite(padded).all()
 
 
 def cubes(rng, s=3):

@@ -1,4 +1,5 @@
-"""How far from the others a way counts little: `CollectionSettings.agree_within`.
+"""How far from the others a way counts little: `jfsf.apps.collections` reads it as
+WITHIN.
 
 Of collections that `collection.py` has made and kept, the template is put on each shape
 by all trusted ways (`jfsf.apps.collections.agreed_map`) at several distances, without
@@ -21,8 +22,8 @@ from scipy.spatial import KDTree
 from experiments import command_line, results_file
 from experiments.accuracy.collection import Errors, shapes_of
 from jfsf.apps.cli._collection_jobs import kept
-from jfsf.apps.collections import CollectionSettings, agreed_map
-from jfsf.apps.collections._agree import Beside
+from jfsf.apps.collections import agreed_map
+from jfsf.apps.collections._agree import WITHIN, OtherShape
 
 DISTANCES = 0.005, 0.01, 0.02, 0.04, 0.08, 1.0
 
@@ -38,7 +39,7 @@ def main() -> None:
         name, folder = word.split("=")
         found[name] = measure(name, Path(folder) / "model", args.data)
         print(name, *found[name].items(), sep="\n  ", flush=True)
-    settings = {"distances": DISTANCES, "shipped": CollectionSettings().agree_within}
+    settings = {"distances": DISTANCES, "shipped": WITHIN}
     results_file.write(args.out, settings=settings, sets=found)
 
 
@@ -65,7 +66,7 @@ def measure(name: str, model: Path, root: Path | None) -> dict:
     return {"shapes": len(errors["alone"]), **means}
 
 
-def beside(model: Path, name: str) -> list[Beside]:
+def beside(model: Path, name: str) -> list[OtherShape]:
     """The trusted ways to a shape by way of another; none for mirrored shapes."""
     with np.load(model / "others" / f"{name}.npz") as file:
         maps = [file[key] for key in file.files if key != "turned"]
@@ -77,7 +78,7 @@ def beside(model: Path, name: str) -> list[Beside]:
     for T in maps:
         other = next(n for n, own in known.items() if np.array_equal(own, T))
         mesh = kept(model / "shapes" / f"{other}.npz").mesh
-        found.append(Beside(mesh, placed(model, other), T))
+        found.append(OtherShape(mesh, placed(model, other), T))
     return found
 
 

@@ -4,7 +4,7 @@ AGREE.
 FOLDER is what `collection.py shrec07 FOLDER` has made. All pairs of the shapes of some
 classes are matched, in FOLDER/CLASS/pairs where the collection did not; a killed run
 goes on. Of all triangles: how many of the three maps are wrong (`protocol.RIGHT`), and
-whether the maps round the triangle agree (`PairSettings.agree`). Written is the share
+whether the maps round the triangle agree (`AGREE_BELOW`). Written is the share
 of those that agree, by the number of wrong maps, with half a triangle of either kind
 added (Jeffreys), and beside it what the package has. The classes are those with many
 wrong maps: of others there are only triangles without any.
@@ -25,8 +25,7 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.accuracy.collection import Errors, shapes_of
 from jfsf.apps.cli._collection_jobs import kept, match_pair, read_maps
-from jfsf.apps.collections import PairSettings
-from jfsf.apps.collections._cycles import AGREE, triangles
+from jfsf.apps.collections._cycles import AGREE, AGREE_BELOW, triangles
 from jfsf.batch._jobs import Job
 
 CLASSES = "airplane", "ant", "plier"
@@ -45,8 +44,7 @@ def main() -> None:
         "triangles": {"agree": total[0].tolist(), "disagree": total[1].tolist()},
         "by_class": {name: own.tolist() for name, own in counted.items()},
     }
-    limit = PairSettings().agree
-    settings = {"classes": CLASSES, "agree": limit, "right": protocol.RIGHT}
+    settings = {"classes": CLASSES, "agree": AGREE_BELOW, "right": protocol.RIGHT}
     results_file.write(args.out, settings=settings, **found)
     print(json.dumps(found, indent=1))
 
@@ -69,10 +67,10 @@ def counts(shapes: dict[str, datasets.Shape], folder: Path) -> np.ndarray:
         maps[edge] = read_maps(path).maps
         wrong[edge] = not protocol.is_right(error(maps[edge].T_xy, x, y))
     sketches = [kept(model / "shapes" / f"{name}.npz").sketch for name in names]
-    found, limit = np.zeros((2, 4), int), PairSettings().agree
+    found = np.zeros((2, 4), int)
     for triangle in triangles(maps, sketches):
         bad = sum(wrong[edge] for edge in triangle.edges)
-        found[int(triangle.apart >= limit), bad] += 1
+        found[int(triangle.apart >= AGREE_BELOW), bad] += 1
     return found
 
 

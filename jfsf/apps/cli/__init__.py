@@ -21,11 +21,10 @@ Read in this order:
 - `_batch_options`: the options of each pair of `jfsf batch`
 - `_batch_jobs`: its jobs
 - `_batch`: `jfsf batch`
-- `_collection_pages`: the pages of `jfsf collection`
-- `_collection_jobs`: its jobs
-- `_collection_results`: what it writes when they are done
+- `_collection_jobs`: the jobs of `jfsf collection`
 - `_collection_carried`: what the template has, on each shape of a collection
-- `_collection_steps`: its steps, which make jobs and read what they wrote
+- `_collection_runner`: makes the jobs, and reads what they wrote
+- `_collection_results`: what is written of all shapes when they are done
 - `_collection`: `jfsf collection`
 - `_register`: `jfsf register`
 - `_transfer`: `jfsf transfer`

@@ -12,27 +12,29 @@ import numpy as np
 import typer
 from rich.console import Console
 
-from jfsf.apps.cli._collection_carried import carried_of, write_carried
-from jfsf.apps.cli._collection_jobs import has_page, is_put, keep, put_template
-from jfsf.apps.cli._collection_pages import write_index_page
+from jfsf.apps.cli._collection_carried import (
+    carried_of,
+    points_of,
+    write_carried,
+    write_landmarks_of,
+)
+from jfsf.apps.cli._collection_jobs import keep
 from jfsf.apps.cli._collection_results import (
     rows_of,
     table,
-    write_landmarks_of,
+    write_index_page,
     write_model_of,
     write_summary,
 )
-from jfsf.apps.cli._collection_steps import (
+from jfsf.apps.cli._collection_runner import (
     PARTS,
-    agree,
+    OnFiles,
     forget,
-    grown,
     kept_shapes,
     known_before,
     mirror_back,
     number_of,
     outcomes,
-    put,
 )
 from jfsf.apps.cli._files import (
     Orientation,
@@ -136,7 +138,8 @@ def collection(
 
     Example: jfsf collection scans --out model --report
     """
-    from jfsf.apps.collections import mirrored, reason
+    from jfsf.apps.collections._engine import join_shapes
+    from jfsf.apps.collections._reasons import mirrored, reason
     from jfsf.batch import connect
 
     if report:
@@ -155,7 +158,7 @@ def collection(
         )
     if template is not None:
         template, paths = _with_template(template, paths)
-    points = _points(landmarks, template)
+    points = points_of(landmarks, template)
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
@@ -173,21 +176,20 @@ def collection(
             run = partial(outcomes, client, shown)
             work = partial(keep, largest=largest_component, mend=repair)
             shapes, reasons = kept_shapes(out, paths, partial(run, work=work))
-            base = number_of(shapes, reasons, template)
-            kind = mirror.value if orientation is Orientation.preserve else None
-            sides = {"orientation": orientation.value}
-            graph = grown(out, shapes, base, kind, run, **sides)
-            shapes = mirror_back(out, shapes, graph)
-            work = partial(put_template, report=report)
             names = list(shapes)
-            done = has_page if report else is_put
-            failed = put(out, names, graph, partial(run, work=work, done=done))
-            failed |= agree(out, names, graph, failed, run)
+            graph, failed = join_shapes(
+                [own.sketch for own in shapes.values()],
+                OnFiles(out, names, orientation.value, report, run),
+                template=number_of(shapes, reasons, template),
+                orientation=orientation.value,
+                mirror=mirror.value,
+            )
+    shapes = mirror_back(out, shapes, graph)
     reasons |= {
         names[i]: reason(graph, names, i)
         for i in np.flatnonzero(~graph.joined).tolist()
     }
-    reasons |= failed
+    reasons |= {names[i]: why for i, why in failed.items()}
     forget(out, {*reasons, *(known_before(out) - set(paths))})
     rows = rows_of(out, paths, shapes, graph, reasons)
     name = names[graph.paths.template]
@@ -197,7 +199,7 @@ def collection(
     written.insert(0, write_summary(out, rows))
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks)
-    turned = {names[i] for i in graph.mirrored if graph.joined[i]}
+    turned = {names[i] for i in graph.mirrored_back}
     written += write_carried(out, rows, paths, shapes, name, carried, turned)
     if report:
         written.append(write_index_page(out, rows, shapes, graph))
@@ -209,10 +211,9 @@ def collection(
     for name, why in reasons.items():
         text = f"left out: {paths[name]}: {why}"
         console.print(text, soft_wrap=True, markup=False)
-    for i in sorted(graph.mirrored):
-        if graph.joined[i]:
-            text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
-            console.print(text, soft_wrap=True, markup=False)
+    for i in sorted(graph.mirrored_back):
+        text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
+        console.print(text, soft_wrap=True, markup=False)
     for line in notes:
         console.print(f"warning: {line}", soft_wrap=True, markup=False)
     for path in written:
@@ -253,25 +254,3 @@ def _with_template(
     if name in paths:
         raise ValueError(f"{template}: has the name of {paths[name]}; rename one")
     return template, {name: template.absolute(), **paths}
-
-
-def _points(landmarks: Path | None, template: Path | None):
-    """The landmarks as points of the template; None without any.
-
-    Their vertices, if they are such, are those of its file: of what is kept of it they
-    would be others.
-    """
-    from jfsf.apps.landmarks import read_landmarks
-    from jfsf.apps.landmarks._place import on_surface
-    from jfsf.mesh import read
-
-    if landmarks is None or template is None:
-        return None
-    found = read_landmarks(landmarks)
-    mesh = read(template, finite=False)  # --repair leaves them out
-    at = on_surface(found, mesh)
-    if found.vertices is None:
-        return found
-    corners = np.asarray(mesh.vertices, np.float64)[at.corners]
-    points = np.einsum("lc,lci->li", at.weights, corners)
-    return found._replace(points=points, vertices=None)

@@ -1,12 +1,63 @@
-"""What the template of a collection has, carried to each shape: labels and values."""
+"""What the template of a collection has, on each shape: landmarks, labels, values."""
 
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from jfsf.apps.cli._collection_results import SLICER, registered
-from jfsf.types import ArrayLike
+from jfsf.apps.cli._collection_jobs import file_of
+from jfsf.types import ArrayLike, Mesh
+
+SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
+
+
+def points_of(landmarks: Path | None, template: Path | None):
+    """The landmarks as points of the template; None without any.
+
+    Their vertices, if they are such, are those of its file: of what is kept of it they
+    would be others.
+    """
+    from jfsf.apps.landmarks import read_landmarks
+    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.mesh import read
+
+    if landmarks is None or template is None:
+        return None
+    found = read_landmarks(landmarks)
+    mesh = read(template, finite=False)  # --repair leaves them out
+    at = on_surface(found, mesh)
+    if found.vertices is None:
+        return found
+    corners = np.asarray(mesh.vertices, np.float64)[at.corners]
+    points = np.einsum("lc,lci->li", at.weights, corners)
+    return found._replace(points=points, vertices=None)
+
+
+def write_landmarks_of(
+    out: Path, rows, mesh: Mesh, landmarks, path: Path
+) -> list[Path]:
+    """Write the template's landmarks on each joined shape, in the format of their file.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        mesh: the template.
+        landmarks: read from `path`.
+    """
+    from jfsf.apps.landmarks import Landmarks, write_landmarks
+    from jfsf.apps.landmarks._place import on_surface
+
+    found = on_surface(landmarks, mesh)
+    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
+    folder = out / "landmarks"
+    folder.mkdir(exist_ok=True)
+    for row in rows:
+        if not row["reason"]:
+            vertices = np.load(file_of(out, "registered", row["name"]))["vertices"]
+            points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
+            own = Landmarks(landmarks.names, points, None, landmarks.system)
+            write_landmarks(folder / f"{row['name']}{suffix}", own)
+    return [folder]
 
 
 class Carried(NamedTuple):
@@ -79,7 +130,7 @@ def write_carried(
         if not carried or row["reason"]:
             continue
         name = row["name"]
-        with np.load(registered(out, name)) as file:
+        with np.load(file_of(out, "registered", name)) as file:
             found = Registration(*(file[field] for field in Registration._fields))
         part = overlay_template(shapes[template].mesh, shapes[name].mesh, found)
         file = read(paths[name], finite=False)

@@ -9,7 +9,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jfsf.apps.cli._files import matchable
-from jfsf.types import Mesh
+from jfsf.types import Maps, Mesh
+
+
+def file_of(out: Path, part: str, name: str) -> Path:
+    """The file of a shape in a part of the results, which is a folder of `out`."""
+    return out / part / f"{name}.npz"
+
+
+def picture_of_shape(out: Path, name: str) -> Path:
+    """The file of the picture of a shape that was joined."""
+    return out / "pictures" / f"{name}.png"
 
 
 class Kept(NamedTuple):
@@ -85,25 +95,26 @@ def write_maps(path: Path, match, x: Kept, y: Kept) -> None:
 
 def read_maps(path: Path):
     """The maps of a file of `write_maps`, and their confidence."""
-    from jfsf.apps.collections import matched
+    from jfsf.apps.collections._grow import matched
     from jfsf.apps.mapfiles import read_match
 
     return matched(read_match(path))
 
 
 def is_put(job) -> bool:
-    """Whether `put_template` has nothing to do."""
+    """Whether `put_template` has nothing to do, without a report."""
     from jfsf.batch._jobs import is_done
 
     return is_done(job) and (_of_itself(job) or _maps(job).exists())
 
 
 def has_page(job) -> bool:
-    """The same with a report."""
-    from jfsf.apps.cli._collection_pages import has_pages, picture_of_shape
+    """Whether `put_template` has nothing to do, a report included."""
+    from jfsf.apps.cli._pages import pages_of
 
-    picture = picture_of_shape(_out(job), job.out.stem)
-    return is_put(job) and has_pages(_maps(job), picture, _of_itself(job))
+    pages = [] if _of_itself(job) else pages_of(_maps(job))
+    drawn = *pages, picture_of_shape(_out(job), job.out.stem)
+    return is_put(job) and all(path.exists() for path in drawn)
 
 
 def _of_itself(job) -> bool:
@@ -126,7 +137,6 @@ def put_template(job, report: bool) -> None:
     job: the kept template, the kept shape and the way are its inputs: T_xy, and whether
         the shape is to be mirrored.
     """
-    from jfsf.apps.cli._collection_pages import write_picture
     from jfsf.apps.cli._pages import pair_page
     from jfsf.apps.collections._member import itself, member
 
@@ -149,8 +159,7 @@ def put_template(job, report: bool) -> None:
             # Without times: what is made again is then the same, to the byte.
             pair_page(maps, inputs, found.match, timed=False)
     if report:
-        both = template.mesh, shape.mesh
-        write_picture(_out(job), job.out.stem, *both, found.maps)
+        _write_picture(job, template.mesh, shape.mesh, found.maps)
     _write_registration(job.out, found.registration, found.confidence)
 
 
@@ -160,10 +169,9 @@ def put_agreed(job) -> None:
     job: the kept template, the kept shape and its `put_template` are its inputs; extras
         are the maps from other shapes, then of each the kept shape and `put_template`.
     """
-    from jfsf.apps.collections import agreed_map
-    from jfsf.apps.collections._agree import Beside
+    from jfsf.apps.collections._agree import OtherShape
+    from jfsf.apps.collections._member import agreed_registration
     from jfsf.apps.export import export_mesh
-    from jfsf.apps.registration import register
 
     template, shape = (kept(path).mesh for path in job.inputs[:2])
     own, confidence = _read_registration(job.inputs[2])
@@ -174,16 +182,25 @@ def put_agreed(job) -> None:
         meshes = [kept(path).mesh for path in job.extras[1::2]]
         placed = [_read_registration(path)[0].vertices for path in job.extras[2::2]]
         others = [
-            Beside(_turned(mesh, turn), on, T)
+            OtherShape(_turned(mesh, turn), on, T)
             for mesh, turn, on, T in zip(meshes, turned[1:], placed, maps, strict=True)
         ]
         shape = _turned(shape, turned[0])
-        T = agreed_map(own.vertices, others, shape)
-        own = register(template, shape, T)
+        own = agreed_registration(template, shape, own, others)
     values = {"quality": own.distance, "bridged": own.bridged}
     on_shape = Mesh(own.vertices, template.faces)
     export_mesh(job.out.with_suffix(".ply"), on_shape, values=values)
     _write_registration(job.out, own, confidence)
+
+
+def _write_picture(job, template: Mesh, mesh: Mesh, maps: Maps) -> None:
+    """Write a picture of the shape of a job in the template's colours."""
+    from jfsf.apps.report._collection import shape_picture
+    from jfsf.apps.report._html import thumbnail
+
+    path = picture_of_shape(_out(job), job.out.stem)
+    path.parent.mkdir(exist_ok=True)
+    thumbnail(shape_picture(mesh, template, maps.T_xy, maps.T_yx), path)
 
 
 def _turned(mesh: Mesh, turn: bool) -> Mesh:

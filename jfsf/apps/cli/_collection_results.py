@@ -1,7 +1,8 @@
-"""The results of `jfsf collection`: a row a shape, the model, landmarks, an index."""
+"""The results of `jfsf collection`: a row a shape, the model, and an index."""
 
 import csv
 import io
+import math
 from pathlib import Path
 from typing import Any
 
@@ -9,11 +10,16 @@ import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
-from jfsf.apps.cli._collection_pages import write_model_pages
+from jfsf.apps.cli._collection_jobs import file_of, picture_of_shape
+from jfsf.apps.cli._pages import INDEX, pages_of
+from jfsf.apps.report import write_model_page
+from jfsf.apps.report._collection import shape_picture, write_collection_page
+from jfsf.apps.report._html import thumbnail
+from jfsf.apps.report._index import Row
 from jfsf.mesh import surface_area
-from jfsf.types import Mesh
 
-SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
+LEFT_OUT = "left_out"  # a folder of pictures: a shape may have joined before
+MODEL_PAGE = "model.html"
 
 COLUMNS = (
     "name",
@@ -39,7 +45,7 @@ def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
             row["trust"] = float(graph.paths.trust[number[name]])
             row["mirrored"] = int(number[name] in graph.mirrored)
         if not row["reason"]:
-            with np.load(registered(out, name)) as file:
+            with np.load(file_of(out, "registered", name)) as file:
                 unit = np.sqrt(surface_area(shapes[name].mesh))
                 away = file["distance"] / unit
                 row |= {
@@ -77,42 +83,18 @@ def write_model_of(
     names = sorted(row["name"] for row in rows if not row["reason"])
     if len(names) < 2:
         return [], ["a model needs two shapes or more, and there is none"]
-    shapes = np.stack([np.load(registered(out, n))["vertices"] for n in names])
+    shapes = np.stack(
+        [np.load(file_of(out, "registered", n))["vertices"] for n in names]
+    )
     centred = shapes - shapes.mean(1, keepdims=True)
     model = fit_model(centred, faces, scale=scale)
     write_model(out / "model.npz", model)
     write_scores(out / "scores.csv", names, model)
     written = [out / "model.npz", out / "scores.csv", *write_modes(out, model)]
     if report:
-        written.append(write_model_pages(out, model, names))
+        write_model_page(out / MODEL_PAGE, model, names)
+        written.append(out / MODEL_PAGE)
     return written, []
-
-
-def write_landmarks_of(
-    out: Path, rows, mesh: Mesh, landmarks, path: Path
-) -> list[Path]:
-    """Write the template's landmarks on each joined shape, in the format of their file.
-
-    Args:
-        out: the folder of the results.
-        rows: of the summary.
-        mesh: the template.
-        landmarks: read from `path`.
-    """
-    from jfsf.apps.landmarks import Landmarks, write_landmarks
-    from jfsf.apps.landmarks._place import on_surface
-
-    found = on_surface(landmarks, mesh)
-    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
-    folder = out / "landmarks"
-    folder.mkdir(exist_ok=True)
-    for row in rows:
-        if not row["reason"]:
-            vertices = np.load(registered(out, row["name"]))["vertices"]
-            points = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
-            own = Landmarks(landmarks.names, points, None, landmarks.system)
-            write_landmarks(folder / f"{row['name']}{suffix}", own)
-    return [folder]
 
 
 def table(rows, title: str) -> Table:
@@ -137,6 +119,49 @@ def table(rows, title: str) -> Table:
     return shown
 
 
-def registered(out: Path, name: str) -> Path:
-    """The file of the template on a shape."""
-    return out / "registered" / f"{name}.npz"
+def write_index_page(out: Path, rows, shapes, graph) -> Path:
+    """Write the index of the collection, and pictures of the shapes left out.
+
+    Args:
+        out: folder of the results.
+        rows: of `rows_of`.
+        shapes: what was kept of each, by name.
+        graph: of these.
+    """
+    names = list(shapes)
+    base = names[graph.paths.template]
+    listed = []
+    for row in rows:
+        name, page, picture = row["name"], None, None
+        if row["reason"]:
+            lines = [row["reason"]]
+            if name in shapes:
+                picture = picture_of_shape(out, name).parent / LEFT_OUT / f"{name}.png"
+                picture.parent.mkdir(parents=True, exist_ok=True)
+                thumbnail(shape_picture(shapes[name].mesh), picture)
+        else:
+            lines, picture = _lines(row, name == base), picture_of_shape(out, name)
+            if name != base:
+                page = pages_of(file_of(out, "maps", name))[0]
+        likely = math.nan if row["confidence"] is None else row["confidence"]
+        at, drawn = (p and p.relative_to(out).as_posix() for p in (page, picture))
+        listed.append(Row(name, at, drawn, likely, lines, bool(row["reason"])))
+    links = {"The model": MODEL_PAGE, "Table": "summary.csv"}
+    links = {text: to for text, to in links.items() if (out / to).exists()}
+    write_collection_page(out / INDEX, listed, graph, names, links=links)
+    return out / INDEX
+
+
+def _lines(row, template: bool) -> list[str]:
+    """What is said of a joined shape."""
+    if template:
+        return ["the template"]
+    said = (
+        f"The template lies {row['mean_distance']:.2%} of sqrt(area) from it in the "
+        f"mean, {row['most_distance']:.2%} for 95 % of the vertices"
+    )
+    if row["bridged"]:
+        said += f"; {row['bridged']:.1%} of the vertices bridge holes"
+    flaws = row["flipped"] + row["collapsed"]
+    said += f"; {flaws} faces are flipped or collapsed" if flaws else ""
+    return [said + ".", *(["It was mirrored back."] if row["mirrored"] else [])]

@@ -9,33 +9,28 @@ Read in this order:
 - `_grow`: pairs are matched until sure maps reach every shape
 - `_mirror`: which shapes are mirror images of the others
 - `_agree`: where the template lies on a shape, by all ways that lead there
-- `_synchronise`: functional maps of all shapes to the template, at once
 - `_reasons`: why a shape was left out
 - `_member`: the template on one shape
+- `_engine`: the steps, for any runner that does the work
+- `_in_memory`: a runner on meshes in memory
 - `_collection`: many meshes to one topology
 """
 
 from jfsf.apps.collections._agree import agreed_map
 from jfsf.apps.collections._collection import Collection, collection
 from jfsf.apps.collections._cycles import trust
-from jfsf.apps.collections._grow import PairSettings, grow, matched
-from jfsf.apps.collections._member import CollectionSettings, Member
+from jfsf.apps.collections._grow import grow
+from jfsf.apps.collections._member import CollectionSettings
 from jfsf.apps.collections._pairs import unlikeness
-from jfsf.apps.collections._reasons import mirrored, reason
-from jfsf.apps.collections._synchronise import synchronise
+from jfsf.apps.collections._reasons import reason
 
 __all__ = [
     "Collection",
     "CollectionSettings",
-    "Member",
-    "PairSettings",
     "agreed_map",
     "collection",
     "grow",
-    "matched",
-    "mirrored",
     "reason",
-    "synchronise",
     "trust",
     "unlikeness",
 ]

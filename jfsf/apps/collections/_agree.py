@@ -20,7 +20,7 @@ from jfsf.types import ArrayLike, Mesh
 WITHIN = 0.02
 
 
-class Beside(NamedTuple):
+class OtherShape(NamedTuple):
     """Another shape of a collection, whose map to this one is trusted.
 
     mesh: of the other shape.
@@ -35,7 +35,7 @@ class Beside(NamedTuple):
 
 def agreed_map(
     template: Float[ArrayLike, "n 3"],
-    others: Sequence[Beside],
+    others: Sequence[OtherShape],
     mesh: Mesh,
     *,
     within: float = WITHIN,
@@ -62,7 +62,7 @@ def agreed_map(
     return np.asarray(KDTree(vertices).query(mean)[1], np.int32)
 
 
-def _carried(other: Beside, vertices: np.ndarray) -> np.ndarray:
+def _carried(other: OtherShape, vertices: np.ndarray) -> np.ndarray:
     """Points of the template on the other shape, on this one: between its vertices."""
     found = closest(surface_tree(other.mesh), other.template)
     corners = np.asarray(other.T)[np.asarray(other.mesh.faces)[found.face]]

@@ -6,26 +6,18 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.apps.collections._agree import Beside
-from jfsf.apps.collections._grow import Graph, Matched, matched
-from jfsf.apps.collections._member import (
-    CollectionSettings,
-    Member,
-    agreed_member,
-    itself,
-    member,
-)
-from jfsf.apps.collections._mirror import Mirror, check_mirror, grow_with_mirrors
-from jfsf.apps.collections._pairs import Edge
-from jfsf.apps.collections._paths import map_along
+from jfsf.apps.collections._engine import join_shapes
+from jfsf.apps.collections._grow import Graph
+from jfsf.apps.collections._in_memory import InMemory
+from jfsf.apps.collections._member import CollectionSettings, Member
+from jfsf.apps.collections._mirror import Mirror, check_mirror
 from jfsf.apps.collections._reasons import reason
 from jfsf.apps.collections._sketch import sketch
 from jfsf.apps.model import ShapeModel, fit_model
 from jfsf.initial import Orientation, orientation_sign
-from jfsf.matching import basis, check_matchable, match
+from jfsf.matching import basis, check_matchable
 from jfsf.mesh import MeshError, closest
 from jfsf.mesh._closest import surface_tree
-from jfsf.mesh._edit import mirror_image
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -127,10 +119,10 @@ def collection(
 
     A sparse graph of pairs is matched (`first_pairs`); maps that disagree round
     triangles are not trusted (`trust`), and more pairs are matched until trusted maps
-    reach every shape or `PairSettings.pairs_a_shape` is spent. The maps on the way from
-    the template to a shape make the start of the map between both, which is refined,
-    and by which the template is deformed onto the shape (`jfsf.register`). Once more it
-    is deformed by the mean of all trusted ways that lead there (`agreed_map`).
+    reach every shape or there are `pairs_a_shape`. The maps on the way from the
+    template to a shape make the start of the map between both, which is refined, and by
+    which the template is deformed onto the shape (`jfsf.register`). Once more it is
+    deformed by the mean of all trusted ways that lead there (`agreed_map`).
 
     Args:
         meshes: two or more, each as `match` takes it, any units and poses.
@@ -166,61 +158,16 @@ def collection(
         say(f"spectrum of {name}")
         spec = basis(mesh, name=name, settings=settings.match, cache=cache)
         sketches.append(sketch(spec))
-
-    kept: dict[tuple[Edge, bool], Matched] = {}
-
-    def match_pairs(edges: list[Edge], turned: list[bool]):
-        pairs = list(zip(edges, turned, strict=True))
-        new = [pair for pair in pairs if pair not in kept]
-        for number, ((a, b), turn) in enumerate(new, 1):
-            of = "the mirror image of " if turn else ""
-            say(f"pair {number} of {len(new)}: {of}{names[a]}, {names[b]}")
-            found = match(
-                mirror_image(meshes[a]) if turn else meshes[a],
-                meshes[b],
-                orientation=orientation,
-                settings=settings.match,
-                cache=cache,
-            )
-            kept[(a, b), turn] = matched(found)
-        return [kept[pair] for pair in pairs]
-
-    graph = grow_with_mirrors(
+    runner = InMemory(meshes, names, orientation, settings, cache, say)
+    graph, _ = join_shapes(
         sketches,
-        match_pairs,
-        mirror=mirror if orientation == "preserve" else None,
+        runner,
         template=template,
-        settings=settings.pairs,
+        orientation=orientation,
+        mirror=mirror,
+        pairs_a_shape=settings.pairs_a_shape,
     )
-    meshes = [
-        mirror_image(mesh) if i in graph.mirrored and graph.joined[i] else mesh
-        for i, mesh in enumerate(meshes)
-    ]
-    base = meshes[graph.paths.template]
-    members: list[Member | None] = []
-    for i, mesh in enumerate(meshes):
-        way = graph.paths.way(i)
-        if not graph.joined[i]:
-            members.append(None)
-        elif len(way) == 1:
-            members.append(itself(base, settings=settings))
-        else:
-            say(f"template onto {names[i]}")
-            T = map_along(graph.maps, way)
-            members.append(member(base, mesh, T, settings=settings, cache=cache))
-    on = {j: one.registration for j, one in enumerate(members) if one is not None}
-    agreed: list[Member | None] = []
-    for i, (mesh, own) in enumerate(zip(meshes, members, strict=True)):
-        if own is None or i == graph.paths.template:
-            agreed.append(own)
-            continue
-        say(f"template onto {names[i]}, by all ways")
-        others = [
-            Beside(meshes[j], on[j].vertices, T)
-            for j, T in graph.trusted_maps(i, least=settings.pairs.trusted)
-        ]
-        agreed.append(agreed_member(base, mesh, own, others, settings=settings))
-    return Collection(names, tuple(meshes), graph, tuple(agreed))
+    return Collection(names, tuple(runner.meshes), graph, tuple(runner.members))
 
 
 def check_surface(mesh: Mesh, name: str) -> None:

@@ -21,6 +21,10 @@ from jfsf.types import ArrayLike, Maps
 # The probability that the maps round a triangle agree, by how many of them are wrong:
 # `experiments/fit/fit_cycles.py`.
 AGREE = np.array([0.98, 0.2, 0.53, 0.07])
+# The maps round a triangle agree if they are less than this apart, relative to two
+# random vertices. By hand: so 98 % of the triangles of three right maps agree
+# (experiments/results/fit_cycles.json).
+AGREE_BELOW = 0.2
 SWEEPS, DAMPING = 50, 0.5
 LEAST = 0.02  # no confidence counts for more than 1 - LEAST, nor for less than this
 
@@ -80,7 +84,7 @@ def trust(
     confidence: Mapping[Edge, float],
     found: Sequence[Triangle],
     *,
-    limit: float,
+    limit: float = AGREE_BELOW,
     agree: Float[ArrayLike, " 4"] = AGREE,
 ) -> dict[Edge, float]:
     """The probability of each map to be right, given all triangles.

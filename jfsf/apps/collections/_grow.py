@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,29 +18,20 @@ from jfsf.apps.collections._paths import Paths, best_paths
 from jfsf.apps.collections._sketch import Sketch
 from jfsf.types import ArrayLike, Maps, Match
 
-
-@dataclass(frozen=True)
-class PairSettings:
-    """Which pairs are matched, and which of their maps are trusted. Set by hand.
-
-    pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
-    most_of_one: a shape that has so many pairs gets no more: it may fit none.
-    agree: the maps round a triangle agree if they are less than this apart, relative to
-        two random vertices.
-    sure: probability of the maps on the way from the template, below which more pairs
-        of a shape are matched, as long as there may be more.
-    trusted: that probability in the end, for a shape to belong to the collection.
-    mirror_shear: how many times as much triangles are sheared by a map as by that of
-        the mirror image, for a shape to be a mirror image; and as in the median of the
-        maps on all ways, for its mirror image to be tried (`grow_with_mirrors`).
-    """
-
-    pairs_a_shape: float = 3.0
-    most_of_one: int = 10
-    agree: float = 0.2
-    sure: float = 0.95
-    trusted: float = 0.7
-    mirror_shear: float = 2.0
+# By hand: 80 bodies of FAUST take 1.8 (experiments/results/collection_faust_r.json).
+PAIRS_A_SHAPE = 3.0
+# A shape that has so many pairs gets no more: it may fit none. By hand.
+MOST_OF_ONE = 10
+# A shape gets more pairs as long as the maps on its way are less probable than this. At
+# 0.7 a wrong map cut the birds of SHREC'07 in two: its one triangle disagreed, and a
+# right map of the triangle was blamed (experiments/accuracy/collection.py).
+SURE = 0.95
+# Shapes with a less probable way do not belong to the collection. By hand: none of the
+# pairs of FAUST is wrong then (experiments/results/collection_faust_r.json).
+TRUSTED = 0.7
+# A shape is mirrored if a map shears it so many times as much as its mirror image; that
+# is tried if the map shears it so many times as much as in the median. By hand.
+MIRROR_SHEAR = 2.0
 
 
 class Matched(NamedTuple):
@@ -81,9 +71,10 @@ class MirrorTest(NamedTuple):
     turned: float
     ratio: float
 
-    def mirrors(self, settings: PairSettings) -> bool:
+    @property
+    def mirrors(self) -> bool:
         """Whether the shape is the mirror image of its partner: see `mirror_images`."""
-        return self.turned >= settings.trusted and self.ratio >= settings.mirror_shear
+        return self.turned >= TRUSTED and self.ratio >= MIRROR_SHEAR
 
 
 class Graph(NamedTuple):
@@ -111,19 +102,17 @@ class Graph(NamedTuple):
         """Of each pair."""
         return {edge: one.maps for edge, one in self.matched.items()}
 
-    def trusted_maps(
-        self, shape: int, *, least: float
-    ) -> list[tuple[int, Int[ArrayLike, " m"]]]:
-        """Joined shapes that were matched with this one, and their maps to it.
+    @property
+    def mirrored_back(self) -> frozenset[int]:
+        """Numbers of the mirror images that joined: their meshes are mirrored, in x."""
+        return frozenset(i for i in self.mirrored if self.joined[i])
 
-        Args:
-            shape: its number.
-            least: the least probability of a pair's maps.
-        """
+    def trusted_maps(self, shape: int) -> list[tuple[int, Int[ArrayLike, " m"]]]:
+        """Joined shapes whose maps to this one are trusted, and these maps."""
         found = []
         for (a, b), likely in sorted(self.right.items()):
             other = a + b - shape
-            if shape in (a, b) and likely >= least and self.joined[other]:
+            if shape in (a, b) and likely >= TRUSTED and self.joined[other]:
                 maps = self.matched[a, b].maps
                 found.append((other, maps.T_yx if a == shape else maps.T_xy))
         return found
@@ -134,7 +123,7 @@ def grow(
     match: Callable[[list[Edge]], Iterable[Matched | None]],
     *,
     template: int | None = None,
-    settings: PairSettings = PairSettings(),
+    pairs_a_shape: float = PAIRS_A_SHAPE,
 ) -> Graph:
     """Match a sparse graph of pairs, and more pairs for shapes that are not sure.
 
@@ -143,7 +132,7 @@ def grow(
         match: matches pairs of the numbers of two shapes, in their order; None for one
             that cannot be matched.
         template: the number of a shape; None for the most central one.
-        settings: how many pairs at most, and what is trusted.
+        pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
 
     Raises:
         ValueError: fewer than two shapes.
@@ -154,7 +143,7 @@ def grow(
     unlike = unlikeness([one.signature for one in sketches])
     tried: set[Edge] = set()
     done: dict[Edge, Matched] = {}
-    edges, most = first_pairs(unlike), round(settings.pairs_a_shape * s)
+    edges, most = first_pairs(unlike), round(pairs_a_shape * s)
     while True:
         outcomes = zip(edges, match(edges), strict=True)
         done |= {edge: one for edge, one in outcomes if one is not None}
@@ -162,12 +151,13 @@ def grow(
         maps = {edge: one.maps for edge, one in done.items()}
         found = triangles(maps, sketches)
         confidence = {edge: one.confidence for edge, one in done.items()}
-        right = trust(confidence, found, limit=settings.agree)
+        right = trust(confidence, found)
         paths = best_paths(right, s, template=template)
         left = most - len(tried)
-        sure = np.flatnonzero(paths.trust >= settings.sure).tolist()
-        own = settings.most_of_one
-        edges = more_pairs(unlike, tried, sure, most=max(left, 0), most_of_one=own)
+        sure = np.flatnonzero(paths.trust >= SURE).tolist()
+        edges = more_pairs(
+            unlike, tried, sure, most=max(left, 0), most_of_one=MOST_OF_ONE
+        )
         if not edges:
-            joined = paths.trust >= settings.trusted
+            joined = paths.trust >= TRUSTED
             return Graph(done, found, right, paths, joined)

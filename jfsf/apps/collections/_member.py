@@ -7,8 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.collections._agree import WITHIN, Beside, agreed_map
-from jfsf.apps.collections._grow import PairSettings, matched
+from jfsf.apps.collections._agree import OtherShape, agreed_map
+from jfsf.apps.collections._grow import PAIRS_A_SHAPE, matched
 from jfsf.apps.registration import Registration, RegistrationSettings, register
 from jfsf.matching import Settings, match
 from jfsf.types import ArrayLike, Maps, Match, Mesh
@@ -18,16 +18,14 @@ from jfsf.types import ArrayLike, Maps, Match, Mesh
 class CollectionSettings:
     """How a collection is matched.
 
+    pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
     match: of each pair.
-    pairs: which pairs, and which of their maps are trusted.
     registration: of the template onto each shape.
-    agree_within: see `agreed_map`.
     """
 
+    pairs_a_shape: float = PAIRS_A_SHAPE
     match: Settings = Settings()
-    pairs: PairSettings = PairSettings()
     registration: RegistrationSettings = RegistrationSettings()
-    agree_within: float = WITHIN
 
 
 class Member(NamedTuple):
@@ -76,26 +74,24 @@ def member(
     return Member(maps, found, on_shape)
 
 
-def agreed_member(
+def agreed_registration(
     template: Mesh,
     mesh: Mesh,
-    own: Member,
-    others: Sequence[Beside],
+    own: Registration,
+    others: Sequence[OtherShape],
     *,
     settings: CollectionSettings = CollectionSettings(),
-) -> Member:
-    """A member whose registration all trusted ways agree on; its maps stay.
+) -> Registration:
+    """The template on a shape, by all trusted ways that lead there.
 
     Args:
         template, mesh: as `member`.
-        own: by its own map.
+        own: the template on the shape by its own map.
         others: of the shapes whose map to this one is trusted.
         settings: as `collection`.
     """
-    at, within = own.registration.vertices, settings.agree_within
-    T = agreed_map(at, others, mesh, within=within)
-    on_shape = register(template, mesh, T, settings=settings.registration)
-    return own._replace(registration=on_shape)
+    T = agreed_map(own.vertices, others, mesh)
+    return register(template, mesh, T, settings=settings.registration)
 
 
 def itself(

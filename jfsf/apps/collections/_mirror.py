@@ -16,7 +16,14 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
-from jfsf.apps.collections._grow import Graph, Matched, MirrorTest, PairSettings, grow
+from jfsf.apps.collections._grow import (
+    MIRROR_SHEAR,
+    PAIRS_A_SHAPE,
+    Graph,
+    Matched,
+    MirrorTest,
+    grow,
+)
 from jfsf.apps.collections._pairs import Edge, edge_of, unlikeness
 from jfsf.apps.collections._sketch import Sketch
 from jfsf.types import ArrayLike
@@ -33,12 +40,12 @@ def grow_with_mirrors(
     *,
     mirror: Mirror | None = "name",
     template: int | None = None,
-    settings: PairSettings = PairSettings(),
+    pairs_a_shape: float = PAIRS_A_SHAPE,
 ) -> Graph:
     """`grow`, and find the shapes that are mirror images of the others.
 
     Args:
-        sketches, template, settings: as `grow`.
+        sketches, template, pairs_a_shape: as `grow`.
         match: as that of `grow`, with one truth value more a pair: whether X is to be
             mirrored. To mirror Y in its place makes the same map.
         mirror: what is done with mirror images. "name" leaves them out; "auto" takes
@@ -54,12 +61,12 @@ def grow_with_mirrors(
     if mirror is not None:
         check_mirror(mirror)
     plain = lambda edges: match(edges, [False] * len(edges))
-    graph = grow(sketches, plain, template=template, settings=settings)
+    graph = grow(sketches, plain, template=template, pairs_a_shape=pairs_a_shape)
     if mirror is None:
         return graph
     unlike = unlikeness([one.signature for one in sketches])
-    tests = _tested(graph, suspects(graph, unlike, settings=settings), match)
-    found = mirror_images(graph, tests, settings=settings)
+    tests = _tested(graph, suspects(graph, unlike), match)
+    found = mirror_images(graph, tests)
     if not found:
         return graph._replace(tests=tests)
     if mirror == "auto":
@@ -68,7 +75,7 @@ def grow_with_mirrors(
             sketches,
             lambda edges: match(edges, one_of(edges)),
             template=graph.paths.template,
-            settings=settings,
+            pairs_a_shape=pairs_a_shape,
         )
         found = found & frozenset(np.flatnonzero(graph.joined).tolist())
     else:
@@ -76,22 +83,16 @@ def grow_with_mirrors(
     return graph._replace(tests=tests, mirrored=found)
 
 
-def suspects(
-    graph: Graph,
-    unlike: Float[ArrayLike, "s s"],
-    *,
-    settings: PairSettings = PairSettings(),
-) -> list[tuple[int, int]]:
+def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, int]]:
     """Shapes whose mirror images are to be tried, each with a partner.
 
     A shape that is not joined, with the most alike of those that are; and a shape that
-    the map from the one before it on its way shears `mirror_shear` times as much as the
+    the map from the one before it on its way shears `MIRROR_SHEAR` times as much as the
     median of all such maps, with that one.
 
     Args:
         graph: of `grow`.
         unlike: symmetric, see `unlikeness`.
-        settings: with which it was grown.
     """
     found, inside = [], np.flatnonzero(graph.joined).tolist()
     pairs = enumerate(graph.paths.before.tolist())
@@ -101,7 +102,7 @@ def suspects(
         if before >= 0 and graph.joined[i]
     }
     known = [shear for shear in sheared.values() if np.isfinite(shear)]
-    most = settings.mirror_shear * float(np.median(known)) if known else np.inf
+    most = MIRROR_SHEAR * float(np.median(known)) if known else np.inf
     for i, before in enumerate(graph.paths.before.tolist()):
         if not graph.joined[i]:
             near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
@@ -117,26 +118,20 @@ def check_mirror(mirror: Mirror) -> None:
         raise ValueError(f"collection: mirror is {mirror!r}; it is 'name' or 'auto'")
 
 
-def mirror_images(
-    graph: Graph,
-    tests: Sequence[MirrorTest],
-    *,
-    settings: PairSettings = PairSettings(),
-) -> frozenset[int]:
+def mirror_images(graph: Graph, tests: Sequence[MirrorTest]) -> frozenset[int]:
     """Numbers of the shapes that are mirror images of the template.
 
     A shape is the mirror image of its partner if the map of its mirror image is trusted
-    and shears triangles less, by `mirror_shear`. Shapes that are reached by way of a
+    and shears triangles less, by `MIRROR_SHEAR`. Shapes that are reached by way of a
     mirror image are mirror images too.
 
     Args:
         graph: of `grow`.
         tests: of `suspects`. Of two of one shape the surer counts.
-        settings: with which it was grown.
     """
     turned: dict[int, MirrorTest] = {}
     for test in sorted(tests, key=lambda test: test.turned):
-        if test.mirrors(settings):
+        if test.mirrors:
             turned[test.shape] = test
     mirrored = np.zeros(len(graph.joined), bool)
     ways = [graph.paths.way(i) for i in np.flatnonzero(graph.joined).tolist()]

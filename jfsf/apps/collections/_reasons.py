@@ -2,27 +2,20 @@
 
 from collections.abc import Sequence
 
-from jfsf.apps.collections._grow import Graph, PairSettings
+from jfsf.apps.collections._grow import Graph
 
 
-def reason(
-    graph: Graph,
-    names: Sequence[str],
-    shape: int,
-    *,
-    settings: PairSettings = PairSettings(),
-) -> str:
+def reason(graph: Graph, names: Sequence[str], shape: int) -> str:
     """Why a shape was left out, in a sentence.
 
     Args:
         graph: of the collection.
         names: of its shapes.
         shape: the number of one that was left out.
-        settings: with which the graph was grown.
     """
     tests = [test for test in graph.tests if test.shape == shape]
     if shape in graph.mirrored:
-        said = mirrored(graph, names, shape, settings=settings)
+        said = mirrored(graph, names, shape)
         return f"it is {said}; mirror='auto' (--mirror auto) mirrors it back"
     own = {edge: p for edge, p in graph.right.items() if shape in edge}
     if not own:
@@ -37,20 +30,14 @@ def reason(
     )
 
 
-def mirrored(
-    graph: Graph,
-    names: Sequence[str],
-    shape: int,
-    *,
-    settings: PairSettings = PairSettings(),
-) -> str:
+def mirrored(graph: Graph, names: Sequence[str], shape: int) -> str:
     """That a shape is a mirror image, and how that is known: not a whole sentence.
 
     Args:
-        graph, names, settings: as `reason`.
+        graph, names: as `reason`.
         shape: one of `Graph.mirrored`.
     """
-    tests = [t for t in graph.tests if t.shape == shape and t.mirrors(settings)]
+    tests = [t for t in graph.tests if t.shape == shape and t.mirrors]
     if not tests:
         return "a mirror image of the others, joined by way of another mirror image"
     best = max(tests, key=lambda test: test.turned)

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from jfsf.apps.collections import PairSettings
-from jfsf.apps.collections._grow import Graph
+from jfsf.apps.collections._cycles import AGREE_BELOW
+from jfsf.apps.collections._grow import TRUSTED, Graph
 from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import body_colours
 from jfsf.apps.plot._frames import frame, frames_of_pair
@@ -36,7 +36,6 @@ def write_collection_page(
     *,
     links: Mapping[str, str] | None = None,
     title: str = "Shapes by confidence",
-    settings: PairSettings = PairSettings(),
 ) -> None:
     """Write the page of a collection.
 
@@ -51,7 +50,6 @@ def write_collection_page(
         names: of these, in the order of their numbers.
         links: what else there is to open: text -> address relative to the page.
         title: above all.
-        settings: with which the graph was grown.
     """
     left = sum(row.failed for row in rows)
     counts = f"{len(rows)} shapes, {len(rows) - left} joined, template "
@@ -61,9 +59,9 @@ def write_collection_page(
         "counts": counts,
         "rows": listed(rows, failed="left out"),
         "links": dict(links or {}),
-        "graph": _graph(graph, names, settings.trusted),
-        **_cycles(graph, names, settings.agree),
-        "dropped": _dropped(graph, names, settings.trusted),
+        "graph": _graph(graph, names),
+        **_cycles(graph, names),
+        "dropped": _dropped(graph, names),
     }
     write_text(path, page("collection", record))
 
@@ -101,7 +99,7 @@ def shape_picture(
     return data_url(draw_shape(few.body, colours), _SMALL)
 
 
-def _graph(graph: Graph, names, trusted: float) -> dict[str, Any] | None:
+def _graph(graph: Graph, names) -> dict[str, Any] | None:
     """Places of the shapes and kinds of the pairs; None if they are too many."""
     s = len(names)
     if s > MOST_DRAWN:
@@ -117,7 +115,7 @@ def _graph(graph: Graph, names, trusted: float) -> dict[str, Any] | None:
     for a, b in edges:
         right = graph.right[a, b]
         kind = "way" if (a, b) in on_a_way else "trusted"
-        kind = kind if right >= trusted else "dropped"
+        kind = kind if right >= TRUSTED else "dropped"
         drawn.append([a, b, kind, f"{names[a]}, {names[b]}: {_chances(graph, (a, b))}"])
     return {
         "nodes": [
@@ -147,17 +145,17 @@ def _chances(graph: Graph, edge: tuple[int, int]) -> str:
     return f"{text} alone, {graph.right[edge]:.2f} with the triangles"
 
 
-def _cycles(graph: Graph, names, agree: float) -> dict[str, Any]:
+def _cycles(graph: Graph, names) -> dict[str, Any]:
     """The triangles whose maps disagree most, and a sentence on all."""
     worst = sorted(graph.found, key=lambda one: (-one.apart, one.corners))
     apart = [one.apart for one in worst]
     said = "No three shapes were all matched with each other."
     if apart:
-        alike = sum(a < agree for a in apart)
+        alike = sum(a < AGREE_BELOW for a in apart)
         said = (
             f"{len(apart)} triangles, the maps round {alike} of them agree (below "
-            f"{agree:g}); median {np.median(apart):.3f}. Maps by way of the template "
-            "agree round all cycles, up to rounding to vertices."
+            f"{AGREE_BELOW:g}); median {np.median(apart):.3f}. Maps by way of the "
+            "template agree round all cycles, up to rounding to vertices."
         )
     return {
         "cycles": said,
@@ -165,16 +163,16 @@ def _cycles(graph: Graph, names, agree: float) -> dict[str, Any]:
             (
                 ", ".join(names[i] for i in one.corners),
                 f"{one.apart:.3f}",
-                "agree" if one.apart < agree else "disagree",
+                "agree" if one.apart < AGREE_BELOW else "disagree",
             )
             for one in worst[:MOST_LISTED]
         ],
     }
 
 
-def _dropped(graph: Graph, names, trusted: float) -> list[tuple[str, str, str]]:
+def _dropped(graph: Graph, names) -> list[tuple[str, str, str]]:
     """The pairs whose maps are not trusted, the least probable first."""
-    pairs = [(p, e) for e, p in graph.right.items() if p < trusted]
+    pairs = [(p, e) for e, p in graph.right.items() if p < TRUSTED]
     return [
         (f"{names[a]}, {names[b]}", f"{p:.2f}", _chances(graph, (a, b)))
         for p, (a, b) in sorted(pairs)[:MOST_LISTED]

@@ -1,0 +1,191 @@
+"""The work of `jfsf collection`: jobs are made, and what they wrote is read."""
+
+from functools import partial
+from pathlib import Path
+from zipfile import is_zipfile
+
+import numpy as np
+
+from jfsf.apps.cli._collection_carried import carried_files
+from jfsf.apps.cli._collection_jobs import (
+    file_of,
+    has_page,
+    is_put,
+    kept,
+    match_pair,
+    nothing,
+    picture_of_shape,
+    put_agreed,
+    put_template,
+    read_maps,
+)
+from jfsf.apps.cli._pages import pages_of
+from jfsf.apps.cli._words import said
+from jfsf.mesh._read import stem_of
+
+# Folders of the results.
+PARTS = "shapes", "pairs", "turned", "ways", "maps", "placed", "others", "registered"
+MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
+
+
+def outcomes(
+    client, shown, jobs, *, label: str, work, done=None
+) -> dict[Path, str | None]:
+    """Do the jobs; why each failed, by its file, None for those that did not."""
+    from jfsf.batch._jobs import run_jobs
+
+    bar = shown.add_task(label, total=len(jobs))
+    reasons = {}
+    given = {"prepare": nothing, "work": work, "done": done, "say": said}
+    for outcome in run_jobs(jobs, client, **given):
+        reasons[outcome.job.out] = outcome.reason
+        shown.advance(bar)
+    return reasons
+
+
+def kept_shapes(out, paths, run):
+    """What is kept of each shape, and why some are not, by name."""
+    from jfsf.batch._jobs import Job
+
+    files = {name: file_of(out, "shapes", name) for name in paths}
+    jobs = [Job((path,), files[name]) for name, path in paths.items()]
+    found = run(jobs, label="shapes")
+    reasons = {name: found[file] for name, file in files.items()}
+    bad = {name: why for name, why in reasons.items() if why is not None}
+    good = {name: kept(files[name]) for name in paths if name not in bad}
+    if len(good) < 2:
+        raise ValueError(
+            f"collection: {len(good)} of {len(paths)} shapes can be matched, two are "
+            f"needed: {'; '.join(bad.values()) or 'name a folder with more meshes'}"
+        )
+    return good, bad
+
+
+def number_of(shapes, reasons, template: Path | None) -> int | None:
+    """Of the template among the shapes."""
+    if template is None:
+        return None
+    name = stem_of(template)
+    if name in reasons:
+        raise ValueError(f"{template}: {reasons[name]}")
+    return list(shapes).index(name)
+
+
+class OnFiles:
+    """Does the work of a collection by jobs (`Runner`).
+
+    A file that is not older than what it is made from stays as it is.
+    """
+
+    def __init__(self, out: Path, names: list[str], orientation: str, report, run):
+        """
+        Args:
+            out: folder of the results.
+            names: of the shapes.
+            orientation: as `collection`.
+            report: whether each shape gets a page.
+            run: `outcomes`, on some client.
+        """
+        self.out, self.names, self.run = out, names, run
+        self.orientation, self.report = orientation, report
+
+    def match(self, edges, turned: bool):
+        from jfsf.batch._jobs import Job
+
+        folder = self.out / ("turned" if turned else "pairs")
+        jobs = [
+            Job(
+                (self._file("shapes", a), self._file("shapes", b)),
+                folder / f"{self.names[a]}__{self.names[b]}.npz",
+            )
+            for a, b in edges
+        ]
+        work = partial(match_pair, orientation=self.orientation, turned=turned)
+        label = "mirror images" if turned else "pairs"
+        failed = self.run(jobs, label=label, work=work)
+        return [None if failed[job.out] else read_maps(job.out) for job in jobs]
+
+    def place(self, graph, ways) -> dict[int, str]:
+        from jfsf.batch._jobs import Job
+
+        base, jobs = graph.paths.template, {}
+        for i, T in ways.items():
+            # The template has a way too, to itself: what was made of it under another
+            # template is older, and does not count.
+            way = self._file("ways", i)
+            if i == base:
+                self._file("maps", i).unlink(missing_ok=True)
+            _write_way(way, T_xy=T, turned=np.array(i in graph.mirrored_back))
+            inputs = self._file("shapes", base), self._file("shapes", i), way
+            jobs[i] = Job(inputs, self._file("placed", i))
+        work = partial(put_template, report=self.report)
+        done = has_page if self.report else is_put
+        failed = self.run(list(jobs.values()), label="maps", work=work, done=done)
+        return {i: why for i, job in jobs.items() if (why := failed[job.out])}
+
+    def agree(self, graph, maps) -> dict[int, str]:
+        from jfsf.batch._jobs import Job
+
+        base, jobs = graph.paths.template, {}
+        for i, known in maps.items():
+            others = self._file("others", i)
+            turned = [n in graph.mirrored_back for n in (i, *(j for j, _ in known))]
+            arrays = {
+                f"T_{number}": np.asarray(T) for number, (_, T) in enumerate(known)
+            }
+            _write_way(others, turned=np.array(turned), **arrays)
+            inputs = (
+                *(self._file("shapes", j) for j in (base, i)),
+                self._file("placed", i),
+            )
+            extras = [others]
+            for j, _ in known:
+                extras += [self._file("shapes", j), self._file("placed", j)]
+            jobs[i] = Job(inputs, self._file("registered", i), tuple(extras))
+        failed = self.run(list(jobs.values()), label="registered", work=put_agreed)
+        return {i: why for i, job in jobs.items() if (why := failed[job.out])}
+
+    def _file(self, part: str, shape: int) -> Path:
+        return file_of(self.out, part, self.names[shape])
+
+
+def _write_way(path: Path, **arrays) -> None:
+    """Write a map; an equal one keeps its date, and what was made of it counts."""
+    from jfsf.storage._atomic import write_atomically
+
+    if is_zipfile(path):  # or it is not there, or cut short
+        with np.load(path) as file:
+            same = set(file.files) == set(arrays)
+            if same and all(np.array_equal(file[n], own) for n, own in arrays.items()):
+                return
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def mirror_back(out: Path, shapes, graph):
+    """The shapes, joined mirror images mirrored back; writes these as files too."""
+    from jfsf.apps.export import export_mesh
+    from jfsf.mesh._edit import mirror_image
+
+    shapes, names = dict(shapes), list(shapes)
+    for name in (names[i] for i in graph.mirrored_back):
+        (out / MIRRORED).mkdir(exist_ok=True)
+        shapes[name] = shapes[name]._replace(mesh=mirror_image(shapes[name].mesh))
+        export_mesh(out / MIRRORED / f"{name}.ply", shapes[name].mesh)
+    return shapes
+
+
+def known_before(out: Path) -> set[str]:
+    """Names of the shapes that the template is on, also by an earlier run."""
+    files = (out / "registered").glob("*.npz")
+    return {path.name.removesuffix(".npz") for path in files}
+
+
+def forget(out: Path, names) -> None:
+    """Remove what an earlier run wrote of shapes that are left out now, or gone."""
+    for name in names:
+        maps, on_shape = (file_of(out, part, name) for part in ("maps", "registered"))
+        own = [maps, *pages_of(maps), file_of(out, "placed", name), on_shape]
+        own += [on_shape.with_suffix(".ply"), picture_of_shape(out, name)]
+        own += [file_of(out, "others", name), *carried_files(out, name)]
+        for path in own:
+            path.unlink(missing_ok=True)

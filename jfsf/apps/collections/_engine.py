@@ -1,0 +1,126 @@
+"""The steps of a collection, from sketches to the template on every shape.
+
+Here is decided which pairs are matched, which shapes join, which are mirrored back, and
+which ways lead from the template to each. The work itself is that of a `Runner`: on
+meshes in memory (`collection`), or on files (`jfsf collection`).
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Int
+
+from jfsf.apps.collections._grow import PAIRS_A_SHAPE, Graph, Matched
+from jfsf.apps.collections._mirror import MatchPairs, Mirror, grow_with_mirrors
+from jfsf.apps.collections._pairs import Edge
+from jfsf.apps.collections._paths import map_along
+from jfsf.apps.collections._sketch import Sketch
+from jfsf.initial import Orientation
+from jfsf.types import ArrayLike
+
+
+class Runner(Protocol):
+    """Does the work of a collection. Shapes are named by their numbers."""
+
+    def match(self, edges: list[Edge], turned: bool) -> Sequence[Matched | None]:
+        """Match pairs of shapes.
+
+        Args:
+            edges: the pairs, each of them new.
+            turned: whether X of each pair is mirrored first.
+
+        Returns:
+            In the order of the pairs; None for one that cannot be matched.
+        """
+        ...
+
+    def place(
+        self, graph: Graph, ways: Mapping[int, Int[ArrayLike, " n"]]
+    ) -> dict[int, str]:
+        """Put the template on each joined shape.
+
+        Args:
+            graph: has the template, and the shapes whose meshes are mirrored before
+                (`mirrored_back`).
+            ways: the vertex of the shape for each vertex of the template; the identity
+                for the template itself.
+
+        Returns:
+            Why it cannot be put on some shapes.
+        """
+        ...
+
+    def agree(
+        self,
+        graph: Graph,
+        maps: Mapping[int, Sequence[tuple[int, Int[ArrayLike, " m"]]]],
+    ) -> dict[int, str]:
+        """Put the template on each shape once more, by way of other shapes too.
+
+        Args:
+            graph: that `place` was called with.
+            maps: of each shape on which the template was placed, other such shapes and
+                the trusted maps from these to it; none for the template itself.
+
+        Returns:
+            Why it cannot be put on some shapes.
+        """
+        ...
+
+
+def join_shapes(
+    sketches: Sequence[Sketch],
+    runner: Runner,
+    *,
+    template: int | None = None,
+    orientation: Orientation = "preserve",
+    mirror: Mirror = "name",
+    pairs_a_shape: float = PAIRS_A_SHAPE,
+) -> tuple[Graph, dict[int, str]]:
+    """Match pairs of shapes, and put one of them, the template, onto all others.
+
+    Args:
+        sketches: of each shape.
+        runner: does the work, and keeps or writes what it makes.
+        template, orientation, mirror: as `collection`.
+        pairs_a_shape: as `CollectionSettings`.
+
+    Returns:
+        The graph, and why the template could not be put on some joined shapes.
+
+    Raises:
+        ValueError: as `grow_with_mirrors`.
+    """
+    graph = grow_with_mirrors(
+        sketches,
+        _each_once(runner),
+        mirror=mirror if orientation == "preserve" else None,
+        template=template,
+        pairs_a_shape=pairs_a_shape,
+    )
+    base = graph.paths.template
+    joined = np.flatnonzero(graph.joined).tolist()
+    itself = np.arange(len(sketches[base].mass))
+    way = lambda i: itself if i == base else map_along(graph.maps, graph.paths.way(i))
+    failed = runner.place(graph, {i: way(i) for i in joined})
+    placed = set(joined) - set(failed)
+    others = lambda i: [(j, T) for j, T in graph.trusted_maps(i) if j in placed]
+    maps = {i: [] if i == base else others(i) for i in sorted(placed)}
+    return graph, failed | runner.agree(graph, maps)
+
+
+def _each_once(runner: Runner) -> MatchPairs:
+    """What matches the pairs that were not matched before."""
+    known: dict[tuple[Edge, bool], Matched | None] = {}
+
+    def match_pairs(edges, turned):
+        pairs = list(zip(edges, turned, strict=True))
+        for turn in (False, True):
+            new = [e for e, own in pairs if own == turn and (e, own) not in known]
+            if new:
+                outcomes = zip(new, runner.match(new, turn), strict=True)
+                known.update(((edge, turn), one) for edge, one in outcomes)
+        return [known[pair] for pair in pairs]
+
+    return match_pairs

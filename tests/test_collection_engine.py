@@ -1,0 +1,89 @@
+"""What a collection asks of a runner: each pair once, ways, and trusted maps."""
+
+import numpy as np
+import pytest
+
+from jfsf.apps.collections._engine import join_shapes
+from jfsf.apps.collections._grow import Matched
+from jfsf.apps.collections._sketch import Sketch
+from jfsf.types import Maps
+
+N = 40
+
+
+class Recorder:
+    """Shapes of one cloud, those of side -1 mirrored; maps between others are wrong.
+
+    asked: the pairs, and whether they were turned.
+    broken: shapes on which the template cannot be put.
+    """
+
+    def __init__(self, sides, broken=()):
+        self.rng, self.sides, self.broken = np.random.default_rng(0), sides, broken
+        self.asked, self.ways, self.maps, self.graphs = [], {}, {}, []
+        points, mass = self.rng.normal(size=(N, 60)) / 11, np.full(N, 1 / N)
+        signatures = self.rng.uniform(size=(len(sides), 30))
+        self.sketches = [Sketch(own, points, mass) for own in signatures]
+
+    def match(self, edges, turned):
+        self.asked += [(edge, turned) for edge in edges]
+        found = []
+        for a, b in edges:
+            good = self.sides[a] * self.sides[b] == (-1 if turned else 1)
+            T = np.arange(N) if good else self.rng.permutation(N)
+            figures = (0.99, 0.1) if good else (0.2, 0.5)
+            found.append(Matched(Maps(T, np.argsort(T)), *figures))
+        found[0] = None if edges[0] == (0, 1) else found[0]  # it cannot be matched
+        return found
+
+    def place(self, graph, ways):
+        self.ways = ways
+        self.graphs.append(graph)
+        return {i: "it is broken" for i in self.broken}
+
+    def agree(self, graph, maps):
+        self.maps = maps
+        self.graphs.append(graph)
+        return {}
+
+
+def test_each_pair_is_matched_once_and_ways_lead_to_all_that_joined():
+    runner = Recorder([1, 1, -1, 1, -1, 1])
+    graph, failed = join_shapes(runner.sketches, runner, template=0, mirror="auto")
+    assert len(runner.asked) == len(set(runner.asked))
+    assert any(turned for _, turned in runner.asked)
+    assert graph.mirrored_back == graph.mirrored == {2, 4}
+    assert graph.joined.all() and failed == {} and (0, 1) not in graph.matched
+    assert list(runner.ways) == list(runner.maps) == list(range(6))
+    for T in runner.ways.values():
+        np.testing.assert_array_equal(T, np.arange(N))
+    assert all(own is graph for own in runner.graphs)
+    assert runner.maps[0] == []
+    for i in range(1, 6):
+        assert [j for j, _ in runner.maps[i]] == [j for j, _ in graph.trusted_maps(i)]
+
+
+def test_what_failed_is_no_way_to_others():
+    runner = Recorder([1] * 5, broken=[3])
+    graph, failed = join_shapes(runner.sketches, runner, template=0)
+    assert failed == {3: "it is broken"} and graph.joined.all()
+    assert list(runner.maps) == [0, 1, 2, 4]
+    known = {i: [j for j, _ in graph.trusted_maps(i)] for i in runner.maps}
+    assert any(3 in near for near in known.values())
+    for i in (1, 2, 4):
+        assert [j for j, _ in runner.maps[i]] == [j for j in known[i] if j != 3]
+
+
+@pytest.mark.parametrize(
+    ("options", "left_out", "turned"),
+    [
+        ({}, {2}, True),  # named
+        ({"orientation": "any", "mirror": "auto"}, {2}, False),  # not looked for
+    ],
+)
+def test_mirror_images_that_do_not_join_stay_as_they_are(options, left_out, turned):
+    runner = Recorder([1, 1, -1, 1, 1])
+    graph, _ = join_shapes(runner.sketches, runner, template=0, **options)
+    assert graph.mirrored_back == frozenset()
+    assert set(range(5)) - set(runner.ways) == left_out
+    assert any(turn for _, turn in runner.asked) == turned
