@@ -285,6 +285,13 @@ def test_gltf_scene_keeps_order_and_moves_parts(tmp_path, suffix):
     assert np.array_equal(read(path).vertices, mesh.vertices)
 
 
+def test_gltf_morph_targets_without_weight_are_left_out(tmp_path):
+    path = tmp_path / "a.gltf"
+    targets = {"targets": [{"POSITION": 2}]}
+    path.write_bytes(gltf(other={"bufferView": 0}, part=targets, node={"weights": [0]}))
+    np.testing.assert_array_equal(read(path).vertices, np.eye(3))
+
+
 def test_gltf_points_are_a_cloud(tmp_path):
     points = np.arange(12.0).reshape(4, 3)
     path = tmp_path / "a.glb"
@@ -313,8 +320,8 @@ HALF = struct.pack("<f", 0.5)
 GLB_NAN = GLB.replace(HALF, SIGNALLING)
 
 
-def gltf(position=None, indices=None, other=None, part=None):
-    """A triangle, with changes to its accessors and to its part of the mesh."""
+def gltf(position=None, indices=None, other=None, part=None, node=None):
+    """A triangle, with changes to its accessors, its part of the mesh and its node."""
     data = np.eye(3, dtype="<f4").tobytes() + np.arange(3, dtype="<u2").tobytes()
     vector = {"componentType": 5126, "type": "VEC3", "count": 3}
     number = {"componentType": 5123, "type": "SCALAR", "count": 3}
@@ -322,7 +329,7 @@ def gltf(position=None, indices=None, other=None, part=None):
     scene = {
         "asset": {"version": "2.0"},
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0, **(node or {})}],
         "meshes": [{"primitives": [primitive | (part or {})]}],
         "accessors": [
             {**vector, "bufferView": 0} if position is None else vector | position,
@@ -454,6 +461,17 @@ BROKEN = {
         "a.gltf",
         gltf({}, part={"extensions": {"KHR_draco_mesh_compression": {}}}),
         "compressed or sparse",
+    ),
+    "gltf of normalised positions": (
+        "a.gltf",
+        gltf({"bufferView": 0, "componentType": 5123, "normalized": True}),
+        r"normalised integers .*dequantize",
+    ),
+    "gltf with a skin": ("a.gltf", gltf(node={"skin": 0}), "a skin, .* Armature mod"),
+    "gltf with a morph": (
+        "a.gltf",
+        gltf(part={"targets": [{"POSITION": 2}]}, node={"weights": [0, 0.5]}),
+        "morph targets, .* apply all shape keys",
     ),
     "gltf of more zeros than memory": (
         "a.gltf",

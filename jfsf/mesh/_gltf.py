@@ -22,8 +22,8 @@ _DRACO = "KHR_draco_mesh_compression"
 def parse_gltf(data: bytes, folder: Path, suffix: str) -> Mesh:
     """Read the triangles and points of a glTF or GLB scene, in world coordinates.
 
-    Parts come in the order of the file's meshes. Lines are left out; skins and morphs
-    stay in their rest pose. glTF itself splits vertices at seams: see `weld`.
+    Parts come in the order of the file's meshes. Lines are left out. glTF itself splits
+    vertices at seams: see `weld`.
 
     Args:
         data: contents of the file.
@@ -31,8 +31,9 @@ def parse_gltf(data: bytes, folder: Path, suffix: str) -> Mesh:
         suffix: ".glb" or ".gltf".
 
     Raises:
-        MeshError: a compression that trimesh cannot read. Errors of trimesh pass
-            through.
+        MeshError: what trimesh cannot read, or reads as another shape: a compression,
+            normalised positions, a skin, and morph targets with weights. Errors of
+            trimesh pass through.
     """
     points, triangles, total = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], 0
     for matrix, part in scene_parts(data, folder, suffix):
@@ -62,7 +63,9 @@ def scene_parts(
     Raises:
         MeshError: as `parse_gltf`.
     """
-    _check_accessors(_scene(data))
+    described = _scene(data)
+    _check_accessors(described)
+    _check_pose(described)
     import trimesh  # Slow to import, and no other format needs it.
     from trimesh.resolvers import FilePathResolver
 
@@ -116,3 +119,30 @@ def _check_accessors(scene: dict[str, Any]) -> None:
                         "it has vertices or faces that are compressed or sparse",
                         "export it uncompressed",
                     )
+            position = part["attributes"].get("POSITION")
+            if position is not None and accessors[position].get("normalized"):
+                raise MeshError(
+                    "its positions are normalised integers (KHR_mesh_quantization)",
+                    "export it with floats, or run gltf-transform dequantize on it",
+                )
+
+
+def _check_pose(scene: dict[str, Any]) -> None:
+    """Refuse meshes whose vertices are elsewhere than their positions say."""
+    meshes = scene.get("meshes", [])
+    for node in scene.get("nodes", []):
+        if "mesh" not in node:
+            continue
+        if "skin" in node:
+            raise MeshError(
+                "it has a mesh with a skin, and poses by joints are not read",
+                "apply the pose and export it without the skin; in Blender, apply the "
+                "Armature modifier",
+            )
+        mesh = meshes[node["mesh"]]
+        has_targets = any(part.get("targets") for part in mesh["primitives"])
+        if has_targets and any(node.get("weights", mesh.get("weights", []))):
+            raise MeshError(
+                "it has a mesh with morph targets, whose weights are not read",
+                "apply them and export it again; in Blender, apply all shape keys",
+            )
