@@ -389,11 +389,61 @@ def test_programs_are_private_whatever_the_umask(kept, umask):
     finally:
         os.umask(before)
     (path,) = kept.iterdir()
-    assert path.stat().st_mode & 0o777 == 0o600
-    assert kept.stat().st_mode & 0o777 == 0o700
+    assert not (path.stat().st_mode | kept.stat().st_mode) & 0o022
     another_process()
     ask()
     assert not traced
+
+
+FIND = f"""
+import os
+import sys
+from pathlib import Path
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import test_programs
+import jax
+import jax.numpy as jnp
+from jfsf.runtime._program_files import load_program
+from jfsf.storage._folder import programs_folders
+jax.jit(jnp.linalg.cholesky)(jnp.eye(1))
+# Python itself may be where that user cannot read.
+os.setgroups([])
+os.setgid(12345)
+os.setuid(12345)
+print(programs_folders()[0])
+try:
+    print(load_program(Path(sys.argv[1]), 2)[0] is not None)
+except Exception as error:
+    print(error)
+"""
+
+
+@pytest.mark.slow
+@AS_ROOT
+@pytest.mark.parametrize("owner, read", [(0, True), (54321, False)])
+def test_another_user_runs_what_root_has_compiled_and_nobody_else(kept, owner, read):
+    # As in a container: the image is built by root, and run as somebody.
+    ask()
+    (path,) = kept.iterdir()
+    for place in (kept, path):
+        os.chown(place, owner, -1)
+    home = kept.parent.parent / "home"
+    home.mkdir()
+    for place in home.parents:
+        if place.stat().st_uid == os.getuid() and place != Path("/"):
+            place.chmod(place.stat().st_mode | 0o055)
+    os.chown(home, 12345, 12345)
+    said = subprocess.run(
+        [sys.executable, "-c", FIND, str(path)],
+        env={**os.environ, "HOME": str(home), "XDG_CACHE_HOME": ""},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    if read:
+        assert said == [str(home / ".cache" / "jfsf" / "programs"), "True"]
+    else:
+        assert said[0] == str(kept) and "belongs to user 54321" in said[1]
 
 
 def test_without_owners_only_the_platforms_folder_is_trusted(

@@ -4,6 +4,7 @@ import os
 from typing import Any, NamedTuple
 
 import numpy as np
+import platformdirs
 import pytest
 from clock import clocks
 from hypothesis import given
@@ -398,3 +399,13 @@ def test_the_limit_follows_the_environment(monkeypatch):
     for text, expected in (("", 10e9), ("2.5", 2.5e9), ("inf", np.inf)):
         monkeypatch.setenv("JFSF_CACHE_LIMIT", text)
         assert limit_bytes() == expected
+
+
+def test_without_a_home_directory_the_error_names_what_to_set(monkeypatch):
+    def no_home(name):
+        raise RuntimeError("could not determine the home directory for '~/.cache'")
+
+    monkeypatch.delenv("JFSF_CACHE", raising=False)
+    monkeypatch.setattr(platformdirs, "user_cache_dir", no_home)
+    with pytest.raises(ValueError, match="no home directory .* JFSF_CACHE name a fol"):
+        storage.folder()

@@ -25,7 +25,7 @@ from jfsf.storage._folder import (
     limit_bytes,
     make_room,
     mark_used,
-    programs_folder,
+    programs_folders,
 )
 from jfsf.storage._private import (
     NotPrivateError,
@@ -77,7 +77,7 @@ def program_path(
         return None
     limit_bytes()  # a wrong limit is found before the work
     name = key(CODE, text, *parts, jax_settings(), _processor())
-    return programs_folder() / f"{name}{PROGRAM}"
+    return programs_folders()[0] / f"{name}{PROGRAM}"
 
 
 @contextmanager
@@ -113,11 +113,18 @@ def save_program(path: Path, compiled: jax.stages.Compiled, result: Any) -> None
 def load_program(path: Path, num: int) -> tuple[Callable, Any] | None:
     """The program of `num` arrays in the file, and its `result`.
 
-    None if there is no file, or a damaged one.
+    None if there is no such file in any of `programs_folders`, or a damaged one.
 
     Raises:
         NotPrivateError: another user may have written it, so it is not loaded.
     """
+    for place in programs_folders():
+        if (found := _load(place / path.name, num)) is not None:
+            return found
+    return None
+
+
+def _load(path: Path, num: int) -> tuple[Callable, Any] | None:
     try:
         whole = read_private(path)
         head = len(_digest(b""))

@@ -74,7 +74,7 @@ def compile_ahead(
 
     So a program can be compiled while its arguments are still being computed.
 
-    A compiled program is kept in `programs_folder`: a new process neither
+    A compiled program is kept in `programs_folders`: a new process neither
     traces nor compiles it, and of several processes that ask for it at a time one
     compiles. It is found again by all that it depends on: the code of this package, the
     versions of jax, its settings, the machine's processor, the options and the shapes

@@ -20,6 +20,7 @@ from jfsf.storage._private import has_owners
 # Some 2000 spectra of 5000 vertices, or ten of a million.
 LIMIT_GIGABYTES = 10
 SPECTRUM, PROGRAM = ".npz", ".program"
+PROGRAMS = "programs"
 _OWN = re.compile(rf"[0-9a-f]{{64}}({re.escape(SPECTRUM)}|{re.escape(PROGRAM)})")
 
 
@@ -32,16 +33,29 @@ class StoredFile(NamedTuple):
 
 
 def folder() -> Path:
-    """The folder of the cache: $JFSF_CACHE, or the platform's cache folder."""
+    """The folder of the cache: $JFSF_CACHE, or the platform's cache folder.
+
+    Raises:
+        ValueError: JFSF_CACHE is not set, and the user has no home directory.
+    """
     return Path(os.environ.get("JFSF_CACHE") or _platform_folder())
 
 
-def programs_folder() -> Path:
-    """The folder of compiled programs.
+def programs_folders() -> tuple[Path, ...]:
+    """The folders that compiled programs are read from; to the first they are written.
 
     Where a file's owner is not known, only the platform's own folder is surely private.
+    What root has made, as when the image of a container is built, is read, and the
+    platform's own folder is written to.
     """
-    return (folder() if has_owners() else _platform_folder()) / "programs"
+    if not has_owners():
+        return (_platform_folder() / PROGRAMS,)
+    usual = folder() / PROGRAMS
+    # Without a home directory there is no other.
+    with suppress(OSError, ValueError):
+        if os.getuid() != 0 and usual.stat().st_uid == 0:
+            return _platform_folder() / PROGRAMS, usual
+    return (usual,)
 
 
 def limit_bytes() -> float:
@@ -63,8 +77,7 @@ def limit_bytes() -> float:
 def stored_files() -> list[StoredFile]:
     """The files that the cache itself has named, the least recently used first."""
     places = [folder()]
-    if not programs_folder().is_symlink():
-        places.append(programs_folder())
+    places += [place for place in programs_folders() if not place.is_symlink()]
     found = []
     for place in places:
         # Other processes remove files at the same time.
@@ -105,4 +118,10 @@ def mark_used(path: Path) -> None:
 
 
 def _platform_folder() -> Path:
-    return Path(platformdirs.user_cache_dir("jfsf"))
+    try:
+        return Path(platformdirs.user_cache_dir("jfsf"))
+    except RuntimeError:
+        raise ValueError(
+            "there is no home directory for the cache of spectra and programs; let "
+            "JFSF_CACHE name a folder that this user can write"
+        ) from None

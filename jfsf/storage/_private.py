@@ -1,9 +1,10 @@
 """Files that only this user can have written: to load a compiled program is to run it.
 
-Folder and file must belong to this user, no other user may write them, and neither may
-be a symbolic link. What is checked is what was opened, not what has the name now: what
-is put in its place between check and read is not read. Hard links need no check: who
-makes one there can write the folder, and who changes it can write the file.
+Folder and file must belong to this user, or to root, who can write this package too. No
+other user may write them, and neither may be a symbolic link. What is checked is what
+was opened, not what has the name now: what is put in its place between check and read
+is not read. Hard links need no check: who makes one there can write the folder, and who
+changes it can write the file.
 """
 
 import os
@@ -17,19 +18,22 @@ class NotPrivateError(OSError):
     """Another user can write this, or could; the message says how, and what to do."""
 
 
+ROOT = 0  # its number as a user
+
+
 def has_owners() -> bool:
     """Whether the system tells whose a file is; Windows does not."""
     return hasattr(os, "getuid")
 
 
 def make_private(folder: Path) -> None:
-    """Make the folder if it is missing, for this user only.
+    """Make the folder if it is missing; only this user can write it.
 
     Raises:
         NotPrivateError: it is there, and others can write it.
         OSError: it cannot be made.
     """
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     if has_owners():
         os.close(_open_folder(folder))
 
@@ -63,7 +67,7 @@ def write_private(path: Path, data: bytes) -> None:
         OSError: it cannot be written.
     """
     make_private(path.parent)
-    write_atomically(path, lambda file: file.write(data), mode=0o600)
+    write_atomically(path, lambda file: file.write(data), mode=0o644)
 
 
 def _open_folder(path: Path) -> int:
@@ -82,7 +86,7 @@ def _open(path: Path, flags: int, dir_fd: int | None = None) -> int:
             ) from None
         raise
     found = os.fstat(opened)
-    if found.st_uid != os.getuid():
+    if found.st_uid not in (os.getuid(), ROOT):
         problem = (
             f"{path} belongs to user {found.st_uid}, and this is user {os.getuid()}; "
             "let JFSF_CACHE name a folder of your own"

@@ -9,11 +9,10 @@ from jfsf.storage._folder import (
     PROGRAM,
     SPECTRUM,
     limit_bytes,
-    programs_folder,
+    programs_folders,
     remove_stored,
     stored_files,
 )
-from jfsf.storage._private import has_owners
 
 
 def cache(
@@ -33,8 +32,11 @@ def cache(
     limit = limit_bytes()
     files = stored_files()
     lines = [f"folder: {storage.folder()}"]
-    if not has_owners():
-        lines.append(f"folder of programs: {programs_folder()}")
+    lines += [
+        f"folder of programs: {place}"
+        for place in programs_folders()
+        if place.parent != storage.folder()
+    ]
     for name, suffix in (("spectra", SPECTRUM), ("programs", PROGRAM)):
         sizes = [file.size for file in files if file.path.suffix == suffix]
         lines.append(f"{name}: {len(sizes)}, {_size(sum(sizes))}")

@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from jfsf.apps.cli._stages import stage_bar
-from jfsf.storage._folder import programs_folder
+from jfsf.storage._folder import programs_folders
 
 
 def warm_up(
@@ -36,7 +36,7 @@ def warm_up(
         number = matching.warm_up(asked, progress=begin)
     seconds = perf_counter() - started
     Console().print(
-        f"{number} programs in {programs_folder()}, {seconds:.0f} s",
+        f"{number} programs in {programs_folders()[0]}, {seconds:.0f} s",
         soft_wrap=True,
         markup=False,
         highlight=False,
