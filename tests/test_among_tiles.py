@@ -444,9 +444,8 @@ def test_zoomout_with_tiles_ends_in_the_same_map():
 @pytest.mark.parametrize(
     "options",
     [
-        {"bins": 0},
         {"margin": -1},
-        {"product_rows": 100},
+        {"checked": 0},
         {"tiles": 27},
         {"tiles": 194},
         {"tolerance": float("nan")},

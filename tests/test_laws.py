@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from jfsf import testing
 from jfsf.convert import sinkhorn
 from jfsf.mesh import largest_component
-from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import zoomout
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, functional_map, spectrum, uniform
@@ -110,8 +109,6 @@ def test_flipping_eigenvectors_changes_nothing(by_x, by_y):
 
 
 def test_padding_is_invisible():
-    # So few points share no bin (`NeighbourSettings.bins`), which padding would shift.
-    assert N_X + 20 < 2 * NeighbourSettings().bins * 8
     wide = pad(PAIR[0], N_X + 20, 400), pad(PAIR[1], N_Y + 7, 400)
     found = refined(*wide, start(*PAIR))
     equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), PLAIN)

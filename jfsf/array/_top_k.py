@@ -44,7 +44,8 @@ def top_k(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "k0
     if k0 > TOP_K_LIMIT:
         return jax.lax.top_k(score.T, k0)[1].T
     size = 1 << (len(score) - 1).bit_length()
-    key = _with_index(score, 0, size)
+    index = jax.lax.broadcasted_iota(jnp.int32, score.shape, 0)
+    key = with_index(score, index, size)
     key = key.reshape(folds, -1, *key.shape[1:]).max(0)
 
     def next_largest(previous, _):
@@ -56,18 +57,11 @@ def top_k(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "k0
     return jax.lax.bitcast_convert_type(keys, jnp.int32) & (size - 1)
 
 
-def max_with_index(score: Float[Array, "..."], axis: int) -> Float[Array, "..."]:
-    """Maximum along `axis`, with its index in the last bits.
+def with_index(score: Float[Array, "..."], index: Int[Array, "..."], size: int):
+    """`score`, as for `top_k`, its last bits replaced by an index below `size`.
 
-    Args:
-        score: as for `top_k`; the length of `axis` is a power of two.
+    `size` is a power of two.
     """
-    return _with_index(score, axis, score.shape[axis]).max(axis)
-
-
-def _with_index(score: Float[Array, "..."], axis: int, size: int):
-    """`score`, its last bits replaced by the index along `axis`; size: power of two."""
     score = jnp.minimum(score, -TINY)
-    index = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
     bits = jax.lax.bitcast_convert_type(score, jnp.int32) & -size
     return jax.lax.bitcast_convert_type(bits | index, jnp.float32)

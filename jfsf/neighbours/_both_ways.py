@@ -1,7 +1,9 @@
 """Neighbours in both directions: from one product, or among tiles if they are given.
 
-Only the best point of each bin of points is kept, as in the approximate top-k of
-accelerators (Chern et al., NeurIPS 2022, "TPU-KNN"). Memory is O(n k0).
+Of each bin of points the best two are kept, where the approximate top-k of accelerators
+keeps one (Chern et al., NeurIPS 2022, "TPU-KNN"), and of all others the best score. It
+tells which rows have all their neighbours. The few that may not are searched among all
+points, so the result is exact. Memory is O(n k0).
 """
 
 from functools import partial
@@ -14,13 +16,15 @@ from jfsf.array import top_k
 from jfsf.array._jit import jit
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
-from jfsf.array._top_k import TOP_K_LIMIT, max_with_index
+from jfsf.array._top_k import TOP_K_LIMIT, with_index
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (
+    ROWS,
     check_point_sets,
     float32_frame,
     inner_products,
     measure_distances,
+    neighbours,
     neighbours_of_valid,
     pad_rows,
     valid_rows,
@@ -28,9 +32,11 @@ from jfsf.neighbours._exhaustive import (
 from jfsf.neighbours._search import NeighbourSearch, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays
 
-UNREACHABLE = (
-    1e30  # a squared distance above all others; `max_with_index` needs it finite
-)
+# A squared distance above all others; `with_index` needs it finite.
+UNREACHABLE = 1e30
+BINS = 8  # for each neighbour, at least; twice as many at most
+# Scores are told apart if they differ by this share: an index is in their last bits.
+TOLD_APART = 2.0**-12
 
 
 @jit(static_argnames="k0")
@@ -53,7 +59,7 @@ def neighbours_both_ways(
         k0: neighbours of a point, at most the number of points in the smaller set.
 
     Returns:
-        The neighbours; without tiles recall is 1 and searched_all is true.
+        The neighbours; without tiles all are found: recall is 1, searched_all is true.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -82,22 +88,17 @@ def mutual_neighbours(
 ) -> tuple[Neighbours, Neighbours]:
     """The neighbours in y of each x and in x of each y, at the cost of one product.
 
-    The nearest is found, as exactly as `jfsf.neighbours` tells points apart. Of the
-    others, on average one in 2 `bins` or fewer is replaced by a farther one. In a set
-    of fewer than 2 `bins` k0 points, padding included, none is; nor is any when k0 is
-    above 32 (`TOP_K_LIMIT`), because each direction is then searched on its
-    own. Memory is O(n k0): `bins` to 2 `bins` numbers for each neighbour.
+    They are those of `jfsf.neighbours`, each way. With k0 + `margin` above
+    `TOP_K_LIMIT` each direction is searched on its own.
 
     Args:
         x, y: rows of one Euclidean space.
         valid_x, valid_y: points that take part; all when absent.
         k0: neighbours of a point, at most the number of points in the smaller set.
-        settings: `bins` and `product_rows` are read, or `margin` for k0 above 32.
+        settings: `margin` is read.
 
     Returns:
-        As `neighbours`, except that the order is that of float32 distances, which
-        differ by up to about 1e-4 of themselves. A point that is not valid or not
-        finite has no neighbours.
+        As `neighbours`. A point that is not valid or not finite has no neighbours.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -105,15 +106,24 @@ def mutual_neighbours(
     check_point_sets("mutual_neighbours", x, y, k0)
     x, valid_x = valid_rows(x, valid_x)
     y, valid_y = valid_rows(y, valid_y)
-    if k0 > TOP_K_LIMIT:
+    if k0 + settings.margin > TOP_K_LIMIT:
         sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
         return map_sides(partial(neighbours_of_valid, k0=k0, settings=settings), *sides)
     find = sequential_vmap(partial(_indices, k0=k0, settings=settings))
     idx_xy, idx_yx = find(*jax.lax.stop_gradient((x, y)), valid_x, valid_y)
     return (
-        measure_distances(x, idx_xy, y, valid_x, valid_y),
-        measure_distances(y, idx_yx, x, valid_y, valid_x),
+        _nearest_of(idx_xy, x, y, valid_x, valid_y, k0),
+        _nearest_of(idx_yx, y, x, valid_y, valid_x, k0),
     )
+
+
+def _nearest_of(idx, queries, points, valid_q, valid_p, k0: int) -> Neighbours:
+    """The nearest k0 of these points of each query, ties to the lower index."""
+    near = measure_distances(queries, idx, points, valid_q, valid_p)
+    places = jax.lax.broadcasted_iota(jnp.int32, idx.shape, 1)
+    keys = jax.lax.stop_gradient((near.dist, near.idx))
+    order = jax.lax.sort((*keys, places), num_keys=2)[2][:, :k0]
+    return Neighbours(*(jnp.take_along_axis(a, order, 1) for a in near))
 
 
 def _indices(
@@ -125,24 +135,26 @@ def _indices(
     k0: int,
     settings: NeighbourSettings,
 ):
-    """Indices of `mutual_neighbours`; those of rows that fill a block are n or more."""
-    num_rows = settings.product_rows
+    """Indices of a few more than k0 points for each x and each y, the nearest k0 among
+    them. Where there is no such point the index is n or more.
+    """
     scaled = float32_frame(y, valid_y, x)
-    # Points of a bin, for x and for y.
-    bin_x, bin_y = (_bin_size(len(points), k0, settings) for points in (x, y))
 
     def prepared(points, valid):
         fast = scaled(points)
         offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), UNREACHABLE)
-        return pad_rows(fast, num_rows), pad_rows(offset, num_rows, UNREACHABLE)
+        return pad_rows(fast, ROWS), pad_rows(offset, ROWS, UNREACHABLE)
 
     fast_x, offset_x = prepared(x, valid_x)
     fast_y, offset_y = prepared(y, valid_y)
+    # Points of a bin, for x and for y.
+    bin_x, bin_y = (_bin_size(len(points), k0) for points in (x, y))
+    choose = partial(_chosen, k0=k0, num=min(k0 + settings.margin, len(x), len(y)))
     # Points close on a mesh are often close in its file, and must not share a bin. So
     # row r of block b is point r * blocks + b, and the points of a bin of y are equally
     # spaced, too.
-    blocks, width = len(fast_x) // num_rows, fast_x.shape[1]
-    strided = fast_x.reshape(num_rows, blocks, width).swapaxes(0, 1)
+    blocks, width = len(fast_x) // ROWS, fast_x.shape[1]
+    strided = fast_x.reshape(ROWS, blocks, width).swapaxes(0, 1)
 
     def block(args):
         rows, offset = args
@@ -150,34 +162,86 @@ def _indices(
         # Squared distances times -1/2: an index in the last bits then costs those of
         # near points least.
         score = product - offset_y[None] - offset[:, None]
-        best_y = max_with_index(score.reshape(num_rows, bin_y, -1), 1)
-        best_x = max_with_index(score.reshape(bin_x, -1, len(fast_y)), 0)
-        bin_idx, member = _top_bins(best_y.T, k0, bin_y)
-        return (member * best_y.shape[1] + bin_idx).T, best_x
+        bins_of_y = _best_two(score.reshape(ROWS, bin_y, -1), 1)
+        bins_of_x = _best_two(score.reshape(bin_x, -1, len(fast_y)), 0)
+        bins, member, known = choose(*(a.T for a in bins_of_y), size=bin_y)
+        return (member * (len(fast_y) // bin_y) + bins).T, known, bins_of_x
 
-    offset_x = offset_x.reshape(num_rows, blocks).T
-    idx_xy, best_x = jax.lax.map(block, (strided, offset_x))
-    idx_xy = idx_xy.swapaxes(0, 1).reshape(-1, k0)[: len(x)]
-    bins = num_rows // bin_x  # of a block
-    columns = best_x.reshape(blocks * bins, -1)
+    offset_x = offset_x.reshape(ROWS, blocks).T
+    idx_xy, known_x, bins_of_x = jax.lax.map(block, (strided, offset_x))
+    per_block = ROWS // bin_x
+    bins_of_x = [a.reshape(blocks * per_block, -1) for a in bins_of_x]
 
-    def best_of_columns(at):
-        some = jax.lax.dynamic_slice_in_dim(columns, at, num_rows, 1)
-        bin_idx, member = _top_bins(some, k0, bin_x)
-        return ((member * bins + bin_idx % bins) * blocks + bin_idx // bins).T
+    def columns(at):
+        some = (jax.lax.dynamic_slice_in_dim(a, at, ROWS, 1) for a in bins_of_x)
+        bins, member, known = choose(*some, size=bin_x)
+        row = member * per_block + bins % per_block
+        return (row * blocks + bins // per_block).T, known
 
-    idx_yx = jax.lax.map(best_of_columns, jnp.arange(0, columns.shape[1], num_rows))
-    return idx_xy, idx_yx.reshape(-1, k0)[: len(y)]
+    idx_yx, known_y = jax.lax.map(columns, jnp.arange(0, len(fast_y), ROWS))
+    num = idx_yx.shape[-1]
+    idx_xy = idx_xy.swapaxes(0, 1).reshape(-1, num)[: len(x)]
+    idx_yx = idx_yx.reshape(-1, num)[: len(y)]
+    known_x, known_y = known_x.T.ravel()[: len(x)], known_y.ravel()[: len(y)]
+    return (
+        _repaired(idx_xy, known_x, x, y, valid_y, settings),
+        _repaired(idx_yx, known_y, y, x, valid_x, settings),
+    )
 
 
-def _bin_size(n: int, k0: int, settings: NeighbourSettings) -> int:
-    """Points of a bin: a power of two that leaves `bins` bins for each neighbour."""
-    largest = max(n // (settings.bins * k0), 1)
-    return min(1 << largest.bit_length() - 1, settings.product_rows)
+def _bin_size(n: int, k0: int) -> int:
+    """Points of a bin: a power of two that leaves `BINS` bins for each neighbour."""
+    largest = max(n // (BINS * k0), 1)
+    return min(1 << largest.bit_length() - 1, ROWS)
 
 
-def _top_bins(best: Float[Array, "bins n"], k0: int, size: int):
-    """The k0 best bins of each column, and which member of each is the best."""
-    bin_idx = top_k(best, k0)
-    value = jnp.take_along_axis(best, bin_idx, 0)
-    return bin_idx, jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
+def _best_two(score: Array, axis: int) -> tuple[Array, Array, Array]:
+    """The two largest scores along an axis, and the largest of the others.
+
+    The last bits of a score are its index; the length of the axis is a power of two.
+    """
+    index = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
+    key = with_index(score, index, score.shape[axis])
+
+    def below(value):
+        value = jnp.expand_dims(value, axis)
+        return jnp.where(key < value, key, -8 * UNREACHABLE).max(axis)
+
+    first = key.max(axis)
+    second = below(first)
+    return first, second, below(second)
+
+
+def _chosen(first, second, rest, *, k0: int, num: int, size: int):
+    """The `num` largest of the best two scores of the bins of each column.
+
+    Returns:
+        Their bins and their indices in these, and for each column whether the k0
+        largest of all its points are among them.
+    """
+    best = jnp.concatenate([first, second])
+    at = top_k(best, num)
+    value = jnp.take_along_axis(best, at, 0)
+    # The largest of all others is not above this.
+    others = jnp.maximum(value[-1], rest.max(0))
+    known = value[k0 - 1] * (1 + TOLD_APART) >= others
+    known |= others <= -UNREACHABLE / 2  # they are no points
+    member = jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
+    return at % len(first), member, known
+
+
+def _repaired(idx, known, queries, points, valid, settings: NeighbourSettings):
+    """`idx`, its rows that are not known searched among all points."""
+    rows = jnp.nonzero(~known, size=len(known) + ROWS, fill_value=0)[0]
+
+    def search(state):
+        at, idx = state
+        some = jax.lax.dynamic_slice_in_dim(rows, at, ROWS)
+        near = neighbours(
+            queries[some], points, valid, k0=idx.shape[1], settings=settings
+        )
+        found = jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
+        return at + ROWS, idx.at[some].set(found.astype(idx.dtype))
+
+    more = lambda state: state[0] < jnp.sum(~known)
+    return jax.lax.while_loop(more, search, (0, idx))[1]

@@ -25,11 +25,6 @@ class NeighbourSettings:
 
     margin: candidates beyond k0 of `neighbours`. float32 selects them, and the input's
         precision ranks them again.
-    bins: bins of points for each neighbour of `mutual_neighbours`, at least; twice as
-        many at most. One point of a bin is found. On average, one neighbour in 2 `bins`
-        or fewer shares a bin with a nearer one; tests/test_mutual.py measures it.
-    product_rows: points of X in one product of `mutual_neighbours`, a power of two. A
-        bin has at most so many points.
 
     Tiles:
 
@@ -48,8 +43,6 @@ class NeighbourSettings:
     """
 
     margin: int = 3
-    bins: int = 12
-    product_rows: int = 128
     tile_size: int = 16
     tiles: int = 28
     checked: int = 64
@@ -65,11 +58,6 @@ class NeighbourSettings:
                 raise ValueError(
                     f"NeighbourSettings: {name} is {value}; it must be {least} or more"
                 )
-        rows = self.product_rows
-        if rows & (rows - 1) or rows < 2:
-            raise ValueError(
-                f"NeighbourSettings: product_rows is {rows}; it must be a power of two"
-            )
         most = BEAM * FAN_OUT
         if self.tiles % 2 or self.tiles > most:
             raise ValueError(
