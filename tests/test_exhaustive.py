@@ -153,5 +153,5 @@ def test_k0_out_of_range_is_an_error(k0):
 
 
 def test_widths_that_differ_are_an_error():
-    with pytest.raises(ValueError, match="queries have 2 columns, points have 3"):
+    with pytest.raises(ValueError, match="queries has 2 columns, points has 3"):
         neighbours(jnp.ones((3, 2)), jnp.ones((5, 3)), k0=1)

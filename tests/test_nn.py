@@ -78,5 +78,5 @@ def test_float32():
 
 
 def test_widths_that_differ_are_an_error():
-    with pytest.raises(ValueError, match="queries have 2 columns, points have 3"):
+    with pytest.raises(ValueError, match="emb_x has 2 columns, emb_y has 3"):
         nearest(jnp.ones((4, 2)), jnp.ones((5, 3)))

@@ -325,6 +325,7 @@ def test_gradients_match_finite_differences(scale, masked):
     rng = np.random.default_rng(0)
     values = jnp.asarray(rng.normal(size=(N_Y, 2)))
     a = weights(0, N_X).at[3].set(0) if masked else weights(0, N_X)
+    a = a / a.sum()
     b = jnp.zeros(N_Y).at[:3].set(1 / 3) if masked else weights(1, N_Y)
 
     # The length scale is held fixed in the derivative: differ along with it.
@@ -387,6 +388,39 @@ def test_a_point_that_is_not_finite_is_counted_and_harms_no_other():
     assert np.isfinite(found.f).all() and not (found.T_yx == 4).any()
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"lam": -1.0},
+        {"lam": np.nan},
+        {"relax": 2.0},
+        {"relax": -0.5},
+        {"reach": -1.0},
+        {"marginal_x": np.r_[-0.5, 1.5, np.zeros(N_X - 2)]},
+    ],
+)
+def test_traced_values_out_of_range_are_told_by_the_marginal_error(wrong):
+    run = lambda values: small_sinkhorn(*draw(), **values)
+    found = jax.jit(run)(jax.tree.map(jnp.asarray, wrong))
+    assert np.isnan(found.marginal_error) and not found.converged
+    assert (found.T_xy < N_Y).all() and (found.T_yx < N_X).all()
+
+
+@pytest.mark.parametrize("dtype", FLOATS)
+@pytest.mark.parametrize("power", [1.0, 2.0])
+def test_the_unit_of_the_embeddings_changes_nothing(dtype, power):
+    # Squares of the largest and the smallest leave the range of the type.
+    emb_x, emb_y = (e.astype(dtype) for e in draw())
+    far = jnp.finfo(dtype).maxexp - 4
+    plain = small_sinkhorn(emb_x, emb_y, power=power)
+    for exponent in (far, 30 - far):
+        unit = jnp.ldexp(jnp.ones((), dtype), exponent)
+        found = small_sinkhorn(emb_x * unit, emb_y * unit, power=power)
+        assert jnp.array_equal(found.T_xy, plain.T_xy)
+        assert jnp.array_equal(found.T_yx, plain.T_yx)
+        np.testing.assert_allclose(found.f, plain.f, rtol=1e-4)
+
+
 def test_k0_beyond_the_points_is_all_of_them():
     emb_x, emb_y = draw()
     more, full = (sinkhorn(emb_x, emb_y, k0=k, num_iters=NUM) for k in (1000, FULL))
@@ -396,10 +430,30 @@ def test_k0_beyond_the_points_is_all_of_them():
 @pytest.mark.parametrize(
     "options, message",
     [
-        ({"k0": 0}, "k0 and num_iters must be positive, got 0 and 24"),
-        ({"num_iters": 0}, "k0 and num_iters must be positive, got 20 and 0"),
+        ({"k0": 0}, "k0 is 0; give a whole number, 1 or more"),
+        ({"k0": 2.5}, "k0 is 2.5; give a whole number"),
+        ({"num_iters": 0}, "num_iters is 0; give a whole number"),
+        ({"lam": -1.0}, "lam is -1.0; give 0 or more"),
+        ({"lam": np.float32(np.nan)}, "lam is nan; give 0 or more"),
+        ({"relax": 2}, "relax is 2; give more than 0 and less than 2"),
+        ({"relax": jnp.zeros(())}, "relax is 0.0; give more than 0"),
+        ({"reach": 0}, "reach is 0; give more than 0"),
+        ({"tol": 0.0}, "tol is 0.0; give more than 0"),
+        ({"power": -1.0}, "power is -1.0 .* more than 0"),
+        ({"unilateral_weight": -0.5}, "power is 1.0 and unilateral_weight -0.5; give"),
+        ({"marginal_x": jnp.ones(4)}, "marginal_x sums to 4.0; divide it by its sum"),
+        (
+            {"marginal_y": np.array([2, -1, 0, 0, 0.0])},
+            "marginal_y has -1.0; give masses of 0 or more",
+        ),
+        (
+            {"emb_x": jnp.ones((0, 3))},
+            r"emb_x has shape \(0, 3\); give one row a point",
+        ),
+        ({"emb_x": jnp.ones(4)}, r"emb_x has shape \(4,\); give one row a point"),
+        ({"emb_y": jnp.ones((5, 3), int)}, "emb_y is int.*; give floating numbers"),
         ({"scale": "mean"}, "scale is 'nearest' or 'max', not 'mean'"),
-        ({"emb_y": jnp.ones((5, 2))}, "emb_x has 3 columns, emb_y 2"),
+        ({"emb_y": jnp.ones((5, 2))}, "emb_x has 3 columns, emb_y has 2"),
         ({"marginal_x": jnp.ones(5)}, r"marginal_x has shape \(5,\), emb_x has 4 rows"),
         ({"marginal_y": jnp.ones(4)}, r"marginal_y has shape \(4,\), emb_y has 5 rows"),
     ],

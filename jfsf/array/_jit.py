@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from functools import update_wrapper
+from inspect import signature
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 import jax
+from jax.core import Tracer
 
 from jfsf.array._static import static
 
@@ -21,13 +23,23 @@ class Jitted(Generic[P, R]):
     are compared by their content (`jfsf.array._static.static`).
     """
 
-    def __init__(self, function: Callable[P, R], **options: Any):
+    def __init__(
+        self,
+        function: Callable[P, R],
+        check: Callable[..., None] | None = None,
+        **options: Any,
+    ):
         self._jitted = jax.jit(function, **options)
         names = options.get("static_argnames", ())
         self._static = (names,) if isinstance(names, str) else names
+        self._check, self._signature = check, signature(function)
         update_wrapper(self, function)
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        if self._check is not None:
+            given = self._signature.bind(*args, **kwargs).arguments
+            known = {n: v for n, v in given.items() if not isinstance(v, Tracer)}
+            self._check(**known)
         return self._jitted(*args, **self._by_content(kwargs))
 
     def lower(self, *args: P.args, **kwargs: P.kwargs) -> jax.stages.Lowered:
@@ -50,7 +62,9 @@ def jit(function: Callable[P, R], /) -> Jitted[P, R]: ...
 
 
 @overload
-def jit(**options: Any) -> Callable[[Callable[P, R]], Jitted[P, R]]: ...
+def jit(
+    *, check: Callable[..., None] | None = None, **options: Any
+) -> Callable[[Callable[P, R]], Jitted[P, R]]: ...
 
 
 def jit(function: Any = None, /, **options: Any) -> Any:
@@ -58,6 +72,9 @@ def jit(function: Any = None, /, **options: Any) -> Any:
 
     Args:
         function: at the top of its module, so that it is found by its name.
+        check: called with the arguments that are given and are no tracers, by their
+            names, before the function: it raises errors about values, which a compiled
+            function cannot.
         options: of `jax.jit`.
     """
     if function is None:

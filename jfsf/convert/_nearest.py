@@ -6,6 +6,7 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.neighbours import NeighbourSearch, neighbours
 from jfsf.neighbours._among_tiles import tiled_neighbours, tiled_one_way
+from jfsf.neighbours._exhaustive import check_point_sets
 from jfsf.types import Maps
 
 
@@ -29,8 +30,9 @@ def nearest(
             a `min_recall` of 0 one loop searches both ways: half the program.
 
     Raises:
-        ValueError: the embeddings differ in width.
+        ValueError: the embeddings differ in width, or are no rows of floating numbers.
     """
+    check_point_sets("nearest", emb_x=emb_x, emb_y=emb_y)
     valid_x = None if marginal_x is None else marginal_x > 0
     valid_y = None if marginal_y is None else marginal_y > 0
     search = NeighbourSearch() if search is None else search

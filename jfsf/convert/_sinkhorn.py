@@ -7,9 +7,11 @@ plan. With a `reach` mass without a partner may go: unbalanced entropic transpor
 """
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
@@ -20,14 +22,56 @@ from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._both_ways import neighbours_both_ways
-from jfsf.types import Filtered, Kernel
+from jfsf.neighbours._exhaustive import check_point_sets
+from jfsf.types import ArrayLike, Filtered, Kernel
 
 # Slack (entropy over reach) beyond which the plan is the kernel times both marginals,
 # to a thousandth of its log.
 MOST_SLACK = 1e3
+# How far the sum of a marginal may be from 1: rounding of a million in float32.
+SUM_SLACK = 1e-3
+
+
+def _check_values(
+    emb_x: ArrayLike = (),
+    emb_y: ArrayLike = (),
+    marginal_x: ArrayLike = None,
+    marginal_y: ArrayLike = None,
+    lam: ArrayLike = 0.0,
+    relax: ArrayLike = 1.0,
+    reach: ArrayLike = None,
+    tol: ArrayLike = None,
+    **_: Any,
+) -> None:
+    """Refuse numbers that are out of range, where they are known."""
+    facts = {
+        f"lam is {lam}; give 0 or more": np.all(np.asarray(lam) >= 0),
+        f"relax is {relax}; give more than 0 and less than 2": (
+            np.all((np.asarray(relax) > 0) & (np.asarray(relax) < 2))
+        ),
+        f"reach is {reach}; give more than 0, or None": (
+            reach is None or np.all(np.asarray(reach) > 0)
+        ),
+        f"tol is {tol}; give more than 0, or None": (
+            tol is None or np.all(np.asarray(tol) > 0)
+        ),
+    }
+    for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
+        if marginal is None or np.shape(marginal) != np.shape(emb)[:1]:
+            continue
+        mass = np.asarray(jax.device_get(marginal), np.float64)
+        least, total = mass.min(initial=0), mass.sum()
+        facts[f"marginal_{name} has {least}; give masses of 0 or more"] = least >= 0
+        facts[f"marginal_{name} sums to {total}; divide it by its sum"] = (
+            reach is not None or abs(total - 1) <= SUM_SLACK
+        )
+    for message, holds in facts.items():
+        if not holds:
+            raise ValueError(f"sinkhorn: {message}")
 
 
 @jit(
+    check=_check_values,
     static_argnames=(
         "k0",
         "num_iters",
@@ -122,10 +166,16 @@ def sinkhorn(
         all mass; 0 at the optimum.
 
     Raises:
-        ValueError: shapes do not fit, or an option is out of range.
+        ValueError: shapes do not fit, or a value is out of range. Values that are
+            traced cannot be checked so: the marginal error is nan then.
     """
     num = min(num_iters, max_iters)
     _check(emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
+    if power <= 0 or unilateral_weight < 0:
+        raise ValueError(
+            f"sinkhorn: power is {power} and unilateral_weight {unilateral_weight}; "
+            "give more than 0, and 0 or more"
+        )
     kernel, marginal_x, marginal_y, recall = _kernel_between(
         emb_x,
         emb_y,
@@ -150,7 +200,16 @@ def sinkhorn(
         tol=tol,
         max_iters=max_iters,
     )
-    filtered = filtered._replace(recall=recall)
+    # Where values are traced and out of range, this says so.
+    right = (
+        (jnp.asarray(lam) >= 0) & (jnp.asarray(relax) > 0) & (jnp.asarray(relax) < 2)
+    )
+    right &= jnp.all(marginal_x >= 0) & jnp.all(marginal_y >= 0)
+    filtered = filtered._replace(
+        recall=recall,
+        marginal_error=jnp.where(right, filtered.marginal_error, jnp.nan),
+        converged=filtered.converged & right,
+    )
     if reach is None:
         return filtered
     kept_x, kept_y = sums(kernel, filtered.f, filtered.g)
@@ -215,6 +274,12 @@ def _kernel_between(
         (near_xy,),
         (near_yx,),
     )
+    # In this unit neither lengths times each other nor their powers leave the range of
+    # the type; it is a power of two, so nothing is rounded.
+    exponent = jnp.frexp(jax.lax.stop_gradient(length_xy))[1]
+    unit = jnp.ldexp(jnp.ones_like(length_xy), exponent)
+    near_xy, near_yx = (n._replace(dist=n.dist / unit) for n in (near_xy, near_yx))
+    length_xy, length_yx = length_xy / unit, length_yx / unit
     if scale == "nearest":
         length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
     lam = jnp.asarray(lam, emb_x.dtype)
@@ -238,19 +303,17 @@ def _slack(reach, lam, power: float, dtype) -> Array:
 
 def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
     """Refuse shapes that do not fit and options out of range."""
-    if emb_x.shape[1] != emb_y.shape[1]:
-        raise ValueError(
-            f"sinkhorn: emb_x has {emb_x.shape[1]} columns, emb_y {emb_y.shape[1]}"
-        )
+    check_point_sets("sinkhorn", emb_x=emb_x, emb_y=emb_y)
     for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
         if marginal is not None and marginal.shape != (len(emb),):
             raise ValueError(
                 f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
                 f"{len(emb)} rows"
             )
-    if k0 < 1 or num_iters < 1:
-        raise ValueError(
-            f"sinkhorn: k0 and num_iters must be positive, got {k0} and {num_iters}"
-        )
+    for name, number in (("k0", k0), ("num_iters", num_iters)):
+        if not isinstance(number, int) or number < 1:
+            raise ValueError(
+                f"sinkhorn: {name} is {number}; give a whole number, 1 or more"
+            )
     if scale not in ("nearest", "max"):
         raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")

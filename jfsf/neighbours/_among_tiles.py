@@ -27,6 +27,7 @@ from jfsf.array._jit import jit
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
 from jfsf.neighbours._exhaustive import (
+    check_k0,
     check_point_sets,
     float32_frame,
     inner_products,
@@ -86,7 +87,8 @@ def tiled_neighbours(
         ValueError: widths differ, k0 is not in 1..min(n, m), or min_recall is not in
             [0, 1].
     """
-    check_point_sets("tiled_neighbours", x, y, k0)
+    check_point_sets("tiled_neighbours", x=x, y=y)
+    check_k0("tiled_neighbours", k0, x, y)
     (near_xy, recall_xy, all_xy), (near_yx, recall_yx, all_yx) = map_sides(
         partial(tiled_one_way, k0=k0, min_recall=min_recall, settings=settings),
         (x, y, tiles_x, tiles_y, valid_x, valid_y),
@@ -120,11 +122,8 @@ def tiled_one_way(
     """
     if not 0 <= min_recall <= 1:
         raise ValueError(f"tiled_neighbours: min_recall is {min_recall}, not in [0, 1]")
-    if queries.shape[1:] != points.shape[1:] or not 1 <= k0 <= len(points):
-        raise ValueError(
-            f"tiled_neighbours: queries are {queries.shape}, points {points.shape} and "
-            f"k0 is {k0}; give equally many columns, and k0 from 1 to the points"
-        )
+    check_point_sets("tiled_neighbours", queries=queries, points=points)
+    check_k0("tiled_neighbours", k0, points)
     for tiles, rows in ((tiles_q, queries), (tiles_p, points)):
         if tiles.member.size < len(rows):
             raise ValueError(

@@ -20,6 +20,7 @@ from jfsf.array._top_k import TOP_K_LIMIT, with_index
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (
     ROWS,
+    check_k0,
     check_point_sets,
     float32_frame,
     inner_products,
@@ -103,7 +104,8 @@ def mutual_neighbours(
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
     """
-    check_point_sets("mutual_neighbours", x, y, k0)
+    check_point_sets("mutual_neighbours", x=x, y=y)
+    check_k0("mutual_neighbours", k0, x, y)
     x, valid_x = valid_rows(x, valid_x)
     y, valid_y = valid_rows(y, valid_y)
     if k0 + settings.margin > TOP_K_LIMIT:

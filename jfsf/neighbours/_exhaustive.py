@@ -47,17 +47,15 @@ def neighbours(
     Raises:
         ValueError: widths differ, or k0 is not in 1..m.
     """
-    if queries.shape[1] != points.shape[1]:
-        raise ValueError(
-            f"neighbours: queries have {queries.shape[1]} columns, points have "
-            f"{points.shape[1]}"
-        )
-    if not 1 <= k0 <= len(points):
-        raise ValueError(f"neighbours: k0 is {k0}, there are {len(points)} points")
+    check_point_sets("neighbours", queries=queries, points=points)
+    check_k0("neighbours", k0, points)
     safe, valid = valid_rows(points, valid)
     # The choice of neighbours is not differentiable; their distances are.
     frozen = jax.lax.stop_gradient(safe)
     scaled = float32_frame(frozen, valid, jax.lax.stop_gradient(queries))
+    # Squares of differences in this unit neither overflow nor vanish.
+    unit = _frame(frozen, valid, jax.lax.stop_gradient(queries))[1]
+    in_unit = safe / unit
     fast = scaled(frozen)
     offset = jnp.where(valid, 0.5 * jnp.sum(fast**2, 1), jnp.inf)
     fast, offset = pad_rows(fast, GROUP), pad_rows(offset, GROUP, jnp.inf)
@@ -70,7 +68,7 @@ def neighbours(
         score = inner_products(fast, scaled(jax.lax.stop_gradient(rows)))
         count = min(k0 + settings.margin, len(points))
         near = _select(score - offset[:, None], count)
-        dist = _distances(rows, near, safe, valid)
+        dist = unit * _distances(rows / unit, near, in_unit, valid)
         dist, near = jax.lax.sort((dist, near), num_keys=2)
         dist, near = dist[:, :k0], near[:, :k0]
         return Neighbours(jnp.where(jnp.isfinite(dist), near, 0), dist)
@@ -95,13 +93,39 @@ def neighbours_of_valid(
     return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
 
 
-def check_point_sets(function: str, x: Array, y: Array, k0: int) -> None:
-    """ValueError in the name of `function` if x, y and k0 do not fit."""
+def check_point_sets(function: str, **sets: Array) -> None:
+    """ValueError in the name of `function` unless these two sets fit each other.
+
+    Args:
+        function: opens the message.
+        sets: two arrays by their names, each (n, k) of floating numbers, n and k at
+            least 1, and of one k.
+    """
+    for name, points in sets.items():
+        if points.ndim != 2 or 0 in points.shape:
+            raise ValueError(
+                f"{function}: {name} has shape {points.shape}; give one row a point, "
+                "one or more, of one column or more"
+            )
+        if not jnp.issubdtype(points.dtype, jnp.floating):
+            raise ValueError(
+                f"{function}: {name} is {points.dtype}; give floating numbers"
+            )
+    (name_x, x), (name_y, y) = sets.items()
     if x.shape[1] != y.shape[1]:
-        raise ValueError(f"{function}: x has {x.shape[1]} columns, y has {y.shape[1]}")
-    if not 1 <= k0 <= min(len(x), len(y)):
         raise ValueError(
-            f"{function}: k0 is {k0}, there are {len(x)} and {len(y)} points"
+            f"{function}: {name_x} has {x.shape[1]} columns, {name_y} has {y.shape[1]}"
+        )
+
+
+def check_k0(function: str, k0: int, x: Array, y: Array | None = None) -> None:
+    """ValueError in the name of `function` unless each set has k0 points, 1 or more."""
+    sizes = [len(points) for points in (x, y) if points is not None]
+    if not isinstance(k0, int) or not 1 <= k0 <= min(sizes):
+        there = " and ".join(map(str, sizes))
+        raise ValueError(
+            f"{function}: k0 is {k0}, there are {there} points; give a whole number "
+            "from 1 to that"
         )
 
 
@@ -118,11 +142,13 @@ def measure_distances(
     # Not derived from the distances: XLA leaves those out if only indices are used.
     known = in_range & valid_q[:, None] & valid_p[idx]
     in_blocks = lambda a: pad_rows(a, ROWS).reshape(-1, ROWS, a.shape[1])
+    unit = _frame(*jax.lax.stop_gradient((points, valid_p, queries)))[1]
+    in_unit = points / unit
     blocks = jax.lax.map(
-        lambda block: _distances(block[0], block[1], points, valid_p),
-        (in_blocks(queries), in_blocks(idx)),
+        lambda block: _distances(block[0], block[1], in_unit, valid_p),
+        (in_blocks(queries / unit), in_blocks(idx)),
     )
-    dist = jnp.reshape(blocks, (-1, idx.shape[1]))[: len(queries)]
+    dist = unit * jnp.reshape(blocks, (-1, idx.shape[1]))[: len(queries)]
     return Neighbours(jnp.where(known, idx, 0), jnp.where(known, dist, jnp.inf))
 
 
@@ -160,6 +186,12 @@ def float32_frame(points: Array, valid: Array, queries: Array):
     a query is above `FARTHEST` units either: the squares of farther ones would be
     larger than what marks points that are not valid.
     """
+    centre, unit = _frame(points, valid, queries)
+    return lambda x: ((x - centre[None]) / unit).astype(jnp.float32)
+
+
+def _frame(points: Array, valid: Array, queries: Array) -> tuple[Array, Array]:
+    """Origin and unit of `float32_frame`."""
     count = jnp.maximum(valid.sum(), 1).astype(points.dtype)
     centre = points.sum(0) / count
     gap = jnp.where(valid[:, None], jnp.abs(points - centre[None]), 0).max()
@@ -169,8 +201,7 @@ def float32_frame(points: Array, valid: Array, queries: Array):
     exponent = jnp.where(gap > 0, jnp.maximum(exponent, least), least)
     exponent = jnp.maximum(exponent, jnp.finfo(points.dtype).minexp)
     unit = jnp.ldexp(jnp.ones((), points.dtype), exponent)
-    centre = jnp.round(centre / unit) * unit
-    return lambda x: ((x - centre[None]) / unit).astype(jnp.float32)
+    return jnp.round(centre / unit) * unit, unit
 
 
 def pad_rows(x: Array, multiple: int, value: float = 0.0) -> Array:
