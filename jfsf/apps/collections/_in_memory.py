@@ -36,7 +36,8 @@ class InMemory:
     ):
         self.meshes = list(meshes)
         self.members: list[Member | None] = [None] * len(meshes)
-        self.names, self.orientation, self.say = names, orientation, say
+        self.names, self.say = names, say
+        self.orientation: Orientation = orientation
         self.settings, self.cache = settings, cache
 
     def match(self, edges: list[Edge], turned: bool) -> list[Matched]:
