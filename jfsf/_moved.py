@@ -34,6 +34,18 @@ NAMES: dict[str, dict[str, str]] = {
         "Unbalanced": "jfsf.types.Filtered, its membership_x and membership_y",
     },
     "initial": {"best_start": "jfsf.initial.search_starts, the first of the two"},
+    "mesh": {
+        "outliers": "Open3D's remove_statistical_outlier",
+        "floor_points": "Open3D's segment_plane",
+        "mirror_image": "jfsf.testing.mirror",
+        "vertex_normals": "trimesh.Trimesh(*mesh).vertex_normals",
+        "face_normals": "trimesh.Trimesh(*mesh).face_normals",
+    },
+    "apps.collections": {
+        "synchronise": "jfsf.apps.collections.Collection.map_between",
+        "PairSettings": "jfsf.apps.collections.CollectionSettings, its pairs_a_shape",
+        "mirrored": "jfsf.apps.collections.reason",
+    },
     "neighbours": {"mutual_neighbours": "jfsf.neighbours.neighbours, each way"},
 }
 

@@ -24,6 +24,9 @@ Read in this order:
 - `_appearance`: its colours, and its texture coordinates
 """
 
+from typing import TYPE_CHECKING
+
+from jfsf._moved import names_of
 from jfsf.mesh._appearance import read_uv, vertex_colours
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._closest import OnSurface, closest
@@ -67,3 +70,6 @@ __all__ = [
     "without_holes",
     "without_strays",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = names_of(__name__)

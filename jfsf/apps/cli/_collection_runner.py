@@ -1,5 +1,7 @@
 """The work of `jfsf collection`: jobs are made, and what they wrote is read."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from zipfile import is_zipfile
@@ -71,23 +73,24 @@ def number_of(shapes, reasons, template: Path | None) -> int | None:
     return list(shapes).index(name)
 
 
+@dataclass(frozen=True)
 class OnFiles:
     """Does the work of a collection by jobs (`Runner`).
 
     A file that is not older than what it is made from stays as it is.
+
+    out: folder of the results.
+    names: of the shapes.
+    orientation: as `jfsf.collection`.
+    report: whether each shape gets a page.
+    run: `outcomes`, on some client.
     """
 
-    def __init__(self, out: Path, names: list[str], orientation: str, report, run):
-        """
-        Args:
-            out: folder of the results.
-            names: of the shapes.
-            orientation: as `collection`.
-            report: whether each shape gets a page.
-            run: `outcomes`, on some client.
-        """
-        self.out, self.names, self.run = out, names, run
-        self.orientation, self.report = orientation, report
+    out: Path
+    names: list[str]
+    orientation: str
+    report: bool
+    run: Callable[..., dict[Path, str | None]]
 
     def match(self, edges, turned: bool):
         from jfsf.batch._jobs import Job

@@ -16,6 +16,9 @@ Read in this order:
 - `_collection`: many meshes to one topology
 """
 
+from typing import TYPE_CHECKING
+
+from jfsf._moved import names_of
 from jfsf.apps.collections._agree import agreed_map
 from jfsf.apps.collections._collection import Collection, collection
 from jfsf.apps.collections._cycles import trust
@@ -34,3 +37,6 @@ __all__ = [
     "trust",
     "unlikeness",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = names_of(__name__)

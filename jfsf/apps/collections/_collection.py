@@ -158,7 +158,7 @@ def collection(
         say(f"spectrum of {name}")
         spec = basis(mesh, name=name, settings=settings.match, cache=cache)
         sketches.append(sketch(spec))
-    runner = InMemory(meshes, names, orientation, settings, cache, say)
+    runner = InMemory(list(meshes), names, orientation, settings, cache, say)
     graph, _ = join_shapes(
         sketches,
         runner,
@@ -167,7 +167,8 @@ def collection(
         mirror=mirror,
         pairs_a_shape=settings.pairs_a_shape,
     )
-    return Collection(names, tuple(runner.meshes), graph, tuple(runner.members))
+    members = tuple(runner.members.get(i) for i in range(len(names)))
+    return Collection(names, tuple(runner.meshes), graph, members)
 
 
 def check_surface(mesh: Mesh, name: str) -> None:

@@ -1,6 +1,7 @@
 """The work of a collection, on meshes in memory."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 
 from jfsf.apps.collections._agree import OtherShape
 from jfsf.apps.collections._grow import Graph, Matched, matched
@@ -18,26 +19,26 @@ from jfsf.mesh._edit import mirror_image
 from jfsf.types import Mesh
 
 
+@dataclass
 class InMemory:
     """Does the work of a collection on meshes (`Runner`): what fails, raises.
 
-    meshes: those that were mirrored back are so once the template was placed.
-    members: of each shape; None for one on which the template was not placed.
+    meshes: of all shapes; those that are mirrored back are so after `place`.
+    names: of the shapes.
+    orientation: as `collection`.
+    settings: of all steps.
+    cache: as `collection`.
+    say: called with the name of each step as it begins.
+    members: of each shape on which the template was placed, by its number.
     """
 
-    def __init__(
-        self,
-        meshes: Sequence[Mesh],
-        names: Sequence[str],
-        orientation: Orientation,
-        settings: CollectionSettings,
-        cache: bool,
-        say: Callable[[str], object],
-    ):
-        self.meshes = list(meshes)
-        self.members: list[Member | None] = [None] * len(meshes)
-        self.names, self.orientation, self.say = names, orientation, say
-        self.settings, self.cache = settings, cache
+    meshes: list[Mesh]
+    names: Sequence[str]
+    orientation: Orientation
+    settings: CollectionSettings
+    cache: bool
+    say: Callable[[str], object]
+    members: dict[int, Member] = field(default_factory=dict)
 
     def match(self, edges: list[Edge], turned: bool) -> list[Matched]:
         found, of = [], "the mirror image of " if turned else ""
@@ -71,7 +72,7 @@ class InMemory:
     def agree(self, graph: Graph, maps) -> dict[int, str]:
         base = self.meshes[graph.paths.template]
         # All by what `place` made, whichever comes first.
-        placed = {i: own for i, own in enumerate(self.members) if own is not None}
+        placed = dict(self.members)
         for i, known in maps.items():
             if i == graph.paths.template:
                 continue
