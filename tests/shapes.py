@@ -1,9 +1,10 @@
-"""Embedded bodies with few faces, and their ground truth."""
+"""Meshes that many tests share, and how they are written."""
 
 from functools import cache
 
 import fast_simplification
 import numpy as np
+import trimesh
 from scipy.spatial import KDTree
 
 from jfsf.data import load
@@ -19,3 +20,31 @@ def small(name, faces):
     )
     near = np.asarray(KDTree(points).query(mesh.vertices)[1])
     return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
+
+
+def sphere(subdivisions=2):
+    """The unit sphere: 12, 42, 162, 642 or 2562 vertices."""
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return Mesh(np.array(ball.vertices), np.array(ball.faces, np.int32))
+
+
+def bumpy(seed=0, subdivisions=2):
+    """An ellipsoid without symmetry, whose bumps are higher than `testing.blob`'s."""
+    (v, faces), rng = sphere(subdivisions), np.random.default_rng(seed)
+    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
+    return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], faces)
+
+
+def write_off(path, mesh):
+    """With all digits."""
+    with path.open("w") as file:
+        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
+        np.savetxt(file, mesh.vertices, "%.17g")
+        np.savetxt(file, np.insert(mesh.faces, 0, 3, axis=1), "%d")
+
+
+def frozen(mesh):
+    """The mesh, whose arrays cannot be written to."""
+    for array in mesh:
+        array.flags.writeable = False
+    return mesh

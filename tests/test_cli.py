@@ -20,6 +20,7 @@ import pytest
 import trimesh
 from rich.console import Console
 from scipy.spatial import KDTree
+from shapes import write_off
 from typer.testing import CliRunner
 
 from jfsf import __version__
@@ -83,13 +84,6 @@ def small(name):
     return Sample(Mesh(vertices, faces), np.asarray(KDTree(vertices).query(points)[1]))
 
 
-def write_off(path, mesh):
-    with path.open("w") as file:
-        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
-        np.savetxt(file, mesh.vertices, "%.17g")
-        np.savetxt(file, np.insert(mesh.faces, 0, 3, axis=1), "%d")
-
-
 @pytest.fixture(scope="module")
 def shapes():
     return {name: small(name) for name in PAIR}
@@ -102,7 +96,7 @@ def returned():
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, shapes, returned):
+def folder(tmp_path_factory, shapes, returned, all_run_once):
     """Meshes, ground truth, and the files and output of `jfsf match` for them."""
     folder = tmp_path_factory.mktemp("cli")
     for name, sample in shapes.items():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from shapes import frozen
 
 from jfsf import data, testing
 from jfsf.mesh import denoised, surface_area
@@ -43,12 +44,6 @@ def spiky(mesh, number, seed=0):
     vertices = mesh.vertices.copy()
     vertices[at] += away * np.sqrt(surface_area(mesh)) / 2
     return Mesh(vertices, mesh.faces), np.sort(at)
-
-
-def frozen(mesh):
-    for array in mesh:
-        array.flags.writeable = False
-    return mesh
 
 
 @pytest.mark.parametrize("name", CLEAN)

@@ -4,32 +4,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from shapes import bumpy
 
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import FeatureSettings, features, hks, spectrum, wks
 from jfsf.spectral._descriptors import standardise
 from jfsf.testing import cast
-from jfsf.types import Mesh
 
 K = 40
 SPOTS = jnp.array([3, 100, 41])
 both_signatures = pytest.mark.parametrize("signature", [wks, hks])
 
 
-def blob(seed=0, unit=1.0):
-    ball = trimesh.creation.icosphere(subdivisions=2)  # 162 vertices
-    v, rng = np.array(ball.vertices), np.random.default_rng(seed)
-    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
-    return Mesh(
-        v * bumps[:, None] * [unit, 1.4 * unit, 2 * unit],
-        np.array(ball.faces, np.int32),
-    )
-
-
-SPEC = cast(spectrum(blob(), K, cache=False))
+SPEC = cast(spectrum(bumpy(), K, cache=False))
 
 
 @both_signatures
@@ -62,7 +51,8 @@ def test_signs_change_nothing(signature, seed):
 
 @both_signatures
 def test_units_change_nothing(signature):
-    other = cast(spectrum(blob(unit=1000.0), K, cache=False))
+    mesh = bumpy()._replace(vertices=1000 * bumpy().vertices)
+    other = cast(spectrum(mesh, K, cache=False))
     assert jnp.allclose(signature(other, SPOTS), signature(SPEC, SPOTS), rtol=1e-6)
 
 
@@ -102,7 +92,7 @@ def test_a_landmark_sees_itself_as_the_global_signature_does(signature):
 
 @both_signatures
 def test_vmap_equals_the_loop(signature):
-    specs = [cast(spectrum(blob(seed), K, cache=False)) for seed in (1, 2)]
+    specs = [cast(spectrum(bumpy(seed), K, cache=False)) for seed in (1, 2)]
     spots = jnp.stack([SPOTS, SPOTS + 1])
     stacked = jax.tree.map(lambda *a: jnp.stack(a), *specs)
     batch = jax.vmap(lambda s, l: signature(s, l, num=20))(stacked, spots)

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shapes import bumpy
 
 import jfsf.data
 from jfsf import initial
@@ -19,7 +20,7 @@ from jfsf.initial._linear import solve
 from jfsf.initial._terms import combine, shape_terms, terms
 from jfsf.spectral import functional_map, spectrum, wks
 from jfsf.spectral._orientation import brackets, orientation_score
-from jfsf.testing import cast
+from jfsf.testing import cast, mirror
 from jfsf.types import Mesh
 
 DEFAULT = Weights()
@@ -34,18 +35,6 @@ def fit(x, y, desc_x, desc_y, weights=DEFAULT, *, k, solver="jaxopt", **options)
     return initial.fit(x, y, desc_x, desc_y, weights, k=k, solver=solver, **options)
 
 
-def blob(seed=0, subdivisions=2):
-    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
-    v, rng = np.array(ball.vertices), np.random.default_rng(seed)
-    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
-    faces = np.array(ball.faces, np.int32)
-    return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], faces)
-
-
-def mirrored(mesh):
-    return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
-
-
 def spec_of(mesh, k=30):
     return cast(spectrum(mesh, k, cache=False))
 
@@ -55,7 +44,7 @@ def random(seed, *shape):
 
 
 # The first 42 vertices of X's icosphere are Y's.
-X, Y = spec_of(blob()), spec_of(blob(0, 1), 20)
+X, Y = spec_of(bumpy()), spec_of(bumpy(0, 1), 20)
 N_X, N_Y, K = 162, 42, 7
 DESC_X, DESC_Y = (
     wks(X, jnp.array([0, 5, 30]), num=8),
@@ -166,7 +155,7 @@ def test_relabelling_changes_nothing(seed):
 
 
 def test_a_known_map_between_meshes_of_different_size():
-    fine, coarse = blob(0, 3), blob(0, 2)  # 642 and 162 vertices on one surface
+    fine, coarse = bumpy(0, 3), bumpy(0, 2)  # 642 and 162 vertices on one surface
     x, y = spec_of(fine), spec_of(coarse)
     gap = fine.vertices[:, None] - coarse.vertices[None]
     truth = functional_map(jnp.asarray((gap**2).sum(2).argmin(1)), x, y)[:10, :10]
@@ -218,7 +207,7 @@ def test_the_orientation_weight_chooses_the_side():
 
 
 def test_a_mirrored_copy_wants_a_negative_weight():
-    y = spec_of(mirrored(blob()))
+    y = spec_of(mirror(bumpy()))
     desc_y = wks(y, jnp.array([0, 5, 30]), num=8)
     truth = functional_map(jnp.arange(N_X), X, y)[:12, :12]
     good, bad = (

@@ -8,17 +8,13 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from shapes import sphere
 
 from jfsf.geometry import GeodesicSolver, geodesics, pair_distances
 from jfsf.geometry._geodesics import vertex_indices
 from jfsf.types import Mesh
 
 NO_FACES = np.zeros((0, 3), np.int32)
-
-
-def sphere(subdivisions=3):
-    ball = trimesh.creation.icosphere(subdivisions)
-    return Mesh(np.array(ball.vertices), np.array(ball.faces, np.int32))
 
 
 def square(n=8, seed=0):
@@ -60,7 +56,7 @@ def test_exact_distances_in_the_plane_are_euclidean(seed):
     "exact, worst, mean", [(True, 0.01, 0.005), (False, 0.08, 0.02)]
 )
 def test_great_circles(exact, worst, mean):
-    mesh = sphere()
+    mesh = sphere(3)
     sources = [0, 17, 300]
     truth = np.arccos(np.clip(mesh.vertices[sources] @ mesh.vertices.T, -1, 1))
     gap = np.abs(geodesics(mesh, sources, exact=exact) - truth)
@@ -194,7 +190,7 @@ def test_faces_that_crash_the_solvers_are_left_out(exact):
 
 
 def test_point_cloud():
-    mesh = sphere()
+    mesh = sphere(3)
     cloud = mesh._replace(faces=NO_FACES)
     truth = np.arccos(np.clip(mesh.vertices[[0]] @ mesh.vertices.T, -1, 1))
     found = geodesics(cloud, [0])

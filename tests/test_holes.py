@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist
+from shapes import frozen
 
 from jfsf import data, testing
 from jfsf.mesh import check, largest_component, surface_area, without_holes
@@ -25,12 +26,6 @@ def without_balls(mesh, centres, radius):
     for centre in mesh.vertices[centres]:
         near |= np.linalg.norm(mesh.vertices - centre, axis=1) < radius
     return largest_component(Mesh(mesh.vertices, mesh.faces[~near[mesh.faces].any(1)]))
-
-
-def frozen(mesh):
-    for array in mesh:
-        array.flags.writeable = False
-    return mesh
 
 
 @given(st.integers(1, 4), testing.seeds)

@@ -6,9 +6,9 @@ import jax.test_util
 import numpy as np
 import oracles
 import pytest
-import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from shapes import bumpy
 
 import jfsf.data
 from jfsf.spectral import functional_map, spectrum
@@ -21,29 +21,16 @@ from jfsf.spectral._orientation import (
     carried_fields,
     orientation_score,
 )
-from jfsf.testing import cast
-from jfsf.types import Mesh
+from jfsf.testing import cast, mirror
 
 seeds = st.integers(0, 10**6)
-
-
-def blob(seed=0):
-    ball = trimesh.creation.icosphere(subdivisions=2)  # 162 vertices
-    v, rng = np.array(ball.vertices), np.random.default_rng(seed)
-    bumps = 1 + 0.2 * np.sin(v @ rng.normal(size=(3, 4)) * 2) @ rng.normal(size=4)
-    faces = np.array(ball.faces, np.int32)
-    return Mesh(v * bumps[:, None] * [1.0, 1.4, 2.0], faces)
-
-
-def mirrored(mesh):
-    return Mesh(mesh.vertices * [-1, 1, 1], mesh.faces[:, ::-1])
 
 
 def spec_of(mesh, k=30):
     return cast(spectrum(mesh, k, cache=False))
 
 
-SPEC = spec_of(blob())
+SPEC = spec_of(bumpy())
 # A map whose score is far from 0 and 1, so that it can change.
 ANY = jnp.eye(FUNCTIONS) + 0.1 * jnp.asarray(
     np.random.default_rng(0).normal(size=(20, 20))
@@ -61,7 +48,7 @@ def block_rotation(seed, *ends):
 
 @given(seed=seeds)
 def test_brackets_match_gradients_face_by_face(seed):
-    mesh = blob(seed)
+    mesh = bumpy(seed)
     functions = np.random.default_rng(seed).normal(size=(162, 3))
     spec = SPEC._replace(evecs=jnp.asarray(functions), faces=jnp.asarray(mesh.faces))
     ours = brackets(spec, k=3)
@@ -104,8 +91,8 @@ def test_the_identity_scores_one():
 
 @given(seed=seeds)
 def test_a_mirrored_copy_scores_minus_one(seed):
-    mesh = blob(seed)
-    x, y = spec_of(mesh), spec_of(mirrored(mesh))
+    mesh = bumpy(seed)
+    x, y = spec_of(mesh), spec_of(mirror(mesh))
     C_yx = functional_map(jnp.arange(162), x, y)
     tensors = brackets(x, k=FUNCTIONS), brackets(y, k=FUNCTIONS)
     assert np.isclose(orientation_score(C_yx, *tensors), -1, atol=1e-6)
@@ -125,7 +112,7 @@ def test_real_shapes_and_their_mirrors():
     sample = cast(spectrum(x.mesh, 30, cache=False))
     weight = sample.mass * jnp.asarray(known, float)
     sample = sample._replace(mass=weight / weight.sum())
-    for mesh, sign in ((y.mesh, 1), (mirrored(y.mesh), -1)):
+    for mesh, sign in ((y.mesh, 1), (mirror(y.mesh), -1)):
         spec_y = spec_of(mesh)
         C_yx = functional_map(jnp.asarray(T_xy), sample, spec_y)
         value = orientation_score(
@@ -138,7 +125,7 @@ def test_real_shapes_and_their_mirrors():
 def test_signs_and_turns_of_eigenvectors_change_nothing(seed):
     turn_x = block_rotation(seed, FUNCTIONS)
     turn_y = block_rotation(seed + 1, 1, PULLED_BACK + 1, FUNCTIONS)
-    other = brackets(spec_of(blob(1)), k=FUNCTIONS)
+    other = brackets(spec_of(bumpy(1)), k=FUNCTIONS)
 
     def turned(tensor, turn):
         return jnp.einsum("cab,ci,aj,bk->ijk", tensor, turn, turn, turn)
@@ -171,7 +158,7 @@ def test_any_size_of_map(shape):
 
 
 def test_vmap_equals_the_loop():
-    specs = [spec_of(blob(seed)) for seed in (1, 2)]
+    specs = [spec_of(bumpy(seed)) for seed in (1, 2)]
     stacked = jax.tree.map(lambda *a: jnp.stack(a), *specs)
     tensors = jax.vmap(lambda s: brackets(s, k=FUNCTIONS))(stacked)
     own = brackets(SPEC, k=FUNCTIONS)
@@ -184,7 +171,7 @@ def test_vmap_equals_the_loop():
 
 
 def test_the_gradient_is_right():
-    tensors = brackets(SPEC, k=FUNCTIONS), brackets(spec_of(blob(1)), k=FUNCTIONS)
+    tensors = brackets(SPEC, k=FUNCTIONS), brackets(spec_of(bumpy(1)), k=FUNCTIONS)
     step = jnp.asarray(np.random.default_rng(0).normal(size=ANY.shape))
     slope = jnp.sum(jax.grad(orientation_score)(ANY, *tensors) * step)
     h = 1e-6
@@ -230,7 +217,7 @@ def test_carried_fields_agree_under_the_true_map_and_tell_a_mirror():
     assert on_y.shape[1] == PULLED_BACK * (PULLED_BACK - 1) // 2
     np.testing.assert_allclose(SPEC.mass @ on_y**2, COLUMN_WEIGHT**2)
     # The mirror image has other eigenfunctions' signs, and C_yx goes with them.
-    other = spec_of(mirrored(blob()))
+    other = spec_of(mirror(bumpy()))
     C_yx = functional_map(jnp.arange(162), SPEC, other)[:FUNCTIONS, :FUNCTIONS]
     on_x, on_y = carried(C_yx, fields, bracket_fields(other), other)
     np.testing.assert_allclose(on_x, -on_y, atol=1e-3)

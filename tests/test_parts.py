@@ -100,7 +100,7 @@ def steps():
 
 
 @pytest.fixture(scope="module")
-def found(steps):
+def found(steps, all_run_once):
     """The part, turned, matched with the whole."""
     return partial_match(turned(PART.mesh), WHOLE, progress=steps.append)
 
@@ -335,7 +335,7 @@ def test_two_units_are_named_with_a_map_and_without(initial):
         partial_match(large, WHOLE, initial=initial)
 
 
-def test_a_scale_far_from_one_is_found_where_units_may_differ():
+def test_a_scale_far_from_one_is_found_where_units_may_differ(quick):
     small = Mesh(PART.mesh.vertices / 2.2, PART.mesh.faces)
     settings = PartSettings(
         anchors=10, beam=400, samples_of_part=60, samples_of_whole=150

@@ -15,6 +15,7 @@ from pathlib import Path
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from shapes import write_off
 from typer.testing import CliRunner
 
 from jfsf import testing
@@ -305,13 +306,6 @@ def test_not_text(tmp_path):
     (path := tmp_path / "pairs.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(ValueError, match="is not a CSV file"):
         read_pairs(path)
-
-
-def write_off(path, mesh):
-    with path.open("w") as file:
-        file.write(f"OFF\n{len(mesh.vertices)} {len(mesh.faces)} 0\n")
-        np.savetxt(file, mesh.vertices, "%.17g")
-        np.savetxt(file, np.insert(mesh.faces, 0, 3, axis=1), "%d")
 
 
 def blobs(folder, count):
