@@ -2,12 +2,12 @@
 
 Read in this order:
 
+- `_static`: static arguments by their content, as keys and as text
 - `_jit`: functions that are compiled, with their types
 - `_precision`: products in full float32 precision, and division that leaves out 0
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once
 - `_sequential_vmap`: functions that vmap runs as a loop
-- `_static`: static arguments by their content, as keys and as text
 """
 
 from jfsf.array._jit import jit

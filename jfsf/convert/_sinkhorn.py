@@ -4,6 +4,8 @@ Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbo
 here those both ways, Sinkhorn scaling to the marginals, row and column argmax of the
 plan. With a `reach` mass without a partner may go: unbalanced entropic transport
 (Chizat et al., Math. Comp. 2018) on the same kernel.
+
+This file is long because every option is explained, and every value is checked.
 """
 
 from functools import partial
