@@ -87,8 +87,9 @@ FIGURES: dict[str, Figure] = {
         "share that nearest neighbour maps alike", "Of the vertices of X.", _NO_PLAN
     ),
     "recall": Figure(
-        "share of nearest neighbours that the last search found",
-        "An estimate of the search among tiles; 1 where all points were compared.",
+        "share of neighbours that the last search found",
+        "An estimate, of a sample: of the nearest where there are tiles, else of all "
+        "neighbours; 1 where all are found.",
         _NO_PLAN,
         since="0.3",
     ),

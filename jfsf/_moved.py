@@ -42,7 +42,7 @@ NAMES: dict[str, dict[str, str]] = {
         "face_normals": "trimesh.Trimesh(*mesh).face_normals",
     },
     "apps.collections": {
-        "synchronise": "the maps by way of the template, jfsf.apps.collections.Collection",
+        "synchronise": "the maps of jfsf.apps.collections.Collection",
         "PairSettings": "jfsf.apps.collections.CollectionSettings, its pairs_a_shape",
         "mirrored": "jfsf.apps.collections.reason",
     },

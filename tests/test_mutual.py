@@ -11,7 +11,13 @@ from hypothesis import strategies as st
 from precisions import FLOATS
 
 from jfsf import data, testing
-from jfsf.neighbours._both_ways import BINS, ROWS, mutual_neighbours
+from jfsf.neighbours import NeighbourSearch, NeighbourSettings
+from jfsf.neighbours._both_ways import (
+    BINS,
+    ROWS,
+    mutual_neighbours,
+    neighbours_both_ways,
+)
 
 N, M, WIDTH = 150, 301, 4  # neither fills its last block
 FEWEST = 20  # with so many neighbours or more, M points have no bins
@@ -99,6 +105,24 @@ def test_points_that_coincide_are_all_found_and_ties_go_to_the_lower_index():
     for near in (xy, yx):
         assert (np.asarray(near.idx) == first[:, None] + np.arange(20)).all()
         assert (np.asarray(near.dist) == 0).all()
+
+
+@pytest.mark.parametrize("dtype", FLOATS)
+@pytest.mark.parametrize("bins", [2, 12])
+def test_with_bins_few_neighbours_are_missed_and_recall_says_how_many(dtype, bins):
+    settings = NeighbourSettings(bins=bins, checked=1000)
+    x, y = arrays(random(0, MANY_X, WIDTH), random(1, MANY_Y, WIDTH))
+    x, y = x.astype(dtype), y.astype(dtype)
+    search = NeighbourSearch(settings=settings)
+    found = neighbours_both_ways(x, y, None, None, search, k0=K0)
+    shares = []
+    for near, sides in ((found.near_xy, (x, y)), (found.near_yx, (y, x))):
+        idx, dist = oracles.neighbours(*(np.asarray(s, float) for s in sides), K0)
+        np.testing.assert_allclose(near.dist.min(1), dist[:, 0], rtol=1e-4)
+        rows = zip(np.asarray(near.idx), idx, strict=True)
+        shares.append(np.mean([len(np.intersect1d(*row)) / K0 for row in rows]))
+    assert abs(float(found.recall) - min(shares)) < 0.02
+    assert (0.96 if bins == 12 else 0.7) < found.recall < 1
 
 
 @pytest.mark.slow

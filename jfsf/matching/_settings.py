@@ -71,7 +71,8 @@ class Settings:
     bend: how shapes are deformed.
     converter: the last converter. The certificate needs its plan for three of its
         figures; they are nan without one.
-    neighbours: how neighbours are searched, for all converters.
+    neighbours: how neighbours are searched, for all converters. Where there are no
+        tiles the search is approximate, as when the other numbers were chosen.
     tiles_above: vertices of the larger shape, padding included, above which neighbours
         are searched among tiles, at a cost that grows like n
         (`experiments/bench/bench_large.py`).
@@ -101,7 +102,7 @@ class Settings:
     last_rounds: int = 2
     bend: ArapSettings = field(default_factory=ArapSettings)
     converter: Converter = sinkhorn
-    neighbours: NeighbourSettings = field(default_factory=NeighbourSettings)
+    neighbours: NeighbourSettings = NeighbourSettings(bins=12)
     tiles_above: int = 2000
     samples: int = 4096
     exhaustive_up_to: int = 20_480

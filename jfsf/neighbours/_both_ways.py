@@ -3,7 +3,8 @@
 Of each bin of points the best two are kept, where the approximate top-k of accelerators
 keeps one (Chern et al., NeurIPS 2022, "TPU-KNN"), and of all others the best score. It
 tells which rows have all their neighbours. The few that may not are searched among all
-points, so the result is exact. Memory is O(n k0).
+points, so the result is exact. The approximate search is there too, if it is asked for
+(`NeighbourSettings.bins`). Memory is O(n k0).
 """
 
 from functools import partial
@@ -60,7 +61,8 @@ def neighbours_both_ways(
         k0: neighbours of a point, at most the number of points in the smaller set.
 
     Returns:
-        The neighbours; without tiles all are found: recall is 1, searched_all is true.
+        The neighbours; without tiles searched_all is true, and all are found, but with
+        `bins`.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -73,8 +75,11 @@ def neighbours_both_ways(
             x, y, *search.tiles, valid_x, valid_y, min_recall=recall, **options
         )
     near_xy, near_yx = mutual_neighbours(x, y, valid_x, valid_y, **options)
-    one = jnp.ones((), near_xy.dist.dtype)
-    return NeighboursBothWays(near_xy, near_yx, one, jnp.ones((), bool))
+    recall = jnp.ones((), near_xy.dist.dtype)
+    if search.settings.bins is not None:
+        sides = (near_xy, x, y, valid_y), (near_yx, y, x, valid_x)
+        recall = jnp.fmin(*map_sides(partial(_recall, **options), *sides))
+    return NeighboursBothWays(near_xy, near_yx, recall, jnp.ones((), bool))
 
 
 @jit(static_argnames=("k0", "settings"))
@@ -89,17 +94,19 @@ def mutual_neighbours(
 ) -> tuple[Neighbours, Neighbours]:
     """The neighbours in y of each x and in x of each y, at the cost of one product.
 
-    They are those of `jfsf.neighbours`, each way. With k0 + `margin` above
-    `TOP_K_LIMIT` each direction is searched on its own.
+    They are those of `jfsf.neighbours`, each way, but with `bins`. With k0 + `margin`
+    above `TOP_K_LIMIT` each direction is searched on its own.
 
     Args:
         x, y: rows of one Euclidean space.
         valid_x, valid_y: points that take part; all when absent.
         k0: neighbours of a point, at most the number of points in the smaller set.
-        settings: `margin` is read.
+        settings: `margin` and `bins` are read.
 
     Returns:
-        As `neighbours`. A point that is not valid or not finite has no neighbours.
+        As `neighbours`; with `bins` they come in the order of float32 distances, which
+        differ by up to 1e-4 of themselves. A point that is not valid or not finite has
+        no neighbours.
 
     Raises:
         ValueError: widths differ, or k0 is not in 1..min(n, m).
@@ -108,20 +115,36 @@ def mutual_neighbours(
     check_k0("mutual_neighbours", k0, x, y)
     x, valid_x = valid_rows(x, valid_x)
     y, valid_y = valid_rows(y, valid_y)
-    if k0 + settings.margin > TOP_K_LIMIT:
+    exact = settings.bins is None
+    if k0 + (settings.margin if exact else 0) > TOP_K_LIMIT:
         sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
         return map_sides(partial(neighbours_of_valid, k0=k0, settings=settings), *sides)
     find = sequential_vmap(partial(_indices, k0=k0, settings=settings))
     idx_xy, idx_yx = find(*jax.lax.stop_gradient((x, y)), valid_x, valid_y)
-    return (
-        _nearest_of(idx_xy, x, y, valid_x, valid_y, k0),
-        _nearest_of(idx_yx, y, x, valid_y, valid_x, k0),
-    )
+    near_xy = measure_distances(x, idx_xy, y, valid_x, valid_y)
+    near_yx = measure_distances(y, idx_yx, x, valid_y, valid_x)
+    if not exact:
+        return near_xy, near_yx
+    return _nearest_of(near_xy, k0), _nearest_of(near_yx, k0)
 
 
-def _nearest_of(idx, queries, points, valid_q, valid_p, k0: int) -> Neighbours:
-    """The nearest k0 of these points of each query, ties to the lower index."""
-    near = measure_distances(queries, idx, points, valid_q, valid_p)
+def _recall(near: Neighbours, queries, points, valid_p, *, k0: int, settings):
+    """Share of the neighbours that were found, of a sample of the queries."""
+    checked = min(settings.checked, len(queries))
+    at = jnp.arange(checked) * (len(queries) // checked)
+    given = jax.lax.stop_gradient(near.dist[at])
+    some, points = jax.lax.stop_gradient((queries[at], points))
+    exact = neighbours(some, points, valid_p, k0=k0, settings=settings).dist
+    there = jnp.isfinite(exact) & jnp.isfinite(given[:, :1])
+    farthest = jnp.where(there, exact, 0).max(1, keepdims=True)
+    found = there & (given <= farthest * (1 + settings.tolerance))
+    share, total = (jnp.sum(a).astype(given.dtype) for a in (found, there))
+    return share / total
+
+
+def _nearest_of(near: Neighbours, k0: int) -> Neighbours:
+    """The nearest k0 of these neighbours, ties to the lower index."""
+    idx = near.idx
     places = jax.lax.broadcasted_iota(jnp.int32, idx.shape, 1)
     keys = jax.lax.stop_gradient((near.dist, near.idx))
     order = jax.lax.sort((*keys, places), num_keys=2)[2][:, :k0]
@@ -137,9 +160,10 @@ def _indices(
     k0: int,
     settings: NeighbourSettings,
 ):
-    """Indices of a few more than k0 points for each x and each y, the nearest k0 among
+    """Indices of k0 points or a few more for each x and each y, the nearest k0 among
     them. Where there is no such point the index is n or more.
     """
+    exact = settings.bins is None
     scaled = float32_frame(y, valid_y, x)
 
     def prepared(points, valid):
@@ -150,8 +174,11 @@ def _indices(
     fast_x, offset_x = prepared(x, valid_x)
     fast_y, offset_y = prepared(y, valid_y)
     # Points of a bin, for x and for y.
-    bin_x, bin_y = (_bin_size(len(points), k0) for points in (x, y))
-    choose = partial(_chosen, k0=k0, num=min(k0 + settings.margin, len(x), len(y)))
+    bins = BINS if settings.bins is None else settings.bins
+    bin_x, bin_y = (_bin_size(len(points), bins * k0) for points in (x, y))
+    num = min(k0 + settings.margin, len(x), len(y)) if exact else k0
+    choose = partial(_chosen, k0=k0, num=num)
+    best = _best_two if exact else _best
     # Points close on a mesh are often close in its file, and must not share a bin. So
     # row r of block b is point r * blocks + b, and the points of a bin of y are equally
     # spaced, too.
@@ -164,8 +191,8 @@ def _indices(
         # Squared distances times -1/2: an index in the last bits then costs those of
         # near points least.
         score = product - offset_y[None] - offset[:, None]
-        bins_of_y = _best_two(score.reshape(ROWS, bin_y, -1), 1)
-        bins_of_x = _best_two(score.reshape(bin_x, -1, len(fast_y)), 0)
+        bins_of_y = best(score.reshape(ROWS, bin_y, -1), 1)
+        bins_of_x = best(score.reshape(bin_x, -1, len(fast_y)), 0)
         bins, member, known = choose(*(a.T for a in bins_of_y), size=bin_y)
         return (member * (len(fast_y) // bin_y) + bins).T, known, bins_of_x
 
@@ -181,9 +208,10 @@ def _indices(
         return (row * blocks + bins // per_block).T, known
 
     idx_yx, known_y = jax.lax.map(columns, jnp.arange(0, len(fast_y), ROWS))
-    num = idx_yx.shape[-1]
     idx_xy = idx_xy.swapaxes(0, 1).reshape(-1, num)[: len(x)]
     idx_yx = idx_yx.reshape(-1, num)[: len(y)]
+    if not exact:
+        return idx_xy, idx_yx
     known_x, known_y = known_x.T.ravel()[: len(x)], known_y.ravel()[: len(y)]
     return (
         _repaired(idx_xy, known_x, x, y, valid_y, settings),
@@ -191,10 +219,19 @@ def _indices(
     )
 
 
-def _bin_size(n: int, k0: int) -> int:
-    """Points of a bin: a power of two that leaves `BINS` bins for each neighbour."""
-    largest = max(n // (BINS * k0), 1)
+def _bin_size(n: int, bins: int) -> int:
+    """Points of a bin: a power of two that leaves so many bins, if there are."""
+    largest = max(n // bins, 1)
     return min(1 << largest.bit_length() - 1, ROWS)
+
+
+def _best(score: Array, axis: int) -> tuple[Array]:
+    """The largest score along an axis, its index in the last bits.
+
+    The length of the axis is a power of two.
+    """
+    index = jax.lax.broadcasted_iota(jnp.int32, score.shape, axis)
+    return (with_index(score, index, score.shape[axis]).max(axis),)
 
 
 def _best_two(score: Array, axis: int) -> tuple[Array, Array, Array]:
@@ -214,20 +251,24 @@ def _best_two(score: Array, axis: int) -> tuple[Array, Array, Array]:
     return first, second, below(second)
 
 
-def _chosen(first, second, rest, *, k0: int, num: int, size: int):
-    """The `num` largest of the best two scores of the bins of each column.
+def _chosen(first, *others, k0: int, num: int, size: int):
+    """The `num` largest of the best scores of the bins of each column.
+
+    Args:
+        first: of each bin.
+        others: with `_best_two`, the second of each bin, and the best of all others.
 
     Returns:
         Their bins and their indices in these, and for each column whether the k0
-        largest of all its points are among them.
+        largest of all its points are surely among them.
     """
-    best = jnp.concatenate([first, second])
+    best = jnp.concatenate([first, *others[:1]])
     at = top_k(best, num)
     value = jnp.take_along_axis(best, at, 0)
     # The largest of all others is not above this.
-    others = jnp.maximum(value[-1], rest.max(0))
-    known = value[k0 - 1] * (1 + TOLD_APART) >= others
-    known |= others <= -UNREACHABLE / 2  # they are no points
+    left = jnp.maximum(value[-1], others[-1].max(0)) if others else value[-1]
+    known = value[k0 - 1] * (1 + TOLD_APART) >= left
+    known |= left <= -UNREACHABLE / 2  # they are no points
     member = jax.lax.bitcast_convert_type(value, jnp.int32) & (size - 1)
     return at % len(first), member, known
 

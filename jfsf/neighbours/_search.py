@@ -25,6 +25,10 @@ class NeighbourSettings:
 
     margin: candidates beyond k0 of `neighbours`. float32 selects them, and the input's
         precision ranks them again.
+    bins: None finds all neighbours. A number asks for an approximate search: of so many
+        bins of points for each neighbour, or up to twice as many, one point each is
+        found. With 12 some 3 % of the neighbours on a mesh are replaced by others
+        nearly as near, in two thirds of the time. The nearest is always found.
 
     Tiles:
 
@@ -43,6 +47,7 @@ class NeighbourSettings:
     """
 
     margin: int = 3
+    bins: int | None = None
     tile_size: int = 16
     tiles: int = 28
     checked: int = 64
@@ -53,6 +58,8 @@ class NeighbourSettings:
         check_types(self)
         at_least_0 = "margin", "tolerance"
         for name in (f.name for f in fields(self)):
+            if name == "bins" and self.bins is None:
+                continue
             value, least = getattr(self, name), 0 if name in at_least_0 else 1
             if not value >= least:
                 raise ValueError(
