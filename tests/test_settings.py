@@ -87,6 +87,20 @@ def test_a_value_that_was_sent_to_a_worker_comes_back_equal(name):
     assert static_key(back) == static_key(MINE[name])
 
 
+def test_stages_are_compiled_with_what_they_read():
+    host = {"retry_below": 0.0, "copies_above": 1, "nonisometric_attempts": 1}
+    host |= {"rigid_below": 0.0, "coarse_vertices": 500}
+    parts = PartSettings(anchors=12)
+    mine = Settings(**host, parts=parts, bend_rounds=3)
+    assert (
+        mine.of_stages()
+        == Settings(bend_rounds=3)
+        == Settings(bend_rounds=3).of_stages()
+    )
+    wide = SearchSettings(final_ks=(30, 400))  # of which fewer vertices have too few
+    assert Settings(search=wide, coarse_vertices=1600, k=400).of_stages().search == wide
+
+
 @pytest.mark.parametrize("name", [f.name for f in fields(Settings)])
 def test_each_field_counts(name):
     other = {

@@ -50,7 +50,7 @@ def bent_as_copies(
             (_spectra_of_copies(pairs[i], settings), works[i].C_yx, works[i].start)
             for i in large
         ]
-        bent = runner.map(STAGE, partial(bend, settings=settings), inputs)
+        bent = runner.map(STAGE, partial(bend, settings=settings.of_stages()), inputs)
         for i, moved in zip(large, bent, strict=True):
             whole = _whole_as(moved, pairs[i], works[i].start, settings)
             bent_works[i] = works[i]._replace(C_yx=whole)

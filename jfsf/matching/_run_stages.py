@@ -23,7 +23,7 @@ def describe(pairs: Sequence[PairState], runner: Runner, settings: Settings) -> 
             at = pair.inputs.landmarks if with_landmarks else None
             sides = pair.spectra, descriptors or (None, None), at or (None, None)
             inputs += [(*side, self_map) for side in zip(*sides, strict=True)]
-        stage = partial(shape_samples, settings=settings)
+        stage = partial(shape_samples, settings=settings.of_stages())
         with seconds_of(pairs, "features"):
             sides = runner.map("features", stage, inputs, at_a_time=2)
         return zip(sides[::2], sides[1::2], strict=True)
@@ -65,7 +65,7 @@ def attempt_starts(
         if step is FINISH:
             works = bent_as_copies(pairs, works, runner, settings)
         inputs = [step.reads(work) for work in works]
-        stage = partial(step.run, settings=settings)
+        stage = partial(step.run, settings=settings.of_stages())
         with seconds_of(pairs, step.name):
             made = runner.map(step.name, stage, inputs, at_a_time)
         works = [step.done(*both) for both in zip(works, made, strict=True)]

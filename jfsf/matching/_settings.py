@@ -1,6 +1,6 @@
 """Settings: how `match` works, stage by stage. Frozen, hashable, static under jit."""
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 from jfsf.array._static import check_types, static_key, static_text
@@ -18,6 +18,10 @@ from jfsf.matching.parts import PartSettings
 from jfsf.neighbours import NeighbourSettings
 from jfsf.refine import ArapSettings, ZoomOutSettings
 from jfsf.spectral import FeatureSettings, features
+
+COARSE_VERTICES = 1200
+# Fields that no stage reads, beside `parts` and `coarse_vertices`.
+OF_THE_HOST = "retry_below", "copies_above", "nonisometric_attempts", "rigid_below"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -89,7 +93,7 @@ class Settings:
     features: FeatureSettings = field(default_factory=FeatureSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     retry_below: float = 0.9
-    coarse_vertices: int = 1200
+    coarse_vertices: int = COARSE_VERTICES
     copies_above: int = 5120
     nonisometric_attempts: int = 2
     rigid_below: float = 0.015
@@ -158,6 +162,16 @@ class Settings:
     def eigenpairs(self, vertices: int) -> int:
         """Eigenpairs that a shape of so many vertices gets."""
         return max(self.search.eigenpairs, min(self.k, vertices // 4))
+
+    def of_stages(self) -> "Settings":
+        """The same, but what the host alone reads is as by default.
+
+        Stages are compiled with these: settings that differ in nothing else share their
+        programs.
+        """
+        usual = {f.name: f.default for f in fields(self) if f.name in OF_THE_HOST}
+        least = max(COARSE_VERTICES, self.min_vertices)
+        return replace(self, **usual, parts=PartSettings(), coarse_vertices=least)
 
     def check_search(self) -> None:
         """ValueError if the refinement begins above what the search finds."""

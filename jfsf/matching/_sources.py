@@ -135,7 +135,7 @@ def _moved(pairs, runner, settings) -> list[Comparison]:
 
 def _given(pairs, runner, settings) -> list[Comparison]:
     inputs = [(*pair.spectra, pair.inputs.initial) for pair in pairs]
-    stage = partial(given_start, settings=settings)
+    stage = partial(given_start, settings=settings.of_stages())
     with seconds_of(pairs, "search"):
         starts = runner.map("search", stage, inputs)
     return [Comparison([Proposal(start)]) for start in starts]
