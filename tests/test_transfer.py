@@ -438,6 +438,15 @@ def test_titles_are_kept(tmp_path):
     assert found.titles == ("thick", "bent") and np.isnan(found.rows[1, 1])
     write_column(path, found)
     assert path.read_text() == "thick,bent\n1,2\n3,nan\n"
+    path.write_bytes("sep=;\r\nlänge;b\r\n1;2\r\n3;-1.#IND\r\n".encode("utf-16"))
+    found = transfer.read_values(path, 2)
+    assert found.titles == ("länge", "b")
+    assert np.array_equal(found.rows, [[1, 2], [3, np.nan]], equal_nan=True)
+    path.write_bytes("sep=;\r\nfuß\r\n1\r\n".encode("utf-16"))
+    assert transfer.read_labels(path, 2, 7).rows.tolist() == ["fuß", "1"]
+    path.write_bytes("fuß\n1\n".encode("cp1252"))
+    with pytest.raises(ValueError, match="a.csv: is not UTF-8 .*; save it as that"):
+        transfer.read_labels(path, 2, 7)
     path.write_text("part\r\n1\r\n2\r\n")
     found = transfer.read_labels(path, 2, 7)
     assert found.titles == ("part",) and found.rows.tolist() == [1, 2]

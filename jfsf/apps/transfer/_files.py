@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.storage._atomic import write_atomically, write_text
+from jfsf.storage._text import find_separator, plain_numbers, read_text
 from jfsf.types import ArrayLike
 
 FORMATS = ".npy", ".csv", ".txt"
@@ -140,11 +141,13 @@ def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
         if not isinstance(rows, np.ndarray):
             raise ValueError(f"{path}: holds several arrays; write one with numpy.save")
         return Column(rows)
-    text = path.read_bytes().decode("utf-8-sig", "replace")
+    text = read_text(path)
     # Not splitlines, which also splits at rarer characters that names may hold.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not lines[-1]:
         lines.pop()  # it was ended by the last line break
+    # Then the separator is found again in the titles or the numbers.
+    lines = lines[find_separator(lines, "")[1] :]
     full = max((i for i, line in enumerate(lines, 1) if line.strip()), default=0)
     if full == 0:
         raise ValueError(f"{path}: is empty; expected a line a vertex")
@@ -164,8 +167,7 @@ def _by_csv(path: Path, lines, separator: str) -> list[list[str]]:
 
 def _cells(path: Path, lines, counts) -> list[list[str]]:
     full = [line for line in lines if line.strip()]
-    separator = next((mark for mark in "\t;," if mark in full[0]), None)
-    if separator is not None:
+    if separator := find_separator(full, "\t;,")[0]:
         return _by_csv(path, full, separator)
     rows = [line.split() for line in full]
     if len(rows) not in counts and max(map(len, rows)) == 1:
@@ -220,7 +222,7 @@ def _unquoted(word: str) -> str:
 
 
 def _number(cell: str) -> float | None:
-    cell = cell.strip()
+    cell = plain_numbers(cell.strip())
     if cell.lower() in ("", "nan", "na"):
         return np.nan
     try:
