@@ -68,7 +68,8 @@ def batch(
         typer.Argument(
             metavar="PAIRS.csv",
             help="Two mesh paths a line, relative to this file, with a comma, a "
-            "semicolon or a tab between. Titles in the first line name further columns: orientation, "
+            "semicolon or a tab between. Titles in the first line name further "
+            "columns: orientation, "
             "largest_component, partial, repair, landmarks, landmarks_x, landmarks_y, "
             "gt_x, gt_y. What a line says goes before the options.",
         ),
