@@ -452,6 +452,43 @@ def test_titles_are_kept(tmp_path):
     assert found.titles == ("part",) and found.rows.tolist() == [1, 2]
 
 
+def test_labels_of_the_princeton_benchmark(tmp_path):
+    path = tmp_path / "a.seg"
+    path.write_text("0\n0\n3\n")
+    found = transfer.read_labels(path, 2, 3)
+    assert found.rows.tolist() == [0, 0, 3]
+    write_column(tmp_path / "b.seg", found)
+    assert (tmp_path / "b.seg").read_text() == path.read_text()
+    with pytest.raises(ValueError, match="a.seg: values are .npy, .csv, .txt, not"):
+        transfer.read_values(path, 3)
+
+
+def test_parts_of_smpl(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"leftHand": [3, 1], "rückgrat": [1, 0]}', encoding="utf-8")
+    found = transfer.read_labels(path, 5, 3)
+    assert found.rows.tolist() == ["rückgrat", "leftHand", "", "leftHand", ""]
+    write_column(tmp_path / "b.json", found)
+    again = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
+    assert again == {"leftHand": [1, 3], "rückgrat": [0]}
+    numbers = Column(np.array([4, -1, 4]))
+    write_column(tmp_path / "c.json", numbers)
+    assert json.loads((tmp_path / "c.json").read_text()) == {"4": [0, 2]}
+    for text, message in (
+        ("[1, 2]", "expected a list of vertices, counted from 0, for the name of each"),
+        ("{}", "expected a list of vertices"),
+        ('{"arm": 1}', "part 'arm' is no list; expected a list"),
+        ('{"arm": [0.5]}', "part 'arm' is no list"),
+        ('{"arm": [0, 5]}', "part 'arm' has vertex 5, and the mesh has 5, from 0 on"),
+        ("{", "is no JSON"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=f"a.json: {message}"):
+            transfer.read_labels(path, 5, 3)
+    with pytest.raises(ValueError, match="b.json: values are"):
+        write_column(tmp_path / "b.json", Column(np.zeros(3)))
+
+
 def test_text_of_one_column(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1\n\n3\n")

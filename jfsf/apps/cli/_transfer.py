@@ -61,8 +61,8 @@ def transfer(
         Path,
         typer.Option(
             metavar="FILE",
-            help="Values and labels: .npy, .csv or .txt. Landmarks: any format that is "
-            "read. A texture: .obj (with .mtl and .png beside it) or .glb.",
+            help="Values and labels: .npy, .csv or .txt; labels also .seg, or .json of "
+            "vertices. Landmarks: any format that is read. A texture: .obj (with .mtl and .png beside it) or .glb.",
         ),
     ],
     values: Annotated[
@@ -77,7 +77,7 @@ def transfer(
         typer.Option(
             metavar="FILE",
             help="Whole numbers or names, one for each vertex or each face of Y: .npy, "
-            ".csv or .txt.",
+            ".csv, .txt or .seg; or .json, the vertices of each part, as SMPL's.",
         ),
     ] = None,
     landmarks: Annotated[
@@ -231,11 +231,19 @@ def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
 
 def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
     from jfsf.apps.transfer import labels, read_labels
-    from jfsf.apps.transfer._files import check_format, write_column
+    from jfsf.apps.transfer._files import LABEL_FORMATS, check_format, write_column
 
-    check_format(out)
+    check_format(out, LABEL_FORMATS)
     column = read_labels(path, len(own.vertices), len(own.faces))
     goal = None if to is None else to.value
+    of_faces = (
+        len(column.rows) != len(own.vertices) if goal is None else goal != "vertices"
+    )
+    if of_faces and out.suffix.lower() == ".json":
+        raise ValueError(
+            f"{out}: holds the vertices of parts, and these labels are of faces; give "
+            "--to vertices, or write .seg"
+        )
     return Work(
         "labels",
         lambda on: labels(on, column.rows, to=goal),  # type: ignore

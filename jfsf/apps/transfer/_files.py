@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -13,6 +14,10 @@ from jfsf.storage._text import find_separator, plain_numbers, read_text
 from jfsf.types import ArrayLike
 
 FORMATS = ".npy", ".csv", ".txt"
+# Labels also as the Princeton benchmark's of faces, and as SMPL's parts of vertices.
+LABEL_FORMATS = *FORMATS, ".seg", ".json"
+_NO_PARTS = "expected a list of vertices, counted from 0, for the name of each part"
+_NO_PART = "", -1  # where there is no surface to take a label from
 
 
 class Column(NamedTuple):
@@ -26,11 +31,12 @@ class Column(NamedTuple):
     titles: tuple[str, ...] = ()
 
 
-def check_format(path: Path) -> None:
-    """ValueError if values and labels are not read and written with this suffix."""
-    if path.suffix.lower() not in FORMATS:
+def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
+    """ValueError if these are not read and written with this suffix."""
+    if path.suffix.lower() not in formats:
+        what = "values" if formats == FORMATS else "labels"
         raise ValueError(
-            f"{path}: values and labels are {', '.join(FORMATS)}, not {path.suffix!r}"
+            f"{path}: {what} are {', '.join(formats)}, not {path.suffix!r}"
         )
 
 
@@ -51,6 +57,7 @@ def read_values(path: Path, n: int) -> Column:
         ValueError: another format or number of rows, or something that is no number.
         OSError: the file cannot be read.
     """
+    check_format(path)
     rows, titles = _table(path, (n,), _numbers)
     if rows.dtype.kind not in "fiub" or rows.ndim not in (1, 2) or len(rows) != n:
         raise ValueError(
@@ -64,9 +71,11 @@ def read_labels(path: Path, n: int, m: int) -> Column:
     """Labels of the n vertices or the m faces of a mesh.
 
     Args:
-        path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt`, a label
-            a line. They are numbers if all of them are. The first line is a title if
-            there is one more than there should be.
+        path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt` or
+            `.seg`, a label a line. They are numbers if all of them are. The first line
+            is a title if there is one more than there should be. Or `.json`, a list of
+            vertices for the name of each part, as SMPL's: a vertex in several parts
+            has the first of them, one in none the name "".
         n, m: vertices and faces; as many labels are expected.
 
     Returns:
@@ -76,6 +85,9 @@ def read_labels(path: Path, n: int, m: int) -> Column:
         ValueError: another format or number of labels, or fractions.
         OSError: the file cannot be read.
     """
+    check_format(path, LABEL_FORMATS)
+    if path.suffix.lower() == ".json":
+        return Column(_parts(path, n))
     rows, titles = _table(path, (n, m), _words)
     if rows.ndim == 2 and rows.shape[1] == 1:
         rows = rows[:, 0]
@@ -102,22 +114,31 @@ def write_column(path: Path, column: Column) -> None:
     """Write values or labels; the file appears complete or not at all.
 
     Args:
-        path: `.npy`, `.csv` (with commas) or `.txt` (with blanks).
+        path: `.npy`, `.csv` (with commas) or `.txt` (with blanks); of labels also
+            `.seg`, and `.json` of those of vertices, without "" and -1.
         column: numbers or names, and their titles.
 
     Raises:
         ValueError: another suffix.
         OSError: the file cannot be written.
     """
-    check_format(path)
     rows = np.asarray(column.rows)
+    is_labels = rows.ndim == 1 and rows.dtype.kind != "f"
+    check_format(path, LABEL_FORMATS if is_labels else FORMATS)
     suffix = path.suffix.lower()
+    if suffix == ".json":
+        named = {name: np.flatnonzero(rows == name) for name in np.unique(rows)}
+        parts = {
+            str(name): at.tolist() for name, at in named.items() if name not in _NO_PART
+        }
+        write_text(path, json.dumps(parts, ensure_ascii=False) + "\n")
+        return
     if suffix == ".npy":
         write_atomically(path, lambda file: np.save(file, rows, allow_pickle=False))
         return
     form = "%.9g" if rows.dtype.kind == "f" else "%s"
     lines = [[form % cell for cell in np.atleast_1d(row)] for row in rows]
-    if column.titles:
+    if column.titles and suffix != ".seg":
         lines.insert(0, list(column.titles))
     if suffix == ".csv":
         text = io.StringIO()
@@ -127,9 +148,31 @@ def write_column(path: Path, column: Column) -> None:
         write_text(path, "".join(" ".join(line) + "\n" for line in lines))
 
 
+def _parts(path: Path, n: int) -> np.ndarray:
+    """The part of each vertex of a JSON file, {name: vertices}."""
+    try:
+        parts = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise ValueError(f"{path}: is no JSON ({error}); export it again") from None
+    if not isinstance(parts, dict) or not parts:
+        raise ValueError(f"{path}: {_NO_PARTS}")
+    labels = np.zeros(n, f"U{max(1, *map(len, parts))}")
+    for name, vertices in parts.items():
+        known = isinstance(vertices, list) and all(type(v) is int for v in vertices)
+        if not known:
+            raise ValueError(f"{path}: part {name!r} is no list; {_NO_PARTS}")
+        at = np.array(vertices, np.int64)
+        if (wrong := (at < 0) | (at >= n)).any():
+            raise ValueError(
+                f"{path}: part {name!r} has vertex {at[wrong][0]}, and the mesh has "
+                f"{n}, from 0 on; give the file of this mesh"
+            )
+        labels[at[labels[at] == ""]] = name
+    return labels
+
+
 def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
     """The rows of a file; `convert` makes an array of lines of text."""
-    check_format(path)
     if path.suffix.lower() == ".npy":
         try:
             rows = np.load(path, allow_pickle=False)
