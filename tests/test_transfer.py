@@ -623,6 +623,16 @@ def test_the_command_carries_values_and_labels(folder):
     assert run(*pair, *args).exit_code == 0
     right = np.loadtxt(folder / "xl.txt") == quadrant(at_faces(COARSE))
     assert right.mean() > 0.9
+    parts = {"left": Y.vertices[:, 0] < 0, "right": Y.vertices[:, 0] >= 0}
+    text = json.dumps({name: np.flatnonzero(of).tolist() for name, of in parts.items()})
+    (folder / "parts.json").write_text(text)
+    args = "--labels", folder / "parts.json", "--out", folder / "xp.json"
+    assert run(*pair, *args).exit_code == 0
+    left = json.loads((folder / "xp.json").read_text())["left"]
+    is_left = np.isin(np.arange(len(COARSE.vertices)), left)
+    assert (is_left == (COARSE.vertices[:, 0] < 0)).mean() > 0.9
+    refused = run(*pair, *args, "--to", "faces")
+    assert refused.exit_code == 1 and "give --to vertices" in refused.output
 
 
 def test_the_command_carries_a_texture_and_landmarks(folder):

@@ -62,7 +62,8 @@ def transfer(
         typer.Option(
             metavar="FILE",
             help="Values and labels: .npy, .csv or .txt; labels also .seg, or .json of "
-            "vertices. Landmarks: any format that is read. A texture: .obj (with .mtl and .png beside it) or .glb.",
+            "vertices. Landmarks: any format that is read. A texture: .obj (with "
+            ".mtl and .png beside it) or .glb.",
         ),
     ],
     values: Annotated[
@@ -236,10 +237,8 @@ def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
     check_format(out, LABEL_FORMATS)
     column = read_labels(path, len(own.vertices), len(own.faces))
     goal = None if to is None else to.value
-    of_faces = (
-        len(column.rows) != len(own.vertices) if goal is None else goal != "vertices"
-    )
-    if of_faces and out.suffix.lower() == ".json":
+    came_as = "vertices" if len(column.rows) == len(own.vertices) else "faces"
+    if out.suffix.lower() == ".json" and (goal or came_as) == "faces":
         raise ValueError(
             f"{out}: holds the vertices of parts, and these labels are of faces; give "
             "--to vertices, or write .seg"
