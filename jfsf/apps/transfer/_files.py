@@ -2,13 +2,13 @@
 
 import csv
 import io
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from jfsf.apps.transfer._parts import parts_text, read_parts
 from jfsf.storage._atomic import write_atomically, write_text
 from jfsf.storage._text import find_separator, plain_numbers, read_text
 from jfsf.types import ArrayLike
@@ -16,8 +16,6 @@ from jfsf.types import ArrayLike
 FORMATS = ".npy", ".csv", ".txt"
 # Labels also as the Princeton benchmark's of faces, and as SMPL's parts of vertices.
 LABEL_FORMATS = *FORMATS, ".seg", ".json"
-_NO_PARTS = "expected a list of vertices, counted from 0, for the name of each part"
-_NO_PART = "", -1  # where there is no surface to take a label from
 
 
 class Column(NamedTuple):
@@ -87,7 +85,7 @@ def read_labels(path: Path, n: int, m: int) -> Column:
     """
     check_format(path, LABEL_FORMATS)
     if path.suffix.lower() == ".json":
-        return Column(_parts(path, n))
+        return Column(read_parts(path, n))
     rows, titles = _table(path, (n, m), _words)
     if rows.ndim == 2 and rows.shape[1] == 1:
         rows = rows[:, 0]
@@ -127,11 +125,7 @@ def write_column(path: Path, column: Column) -> None:
     check_format(path, LABEL_FORMATS if is_labels else FORMATS)
     suffix = path.suffix.lower()
     if suffix == ".json":
-        named = {name: np.flatnonzero(rows == name) for name in np.unique(rows)}
-        parts = {
-            str(name): at.tolist() for name, at in named.items() if name not in _NO_PART
-        }
-        write_text(path, json.dumps(parts, ensure_ascii=False) + "\n")
+        write_text(path, parts_text(rows))
         return
     if suffix == ".npy":
         write_atomically(path, lambda file: np.save(file, rows, allow_pickle=False))
@@ -146,29 +140,6 @@ def write_column(path: Path, column: Column) -> None:
         write_text(path, text.getvalue())
     else:
         write_text(path, "".join(" ".join(line) + "\n" for line in lines))
-
-
-def _parts(path: Path, n: int) -> np.ndarray:
-    """The part of each vertex of a JSON file, {name: vertices}."""
-    try:
-        parts = json.loads(read_text(path))
-    except json.JSONDecodeError as error:
-        raise ValueError(f"{path}: is no JSON ({error}); export it again") from None
-    if not isinstance(parts, dict) or not parts:
-        raise ValueError(f"{path}: {_NO_PARTS}")
-    labels = np.zeros(n, f"U{max(1, *map(len, parts))}")
-    for name, vertices in parts.items():
-        known = isinstance(vertices, list) and all(type(v) is int for v in vertices)
-        if not known:
-            raise ValueError(f"{path}: part {name!r} is no list; {_NO_PARTS}")
-        at = np.array(vertices, np.int64)
-        if (wrong := (at < 0) | (at >= n)).any():
-            raise ValueError(
-                f"{path}: part {name!r} has vertex {at[wrong][0]}, and the mesh has "
-                f"{n}, from 0 on; give the file of this mesh"
-            )
-        labels[at[labels[at] == ""]] = name
-    return labels
 
 
 def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
