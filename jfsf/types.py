@@ -240,9 +240,13 @@ class Certificate(NamedTuple):
     confidence: Float[Array, ""]
     landmarks: Float[Array, " l"]
 
-    def figures(self) -> dict[str, Array]:
-        """What is a single number, by name: all but the landmarks."""
-        return {name: getattr(self, name) for name in FIGURES}
+    def figures(self) -> dict[str, Any]:
+        """What is a single number, by name: all but the landmarks.
+
+        Plain numbers of Python, as `json.dumps` takes; the arrays themselves of many
+        matches at once, and while they are traced.
+        """
+        return {name: _plain(getattr(self, name)) for name in FIGURES}
 
     @classmethod
     def unknown(cls, dtype: Any = float) -> "Certificate":
@@ -253,6 +257,15 @@ class Certificate(NamedTuple):
         figures: dict[str, Any] = dict.fromkeys(FIGURES, np.full((), np.nan, dtype))
         figures |= {"empty": np.zeros((), np.int32), "finite": np.ones((), bool)}
         return cls(**figures, landmarks=figures["gap"][None][:0])
+
+
+def _plain(value: ArrayLike) -> Any:
+    if np.ndim(value):
+        return value
+    try:
+        return np.asarray(value).item()
+    except TypeError:  # jax's, of what is traced
+        return value
 
 
 Certificate.__doc__ = f"{Certificate.__doc__}\n" + "\n".join(map(explained, FIGURES))

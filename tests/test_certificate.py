@@ -1,5 +1,6 @@
 """Evidence for a map that is known to be right, and for one that is not."""
 
+import json
 from functools import partial
 
 import jax
@@ -40,8 +41,21 @@ def test_every_figure_is_in_the_table_and_explained():
     nothing = Certificate.unknown(np.float32)
     for name, value in nothing.figures().items():
         assert bool(FIGURES[name].unknown) <= bool(np.isnan(value))
-        assert (value.dtype == np.float32) == (name not in ("empty", "finite"))
+        own = getattr(nothing, name).dtype
+        assert (own == np.float32) == (name not in ("empty", "finite"))
+        assert type(value) is {"empty": int, "finite": bool}.get(name, float)
     assert nothing.finite and nothing.empty == 0 and len(nothing.landmarks) == 0
+
+
+def test_the_figures_are_plain_on_the_host_and_arrays_elsewhere():
+    one = Certificate.unknown()._replace(confidence=jnp.asarray(0.5), empty=np.int32(3))
+    told = json.loads(json.dumps(one.figures()))
+    assert (told["confidence"], told["empty"], told["finite"]) == (0.5, 3, True)
+    many = jax.tree.map(lambda field: jnp.stack([field, field]), one)
+    assert many.figures()["confidence"].shape == (2,)
+    doubled = lambda given: 2 * given.figures()["confidence"]
+    assert jax.jit(doubled)(one) == 1
+    assert jax.vmap(doubled)(many).tolist() == [1, 1]
 
 
 def test_the_identity_is_perfect():

@@ -533,7 +533,7 @@ BROKEN = {
     "nan, stl": ("a.stl", STLA.replace(b"1 0", b"nan 0") + b"endsolid", "not finite"),
     "no vertices": ("a.off", b"OFF 0 0 0", "0 vertices"),
     "no vertices, ply": ("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "0 vertices"),
-    "no triangles, stl": ("a.stl", bytes(84), "empty|0 vertices"),
+    "no triangles, stl": ("a.stl", bytes(84), "empty|0 triangles"),
     "nothing, gltf": ("a.gltf", b'{"asset": {"version": "2.0"}}', "GLTF|0 vertices"),
 }
 

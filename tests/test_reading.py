@@ -12,10 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf import testing
-from jfsf.mesh import MeshError, read, read_noted
+from jfsf.mesh import MeshError, read, read_noted, vertex_colours
 from jfsf.mesh._geometry import face_areas, face_normals
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._read import format_of, stem_of
+from jfsf.storage._text import plain_numbers
 
 BLOB = testing.blob(0, subdivisions=1)
 N, M = len(BLOB.vertices), len(BLOB.faces)
@@ -433,3 +434,102 @@ def test_gifti_surfaces_are_read(tmp_path):
     path.write_bytes(path.read_bytes()[:300])
     with pytest.raises(MeshError, match="not a readable GII file"):
         read(path)
+
+
+TEXTS = {
+    ".off": b"OFF\n4 2 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n3 0 1 2\n3 0 2 3\n",
+    ".obj": b"v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0.5\nf 1 2 3\nf 1 3 4\n",
+    ".ply": b"ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\n"
+    b"property float y\nproperty float z\nelement face 2\n"
+    b"property list uchar int vertex_indices\nend_header\n"
+    b"0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n3 0 1 2\n3 0 2 3\n",
+    ".stl": b"solid a\n"
+    + b"".join(
+        b"facet normal 0 0 1\nouter loop\n" + corners + b"endloop\nendfacet\n"
+        for corners in (
+            b"vertex 0 0 0\nvertex 1 0 0\nvertex 1 1 0\n",
+            b"vertex 0 0 0\nvertex 1 1 0\nvertex 0 1 0.5\n",
+        )
+    )
+    + b"endsolid a\n",
+    ".xyz": b"0 0 0\n1 0 0\n1 1 0\n0 1 0.5\n",
+}
+SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.5]]
+each_text = pytest.mark.parametrize("suffix", TEXTS)
+
+
+@each_text
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16", "utf-16-be", "utf-32"])
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+def test_text_of_windows_is_read(tmp_path, suffix, encoding, ending):
+    text = TEXTS[suffix].decode().replace("\n", ending)
+    mark = "\ufeff" if encoding.endswith("be") else ""
+    (path := tmp_path / f"a{suffix}").write_bytes((mark + text).encode(encoding))
+    faces = [] if suffix == ".xyz" else [[0, 1, 2], [0, 2, 3]]
+    same(read(path), SQUARE, faces)
+    (packed := tmp_path / f"a{suffix}.gz").write_bytes(gzip.compress(path.read_bytes()))
+    same(read(packed), SQUARE, faces)
+
+
+def test_colours_of_utf16_are_read(tmp_path):
+    text = "\n".join(f"v {x} {y} {z} {x} 0 0" for x, y, z in SQUARE) + "\nf 1 2 3\n"
+    (path := tmp_path / "a.obj").write_bytes(text.encode("utf-16"))
+    assert vertex_colours(path)[:, 0].tolist() == [0, 1, 1, 0]
+
+
+@pytest.mark.parametrize("suffix", [*TEXTS, ".glb", ".npy", ".off.gz"])
+@pytest.mark.parametrize(
+    "data, message",
+    [
+        (
+            b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n",
+            "it is a pointer of Git LFS, not the file itself; run git lfs pull",
+        ),
+        (
+            b"\n<!DOCTYPE HTML>\n<html lang=en>",
+            "it is a web page, not the file itself; download the file itself",
+        ),
+        (b"\xef\xbb\xbf<html><body>", "it is a web page"),
+    ],
+)
+def test_what_stands_in_place_of_a_file_is_named(tmp_path, suffix, data, message):
+    (path := tmp_path / f"a{suffix}").write_bytes(data)
+    with pytest.raises(MeshError) as caught:
+        read(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
+@pytest.mark.parametrize("more", [b"", bytes(50)])
+def test_a_binary_stl_without_triangles_is_named(tmp_path, more):
+    (path := tmp_path / "a.stl").write_bytes(b" " * 80 + bytes(4) + more)
+    with pytest.raises(MeshError, match="binary STL whose header announces 0 tri") as e:
+        read(path)
+    assert ("but 50 bytes follow" in str(e.value)) == bool(more)
+
+
+def test_off_without_its_keyword_is_read(tmp_path):
+    path = tmp_path / "a.off"
+    for head in (b"# a\n4 2 0", b"4 2"):
+        path.write_bytes(head + TEXTS[".off"].removeprefix(b"OFF\n4 2 0"))
+        same(read(path), SQUARE, [[0, 1, 2], [0, 2, 3]])
+    path.write_bytes(b"4 1 0\n0 0 0\n")
+    with pytest.raises(MeshError, match="announces 4 vertices and 1 faces"):
+        read(path)
+
+
+NOT_FINITE = "-1.#IND 1.#QNAN -1.#QNAN0 1.#SNAN 1.#INF -1.#INF000 1.#J -nan(ind)"
+
+
+@each_text
+@pytest.mark.parametrize("word", NOT_FINITE.split())
+def test_numbers_of_windows_that_are_not_finite(tmp_path, suffix, word):
+    # Cut at the #, as comments are, these were finite.
+    data = TEXTS[suffix].replace(b"1 0 0\n", b"1 0 " + word.encode() + b"\n")
+    (path := tmp_path / f"a{suffix}").write_bytes(data)
+    with pytest.raises(MeshError, match="not finite; leave them out with jfsf.mesh.re"):
+        read(path)
+    found = read(path, finite=False).vertices
+    assert np.isfinite(found).all(1).tolist().count(False) == 1
+    lost = found[~np.isfinite(found)]
+    assert np.array_equal(lost, [float(plain_numbers(word))], equal_nan=True)
+    assert np.isinf(lost).all() == ("INF" in word or "J" in word)

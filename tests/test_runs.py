@@ -257,6 +257,28 @@ def test_pairs_are_read(tmp_path):
     ]
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "# of both\nx;y;partial\n\na,1.off;sub/b.off;yes\n",
+        '# of both\nx\ty\tpartial\n\na,1.off\tsub/b.off\t"yes"\n',
+        "sep=;\r\nx;y;partial\r\n\r\na,1.off;sub/b.off;yes\r\n",
+        'sep=,\n\ny,x,partial\nsub/b.off,"a,1.off",yes\n',
+    ],
+)
+def test_pairs_of_spreadsheets_are_read(tmp_path, text, encoding):
+    (path := tmp_path / "pairs.csv").write_bytes(text.encode(encoding))
+    (pair,) = read_pairs(path)
+    assert (pair.x, pair.y) == (tmp_path / "a,1.off", tmp_path / "sub/b.off")
+    assert pair.options == PairOptions(partial=True)
+    path.write_bytes(b"x,y\na;1.off,b.off\n")
+    assert read_pairs(path)[0].x == tmp_path / "a;1.off"
+    path.write_bytes(b"a.off;b.off\n\n# c\nd.off\n")
+    with pytest.raises(ValueError, match="line 4 is 'd.off'"):
+        read_pairs(path)
+
+
 def test_pairs_have_options(tmp_path):
     path = tmp_path / "pairs.csv"
     path.write_text(
@@ -291,6 +313,9 @@ def test_pairs_have_options(tmp_path):
         ("x,y\n", "has no pairs"),
         ("a.off,b.off\nc.off;d.off\n", "line 2 is 'c.off;d.off'"),
         ("a.off,\n", "line 1 is 'a.off,'"),
+        ("sep=;\na.off,b.off\n", "line 2 is 'a.off,b.off'; .* a semicolon or a tab"),
+        ("sep=;\n", "has no pairs"),
+        ("<!DOCTYPE html>\n<html>", "it is a web page, not the file itself; download"),
         ("a.off,b.off,c.off\n", "line 1 is"),
         ("a.off,b\0.off\n", "line 1 is"),
         ("a/b.off,c\nd,e\na-b.off,c\n", "lines 1 and 3 would both be named"),
@@ -304,7 +329,7 @@ def test_bad_lists(tmp_path, text, message):
 
 def test_not_text(tmp_path):
     (path := tmp_path / "pairs.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ValueError, match="is not a CSV file"):
+    with pytest.raises(ValueError, match="is not UTF-8 .*; save it as that"):
         read_pairs(path)
 
 

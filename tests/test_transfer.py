@@ -438,9 +438,55 @@ def test_titles_are_kept(tmp_path):
     assert found.titles == ("thick", "bent") and np.isnan(found.rows[1, 1])
     write_column(path, found)
     assert path.read_text() == "thick,bent\n1,2\n3,nan\n"
+    path.write_bytes("sep=;\r\nlänge;b\r\n1;2\r\n3;-1.#IND\r\n".encode("utf-16"))
+    found = transfer.read_values(path, 2)
+    assert found.titles == ("länge", "b")
+    assert np.array_equal(found.rows, [[1, 2], [3, np.nan]], equal_nan=True)
+    path.write_bytes("sep=;\r\nfuß\r\n1\r\n".encode("utf-16"))
+    assert transfer.read_labels(path, 2, 7).rows.tolist() == ["fuß", "1"]
+    path.write_bytes("fuß\n1\n".encode("cp1252"))
+    with pytest.raises(ValueError, match="a.csv: is not UTF-8 .*; save it as that"):
+        transfer.read_labels(path, 2, 7)
     path.write_text("part\r\n1\r\n2\r\n")
     found = transfer.read_labels(path, 2, 7)
     assert found.titles == ("part",) and found.rows.tolist() == [1, 2]
+
+
+def test_labels_of_the_princeton_benchmark(tmp_path):
+    path = tmp_path / "a.seg"
+    path.write_text("0\n0\n3\n")
+    found = transfer.read_labels(path, 2, 3)
+    assert found.rows.tolist() == [0, 0, 3]
+    write_column(tmp_path / "b.seg", found)
+    assert (tmp_path / "b.seg").read_text() == path.read_text()
+    with pytest.raises(ValueError, match="a.seg: values are .npy, .csv, .txt, not"):
+        transfer.read_values(path, 3)
+
+
+def test_parts_of_smpl(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text('{"leftHand": [3, 1], "rückgrat": [1, 0]}', encoding="utf-8")
+    found = transfer.read_labels(path, 5, 3)
+    assert found.rows.tolist() == ["rückgrat", "leftHand", "", "leftHand", ""]
+    write_column(tmp_path / "b.json", found)
+    again = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
+    assert again == {"leftHand": [1, 3], "rückgrat": [0]}
+    numbers = Column(np.array([4, -1, 4]))
+    write_column(tmp_path / "c.json", numbers)
+    assert json.loads((tmp_path / "c.json").read_text()) == {"4": [0, 2]}
+    for text, message in (
+        ("[1, 2]", "expected a list of vertices, counted from 0, for the name of each"),
+        ("{}", "expected a list of vertices"),
+        ('{"arm": 1}', "part 'arm' is no list; expected a list"),
+        ('{"arm": [0.5]}', "part 'arm' is no list"),
+        ('{"arm": [0, 5]}', "part 'arm' has vertex 5, and the mesh has 5, from 0 on"),
+        ("{", "is no JSON"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ValueError, match=f"a.json: {message}"):
+            transfer.read_labels(path, 5, 3)
+    with pytest.raises(ValueError, match="b.json: values are"):
+        write_column(tmp_path / "b.json", Column(np.zeros(3)))
 
 
 def test_text_of_one_column(tmp_path):
@@ -577,6 +623,16 @@ def test_the_command_carries_values_and_labels(folder):
     assert run(*pair, *args).exit_code == 0
     right = np.loadtxt(folder / "xl.txt") == quadrant(at_faces(COARSE))
     assert right.mean() > 0.9
+    parts = {"left": Y.vertices[:, 0] < 0, "right": Y.vertices[:, 0] >= 0}
+    text = json.dumps({name: np.flatnonzero(of).tolist() for name, of in parts.items()})
+    (folder / "parts.json").write_text(text)
+    args = "--labels", folder / "parts.json", "--out", folder / "xp.json"
+    assert run(*pair, *args).exit_code == 0
+    left = json.loads((folder / "xp.json").read_text())["left"]
+    is_left = np.isin(np.arange(len(COARSE.vertices)), left)
+    assert (is_left == (COARSE.vertices[:, 0] < 0)).mean() > 0.9
+    refused = run(*pair, *args, "--to", "faces")
+    assert refused.exit_code == 1 and "give --to vertices" in refused.output
 
 
 def test_the_command_carries_a_texture_and_landmarks(folder):

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from jfsf.storage._text import find_separator, read_text
+
 # Titles of the columns of X and of Y.
 _X = "x", "mesh_x", "source", "from", "a"
 _Y = "y", "mesh_y", "target", "to", "b"
@@ -58,12 +60,14 @@ def read_pairs(path: Path) -> list[Pair]:
     """The pairs of a CSV file, in order, each once.
 
     Args:
-        path: two mesh paths a line, relative to its own folder or absolute. Blank lines
-            and those that begin with # are skipped. The first line may hold titles: x
-            and y, mesh_x and mesh_y, source and target, from and to, or a and b, in any
-            order, and those of further columns, the fields of `PairOptions`. Paths in
-            these are relative to the folder too; yes and no may be true and false or 1
-            and 0; an empty cell says nothing.
+        path: two mesh paths a line, relative to its own folder or absolute, with a
+            comma, a semicolon or a tab between; a first line such as `sep=;` may say
+            which. It is UTF-8, or UTF-16 with its mark. Blank lines and those that
+            begin with # are skipped. The first line may hold titles: x and y, mesh_x
+            and mesh_y, source and target, from and to, or a and b, in any order, and
+            those of further columns, the fields of `PairOptions`. Paths in these are
+            relative to the folder too; yes and no may be true and false or 1 and 0; an
+            empty cell says nothing.
 
     Raises:
         OSError: the file cannot be read.
@@ -72,12 +76,7 @@ def read_pairs(path: Path) -> list[Pair]:
             name.
     """
     pairs, lines, columns = {}, {}, None
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-        rows = list(enumerate(csv.reader(text.splitlines()), 1))
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise ValueError(f"{path}: is not a CSV file ({error})") from None
-    for number, row in rows:
+    for number, row in _rows(path):
         cells = [cell.strip() for cell in row]
         if not any(cells) or cells[0].startswith("#"):
             continue
@@ -97,6 +96,20 @@ def read_pairs(path: Path) -> list[Pair]:
     if not pairs:
         raise ValueError(f"{path}: has no pairs; a line holds two mesh paths")
     return list(pairs.values())
+
+
+def _rows(path: Path) -> list[tuple[int, list[str]]]:
+    """The cells of each line that says something, and its number from 1."""
+    lines = enumerate(read_text(path).splitlines(), 1)
+    full = [(i, line) for i, line in lines if line.strip() and line.strip()[0] != "#"]
+    texts = [line for _, line in full]
+    # Commas first: a path may hold semicolons, as all lists with commas may.
+    separator, said = find_separator(texts, "\t,;")
+    try:
+        cells = list(csv.reader(texts[said:], delimiter=separator or ","))
+    except csv.Error as error:
+        raise ValueError(f"{path}: is not a CSV file ({error})") from None
+    return [(i, row) for (i, _), row in zip(full[said:], cells, strict=False)]
 
 
 def _columns(cells: list[str], where: str) -> list[str] | None:
@@ -126,7 +139,7 @@ def _pair(
     x, y = given.pop("x", ""), given.pop("y", "")
     more = any(cells[len(columns) :])
     if not x or not y or more or "\0" in "".join(cells):
-        few = "two mesh paths, with a comma between"
+        few = "two mesh paths, with a comma, a semicolon or a tab between"
         hint = f"a line holds {few}; titles in the first line name further columns"
         if len(columns) > 2:
             hint = f"a line holds {', '.join(columns)}, as the first one says"

@@ -16,6 +16,7 @@ from jaxtyping import Array, Float
 from jfsf.convert import Converter, maps_of, sinkhorn
 from jfsf.initial import Candidates, Orientation, orientation_sign
 from jfsf.initial import search as search_one
+from jfsf.initial._given import check_spectrum
 from jfsf.matching import Settings
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import PairState
@@ -190,6 +191,9 @@ def _sizes(function, **lists):
     counts = {name: len(items) for name, items in lists.items()}
     if len(set(counts.values())) > 1:
         raise ValueError(f"{function}: not one of each a pair, got {counts}")
+    for name in ("specs_x", "specs_y"):
+        for i, spec in enumerate(lists.get(name, ())):
+            check_spectrum(spec, f"{function}: {name}[{i}]")
     first, second, *_ = lists.values()
     return [(_rows_of(x), _rows_of(y)) for x, y in zip(first, second, strict=True)]
 

@@ -7,6 +7,15 @@ import jax.numpy as jnp
 from jfsf.types import Spectrum
 
 
+def check_spectrum(spec: Any, name: str) -> None:
+    """ValueError, which `name` opens, if a mesh or a file stands for a spectrum."""
+    if not (hasattr(spec, "evals") and hasattr(spec, "mass")):
+        raise ValueError(
+            f"{name} is a {type(spec).__name__}, not a spectrum; pass "
+            "jfsf.basis(mesh), of a mesh that jfsf.read has read"
+        )
+
+
 def given_arrays(
     pair: tuple[Spectrum, Spectrum], landmarks: Any, descriptors: Any, initial: Any
 ) -> tuple[Any, Any, Any]:
@@ -20,6 +29,8 @@ def given_arrays(
         ValueError: they do not fit the spectra, or these each other. Values are not
             looked at.
     """
+    for name, spec in zip(("spec_x", "spec_y"), pair, strict=True):
+        check_spectrum(spec, f"match_spectra: {name}")
     k_x, k_y = (len(spec.evals) for spec in pair)
     sizes = [len(spec.mass) for spec in pair]
     if k_x != k_y:
@@ -29,6 +40,10 @@ def given_arrays(
         )
     if landmarks is not None:
         landmarks = jnp.asarray(landmarks)
+        # No rows are none, of any type: numpy makes floats of an empty list.
+        if landmarks.shape in ((0,), (0, 2)):
+            landmarks = None
+    if landmarks is not None:
         whole = jnp.issubdtype(landmarks.dtype, jnp.integer)
         if landmarks.ndim != 2 or landmarks.shape[1] != 2 or not whole:
             raise ValueError(

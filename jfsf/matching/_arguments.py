@@ -68,7 +68,10 @@ def checked_landmarks(
     if landmarks is None:
         return None
     pairs = _array("landmarks", landmarks)
-    if pairs.ndim != 2 or pairs.shape[1] != 2 or len(pairs) == 0:
+    # No rows are none, of any type: numpy makes floats of an empty list.
+    if pairs.shape in ((0,), (0, 2)):
+        return None
+    if pairs.ndim != 2 or pairs.shape[1] != 2:
         raise ValueError(
             f"match: landmarks have shape {pairs.shape}; give rows (vertex of X, "
             "vertex of Y)"

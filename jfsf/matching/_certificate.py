@@ -106,7 +106,7 @@ def certify(
         **known,
     )
     agrees = jnp.where(sign == 0, jnp.abs(score), sign * score)
-    odds = log_odds(**{**evidence.figures(), "orientation": agrees})
+    odds = log_odds(**{**evidence._asdict(), "orientation": agrees})
     evidence = evidence._replace(log_odds=odds.astype(dtype))
     told = jnp.asarray(sign) != 0
     likely = confidence_of(evidence, told)

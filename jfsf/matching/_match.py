@@ -58,7 +58,7 @@ def match(
             where it has no clear outside, it is always "any".
         landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
             a flip. One that does not fit the others is not obeyed, see
-            `Certificate.landmarks`.
+            `Certificate.landmarks`. No rows are as None.
         descriptors: one matrix a shape, column i of X's corresponding to column i of
             Y's, any unit and sign. They replace the wave kernel signature, or stand
             beside it with `FeatureSettings(keep_wks=True)`; curvature stays.

@@ -85,7 +85,7 @@ def ranks(matches: Sequence[Match]) -> np.ndarray:
     -inf where it is unknown. One that misses landmarks ranks lower, by
     MISSED_RANK if it misses all.
     """
-    figures = [match.certificate.figures() for match in matches]
+    figures = [match.certificate._asdict() for match in matches]
     # On the host: so few numbers are not worth a program.
     found = np.nan_to_num([float(rank(np, **own)) for own in figures], nan=-np.inf)
     limit = MISSED

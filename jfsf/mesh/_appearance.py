@@ -82,9 +82,9 @@ def _colours_of_off(data, mesh, path):
 
 def _colours_of_obj(data, mesh, path):
     """Behind the coordinates of a v, in [0, 1]; some programs write up to 255."""
-    data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
-    data = data.replace(b"\\\n", b" ")
-    rows = re.findall(rb"(?m)^[ \t]*v[ \t]+([^\r\n#]*)", data)
+    text = text_of(data).replace("\r\n", "\n").replace("\r", "\n")
+    text = text.replace("\\\n", " ")
+    rows = re.findall(r"(?m)^[ \t]*v[ \t]+([^\r\n#]*)", text)
     words = [row.split()[3:6] for row in rows]
     if any(len(row) < 3 for row in words):
         return None
@@ -177,7 +177,7 @@ def read_uv(path: str | os.PathLike[str], mesh: Mesh) -> ArrayLike:
 
 def _uv_of_obj(data: bytes, faces, path):
     points, sizes, vertices, number, n = [], [], [], [], 0
-    text = data.decode("ascii", "replace").replace("\r\n", "\n")
+    text = text_of(data).replace("\r\n", "\n")
     for line in text.replace("\\\n", " ").splitlines():
         word, *rest = line.split("#", 1)[0].split() or [""]
         if word == "v":

@@ -17,7 +17,7 @@ from jfsf.mesh._geometry import (
     vertex_components,
 )
 from jfsf.mesh._rounding import rounding
-from jfsf.mesh._values import MeshError, check_values
+from jfsf.mesh._values import MeshError, check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 # Twice the area over the squared longest edge: below this, a face is a line. Collinear
@@ -112,7 +112,7 @@ def check(mesh: Mesh) -> Report:
     Returns:
         The report; 0.3 s at 100 000 vertices.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     n, m = len(vertices), len(faces)
     coarse = rounding(mesh) if n else None
     step = None if coarse is None else coarse.step / coarse.edge
@@ -170,7 +170,7 @@ def validate(
             rounded so coarsely that the shape is lost, vertices without a face, several
             components.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh, name)
     check_values(vertices, faces, name)
     n = len(vertices)
     if k is not None and n < k:

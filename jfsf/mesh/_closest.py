@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jfsf.mesh._geometry import edge_keys, face_normals
-from jfsf.mesh._values import MeshError
+from jfsf.mesh._values import MeshError, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 FIRST = 12  # centres of pieces that are tried first; more change the time only
@@ -66,7 +66,8 @@ def surface_tree(mesh: Mesh) -> SurfaceTree:
     Raises:
         MeshError: a point cloud, or faces that are single points.
     """
-    vertices, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
+    vertices = vertices.astype(float)
     if len(faces) == 0:
         raise MeshError("the mesh has no faces", "triangulate it", "surface_tree")
     corner = vertices[faces]

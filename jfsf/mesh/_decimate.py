@@ -6,6 +6,7 @@ from scipy.spatial import KDTree
 
 from jfsf.mesh._edit import Submesh, largest_component, split_components
 from jfsf.mesh._geometry import surface_area
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import Mesh
 
 # A surface passes through about this many cells a vertex asked for, at the first try.
@@ -32,7 +33,8 @@ def coarsen(mesh: Mesh, num: int) -> Submesh:
     """
     if num < 1:
         raise ValueError(f"coarsen: num is {num}, it must be 1 or more")
-    points, faces = np.asarray(mesh.vertices, float), np.asarray(mesh.faces)
+    points, faces = mesh_arrays(mesh)
+    points = points.astype(float)
     n = len(points)
     if n <= num:
         return Submesh(mesh, np.arange(n, dtype=np.int32))
@@ -79,7 +81,7 @@ def decimate(mesh: Mesh, num: int) -> Mesh:
     Raises:
         ValueError: num is below 4, or the mesh has no faces.
     """
-    n, m = len(mesh.vertices), len(mesh.faces)
+    n, m = map(len, mesh_arrays(mesh))
     if num < 4 or m == 0:
         raise ValueError(
             f"decimate: num is {num} and the mesh has {m} faces; give 4 or more, and a "

@@ -13,6 +13,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import cg
 
 from jfsf.mesh._geometry import edges, face_areas, vertex_normals
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 # Height of a spike over the size of the ring around it, or over a common edge. Of 470
@@ -56,7 +57,8 @@ def denoised(mesh: Mesh) -> Mesh:
 
 def spikes(mesh: Mesh) -> Any:
     """Whether each vertex (n,) sticks out far beyond the ring of its neighbours."""
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
+    vertices = vertices.astype(np.float64)
     if len(faces) == 0:
         return np.zeros(len(vertices), bool)
     after = np.roll(faces, -1, 1)
@@ -74,7 +76,7 @@ def spikes(mesh: Mesh) -> Any:
 
 def without_spikes(mesh: Mesh) -> Mesh:
     """The mesh with each of its `spikes` moved to the median of its neighbours."""
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     for _ in range(SPIKE_ROUNDS):
         at = spikes(Mesh(vertices, faces))
         if not at.any():
@@ -94,7 +96,8 @@ def noise(mesh: Mesh) -> float:
         0 where heights of neighbouring vertices are alike, as on a clean surface; where
         noise is less than a tenth of the spacing of vertices; and for a point cloud.
     """
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
+    vertices = vertices.astype(np.float64)
     if len(faces) == 0:
         return 0.0
     n = len(vertices)
@@ -127,7 +130,8 @@ def _smoothed(mesh: Mesh, size: float) -> Any:
     The distance is the discrepancy principle's: as far as noise of `size` has moved
     them. All neighbours count alike, since noise spoils all lengths.
     """
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
+    vertices = vertices.astype(np.float64)
     n = len(vertices)
     average = _average(faces, n)
     degree = sp.diags(_degree(faces, n))

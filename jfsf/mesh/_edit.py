@@ -9,6 +9,7 @@ from jfsf.mesh._geometry import (
     face_areas,
     vertex_components,
 )
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 # Length of a rim that is closed, at most, in sqrt(area) of its component: the rim of a
@@ -33,8 +34,8 @@ def mirror_image(mesh: Mesh) -> Mesh:
 
     Vertex i and face i keep their numbers.
     """
-    vertices = np.asarray(mesh.vertices) * [-1, 1, 1]
-    return Mesh(vertices, np.asarray(mesh.faces)[:, ::-1])
+    vertices, faces = mesh_arrays(mesh)
+    return Mesh(vertices * [-1, 1, 1], faces[:, ::-1])
 
 
 def largest_component(mesh: Mesh) -> Submesh:
@@ -47,7 +48,7 @@ def largest_component(mesh: Mesh) -> Submesh:
         The component and its vertices' numbers in `mesh`. Of components with equal
         area, the one with the lowest vertex.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     if len(faces) == 0:
         return Submesh(mesh, np.arange(len(vertices), dtype=np.int32))
     component = vertex_components(faces, len(vertices))
@@ -71,7 +72,7 @@ def split_components(mesh: Mesh) -> list[Submesh]:
         The components and their vertices' numbers in `mesh`, in the order of their
         lowest vertices. A point cloud has none.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     if len(faces) == 0:
         return []
     component = vertex_components(faces, len(vertices))
@@ -104,12 +105,12 @@ def weld(mesh: Mesh) -> Submesh:
         it; vertices stay in that order. Faces whose corners merge stay; `check` counts
         them as degenerate.
     """
-    vertices = np.asarray(mesh.vertices)
+    vertices, faces = mesh_arrays(mesh)
     first = first_equal(vertices)
     keep = first == np.arange(len(vertices))
     renumber = np.cumsum(keep, dtype=np.int32) - np.int32(1)
     index = np.flatnonzero(keep).astype(np.int32)
-    return Submesh(Mesh(vertices[keep], renumber[first][np.asarray(mesh.faces)]), index)
+    return Submesh(Mesh(vertices[keep], renumber[first][faces]), index)
 
 
 def first_equal(vertices: ArrayLike) -> ArrayLike:
@@ -138,7 +139,8 @@ def without_holes(mesh: Mesh) -> Mesh:
         come of it (a surface with many handles), and for a point cloud. A rim that
         touches another or itself is left.
     """
-    vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
+    vertices = vertices.astype(np.float64)
     if len(faces) == 0:
         return mesh
     component = vertex_components(faces, len(vertices))

@@ -22,6 +22,7 @@ import numpy as np
 from jfsf.mesh._edit import weld
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._values import MeshError, check_plain_numbers
+from jfsf.storage._text import plain_numbers
 from jfsf.types import ArrayLike, Mesh
 
 _COMMENTS = "#", "//"
@@ -40,6 +41,8 @@ def parse_off(data: bytes) -> Mesh:
     """
     text = [line.split("#", 1)[0] for line in text_of(data).splitlines()]
     lines = [line.split() for line in text if line.strip()] or [[""]]
+    if len(lines[0]) in (2, 3) and all(map(str.isdecimal, lines[0])):
+        lines.insert(0, ["OFF"])  # the format allows to leave it out
     keyword = off_keyword(lines[0][0])
     if keyword is None:
         raise MeshError(
@@ -116,18 +119,22 @@ def parse_stl(data: bytes) -> Mesh:
     count = int.from_bytes(data[80:84], "little")
     # Binary files may start with "solid" too, so the size decides: the count of a text
     # file, read as a number, is larger than any file.
+    if len(data) >= 84 and count == 0:
+        more = f", but {len(data) - 84} bytes follow" if len(data) > 84 else ""
+        raise MeshError(
+            f"it is a binary STL whose header announces 0 triangles{more}",
+            "export it again",
+        )
     if len(data) >= 84 + 50 * count:
         record = np.dtype([("normal", "<f4", 3), ("xyz", "<f4", (3, 3)), ("", "<u2")])
         points = np.frombuffer(data, record, count, 84)["xyz"].reshape(-1, 3)
     elif data.lstrip()[:5].lower() == b"solid":
-        lines = re.findall(rb"(?im)^\s*(?:vertex|endfacet|endsolid)\b[^\r\n]*", data)
-        words = [line.split() for line in lines]
-        if not words or words[-1][0].lower() != b"endsolid":
+        pattern = r"(?im)^\s*(?:vertex|endfacet|endsolid)\b[^\r\n]*"
+        words = [line.split() for line in re.findall(pattern, text_of(data))]
+        if not words or words[-1][0].lower() != "endsolid":
             raise MeshError("its last endsolid is missing", "export it again")
-        corners = [word[1:] for word in words if word[0].lower() == b"vertex"]
-        check_plain_numbers(
-            b" ".join(map(b" ".join, corners)).decode("ascii", "replace")
-        )
+        corners = [word[1:] for word in words if word[0].lower() == "vertex"]
+        check_plain_numbers(" ".join(map(" ".join, corners)))
         points = _coordinates(corners)
     else:
         raise MeshError(
@@ -152,9 +159,9 @@ def off_keyword(word: str) -> re.Match[str] | None:
 
 
 def text_of(data: bytes) -> str:
-    """A file of text, without a byte order mark."""
+    """The text of a file; `plain_numbers`, of which some hold a # as comments do."""
     # Only names and comments hold characters beyond ASCII.
-    return data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "replace")
+    return plain_numbers(data.decode("ascii", "replace"))
 
 
 def _coordinates(rows: list) -> ArrayLike:
@@ -177,7 +184,7 @@ def parse_xyz(data: bytes) -> Mesh:
         MeshError: lines of different lengths, words instead of numbers, or decimal
             commas.
     """
-    text = data.removeprefix(b"\xef\xbb\xbf").decode("ascii", "replace")
+    text = text_of(data)
     rows, numbers = [], []
     for number, line in enumerate(text.splitlines(), 1):
         line = line.strip()

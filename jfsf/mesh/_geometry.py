@@ -10,6 +10,7 @@ import scipy.sparse as sp
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, dijkstra
 
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -67,7 +68,7 @@ def in_unit_box(points: ArrayLike) -> Any:
 
 def surface_area(mesh: Mesh) -> float:
     """Area of a mesh; 0 for a point cloud."""
-    return float(face_areas(np.asarray(mesh.vertices), np.asarray(mesh.faces)).sum())
+    return float(face_areas(*mesh_arrays(mesh)).sum())
 
 
 def vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:

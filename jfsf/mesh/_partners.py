@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
-from jfsf.mesh._values import check_values
+from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -34,7 +34,7 @@ def without_strays(mesh: Mesh) -> Repaired:
     Returns:
         The mesh with both index maps; `done` is empty if every vertex has a face.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     n, done = len(vertices), []
     if len(faces) == 0:
         return kept(vertices, faces, np.arange(n), np.arange(n), done)
@@ -57,7 +57,7 @@ def without_nonfinite(mesh: Mesh, *, name: str = "mesh") -> Repaired:
     Raises:
         MeshError: no vertex is finite, or as `check_values`.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh, name)
     check_values(vertices, faces, name, finite=False)
     good, done = np.asarray(np.isfinite(vertices).all(axis=1)), []
     if not good.any():

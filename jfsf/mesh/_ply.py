@@ -11,6 +11,7 @@ import numpy as np
 
 from jfsf.mesh._polygons import triangulate
 from jfsf.mesh._values import MeshError, check_plain_numbers
+from jfsf.storage._text import plain_numbers
 from jfsf.types import ArrayLike, Mesh
 
 _TYPES = {
@@ -75,7 +76,9 @@ def ply_columns(
                 f"its header announces {total} lines, but {lines} follow",
                 "export the mesh again",
             )
-        check_plain_numbers(body.decode("ascii", "replace"))
+        text = body.decode("ascii", "replace")
+        check_plain_numbers(text)
+        body = body if (plain := plain_numbers(text)) is text else plain.encode()
         body, notes = _announced(body, elements)
         body = np.array(body.split(), "<f8").tobytes()
     at, columns = 0, {}

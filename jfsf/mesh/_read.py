@@ -12,6 +12,7 @@ from jfsf.mesh._gltf import parse_gltf
 from jfsf.mesh._others import LIBRARIES, parse_gifti, parse_vtk
 from jfsf.mesh._ply import parse_ply
 from jfsf.mesh._values import MeshError, check_values
+from jfsf.storage._text import in_utf8, instead_of_data
 from jfsf.types import Mesh
 
 _PARSERS = {
@@ -23,6 +24,8 @@ _PARSERS = {
     ".gii": parse_gifti,
 }
 _SCENES = (".glb", ".gltf")
+# Formats of text, some of them binary too; XML says its encoding itself.
+_TEXTS = (".off", ".obj", ".ply", ".stl", ".xyz", ".vtk", ".gltf")
 CLOUDS = (".xyz", ".npy")  # formats without faces
 # Of files that can be read, without and with compression.
 SUFFIXES = (".off", ".obj", ".ply", ".stl", *_SCENES, *LIBRARIES, *CLOUDS)
@@ -106,14 +109,18 @@ def read_noted(path: str | os.PathLike[str], *, finite: bool = True) -> Reading:
 
 
 def contents(path: Path) -> bytes:
-    """The bytes of a mesh file, without its compression.
+    """The bytes of a mesh file, without its compression; text in UTF-8 without a mark.
 
     Raises:
         OSError: it cannot be read.
-        MeshError: it cannot be decompressed.
+        MeshError: it cannot be decompressed, or another thing stands in its place.
     """
-    data, packed = path.read_bytes(), _format(path)[1]
-    return _unpacked(data, packed) if packed and data.strip() else data
+    data, (suffix, packed) = path.read_bytes(), _format(path)
+    _check_is_data(data)
+    if packed and data.strip():
+        data = _unpacked(data, packed)
+        _check_is_data(data)
+    return in_utf8(data) if suffix in _TEXTS else data
 
 
 def format_of(path: str | os.PathLike[str]) -> str:
@@ -138,6 +145,11 @@ def _format(path: Path) -> tuple[str, str]:
     if last in COMPRESSED:
         return Path(path.stem).suffix.lower(), last
     return last, ""
+
+
+def _check_is_data(data: bytes) -> None:
+    if found := instead_of_data(data):
+        raise MeshError(*found)
 
 
 def _unpacked(data: bytes, packed: str) -> bytes:

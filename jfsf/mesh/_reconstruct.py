@@ -29,6 +29,7 @@ from jfsf.mesh._geometry import (
     pair_half_edges,
     vertex_components,
 )
+from jfsf.mesh._values import mesh_arrays
 from jfsf.mesh._winding import orient
 from jfsf.types import ArrayLike, Mesh
 
@@ -75,7 +76,7 @@ def reconstruct(cloud: Mesh) -> Reconstruction:
     Returns:
         The surface, the same under rigid motion, scaling and relabelling but for ties.
     """
-    points = np.asarray(cloud.vertices, np.float64)
+    points = mesh_arrays(cloud, "cloud")[0].astype(np.float64)
     none = np.zeros((0, 3), np.int32)
     surface, whole = _faces(points) or (none, none)
     return Reconstruction(Mesh(cloud.vertices, surface), Mesh(cloud.vertices, whole))

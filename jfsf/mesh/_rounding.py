@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.mesh._geometry import edges
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import Mesh
 
 # Distance from the origin over the size of the shape, below which six digits do.
@@ -52,7 +53,7 @@ def rounding(mesh: Mesh) -> Rounding | None:
     Args:
         mesh: n finite vertices, m faces whose indices are in range, or a cloud.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     # Halves, and in units of the size below: nothing overflows.
     low, high = vertices.min(0) / 2, vertices.max(0) / 2
     far, size = np.maximum(np.abs(low), np.abs(high)), (high - low).max()

@@ -1,5 +1,6 @@
 """Check the arrays of a mesh (numpy)."""
 
+from os import PathLike, fspath
 from typing import Self
 
 import numpy as np
@@ -42,13 +43,33 @@ class MeshError(InputError):
     """
 
 
+def mesh_arrays(mesh: Mesh, name: str = "mesh") -> tuple[np.ndarray, np.ndarray]:
+    """The vertices and the faces of a mesh by numpy.
+
+    Args:
+        mesh: a Mesh, or another record with vertices and faces.
+        name: opens the message: the file or the argument.
+
+    Raises:
+        MeshError: it is no mesh, such as the path of one or a pair of arrays.
+    """
+    try:
+        return np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    except AttributeError:
+        pass
+    found, advice = f"is a {type(mesh).__name__}", "pass jfsf.Mesh(vertices, faces)"
+    if isinstance(mesh, str | PathLike):
+        found, advice = f"{found}, {fspath(mesh)!r}", "read it with jfsf.read"
+    raise MeshError(f"{found}, not a mesh", advice, name)
+
+
 def checked_mesh(mesh: Mesh, name: str) -> Mesh:
     """The mesh in numpy arrays, of any type that `check_values` takes.
 
     Raises:
         MeshError: as `check_values`.
     """
-    vertices, faces = (np.asarray(a) for a in mesh)
+    vertices, faces = mesh_arrays(mesh, name)
     check_values(vertices, faces, name)
     # Differences of whole numbers would wrap round.
     whole = vertices.dtype.kind in "iu"

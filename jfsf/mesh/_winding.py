@@ -32,6 +32,7 @@ from jfsf.mesh._geometry import (
     pair_half_edges,
     repeats_vertex,
 )
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 # Share of the area with unclear winding above which left and right are in doubt.
@@ -82,7 +83,7 @@ def orient(mesh: Mesh) -> Mesh:
     Returns:
         The mesh, wound. `unclear_winding` says how much of it could not be.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     turn = _winding(vertices, faces, False).turn
     return Mesh(vertices, np.where(turn[:, None], faces[:, [0, 2, 1]], faces))
 
@@ -108,7 +109,7 @@ def unclear_winding(mesh: Mesh) -> float:
     Returns:
         The share; 0 for a mesh without area and for a point cloud.
     """
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh)
     area = face_areas(vertices, faces)
     clear = _winding(vertices, faces, True).clear
     return float(area[~clear].sum() / area.sum()) if area.sum() > 0 else 0.0

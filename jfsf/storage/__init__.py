@@ -2,6 +2,7 @@
 
 Read in this order:
 
+- `_text`: files of text that people bring: encodings, tables, stand-ins
 - `_atomic`: write a file completely or not at all
 - `_npz`: read an array of a .npz file to its end
 - `_private`: files that only this user can have written

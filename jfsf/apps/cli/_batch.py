@@ -67,8 +67,9 @@ def batch(
         Path,
         typer.Argument(
             metavar="PAIRS.csv",
-            help="Two mesh paths a line, with a comma between, relative to this file. "
-            "Titles in the first line name further columns: orientation, "
+            help="Two mesh paths a line, relative to this file, with a comma, a "
+            "semicolon or a tab between. Titles in the first line name further "
+            "columns: orientation, "
             "largest_component, partial, repair, landmarks, landmarks_x, landmarks_y, "
             "gt_x, gt_y. What a line says goes before the options.",
         ),

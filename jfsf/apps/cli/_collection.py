@@ -84,7 +84,7 @@ def collection(
         typer.Option(
             metavar="FILE",
             help="Labels of --template, one a vertex or one a face, to be carried to "
-            "all: .npy, .csv or .txt.",
+            "all: .npy, .csv, .txt or .seg, or .json of parts.",
         ),
     ] = None,
     values: Annotated[

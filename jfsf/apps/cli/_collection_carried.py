@@ -145,9 +145,9 @@ def write_carried(
 def carried_files(out: Path, name: str) -> list[Path]:
     """The files of what was carried to a shape, landmarks included, that are there."""
     from jfsf.apps.landmarks._files import SUFFIXES
-    from jfsf.apps.transfer._files import FORMATS
+    from jfsf.apps.transfer._files import FORMATS, LABEL_FORMATS
 
-    columns = dict.fromkeys(("labels", "values"), FORMATS)
+    columns = {"labels": LABEL_FORMATS, "values": FORMATS}
     kinds = {"landmarks": (SLICER, *SUFFIXES), **columns}
     paths = [out / kind / f"{name}{end}" for kind in kinds for end in kinds[kind]]
     return [path for path in paths if path.exists()]

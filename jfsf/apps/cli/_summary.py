@@ -50,7 +50,7 @@ def summary_row(
         row["confidences"] = [None if x != x else round(x, 4) for x in likely]
         for stage, seconds in zip(STAGES, info.seconds, strict=True):
             row[_seconds_of(stage)] = None if np.isnan(seconds) else float(seconds)
-    figures = {name: value.item() for name, value in certificate.figures().items()}
+    figures = certificate.figures()
     notes = read_notes(outcome.job.out)
     doubts = [n.removeprefix(WARNING) for n in notes if n.startswith(WARNING)]
     warnings = warnings_of(certificate, orientation, landmarks=landmarks)

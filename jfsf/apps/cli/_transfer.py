@@ -61,8 +61,9 @@ def transfer(
         Path,
         typer.Option(
             metavar="FILE",
-            help="Values and labels: .npy, .csv or .txt. Landmarks: any format that is "
-            "read. A texture: .obj (with .mtl and .png beside it) or .glb.",
+            help="Values and labels: .npy, .csv or .txt; labels also .seg, or .json of "
+            "vertices. Landmarks: any format that is read. A texture: .obj (with "
+            ".mtl and .png beside it) or .glb.",
         ),
     ],
     values: Annotated[
@@ -77,7 +78,7 @@ def transfer(
         typer.Option(
             metavar="FILE",
             help="Whole numbers or names, one for each vertex or each face of Y: .npy, "
-            ".csv or .txt.",
+            ".csv, .txt or .seg; or .json, the vertices of each part, as SMPL's.",
         ),
     ] = None,
     landmarks: Annotated[
@@ -231,11 +232,17 @@ def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
 
 def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
     from jfsf.apps.transfer import labels, read_labels
-    from jfsf.apps.transfer._files import check_format, write_column
+    from jfsf.apps.transfer._files import LABEL_FORMATS, check_format, write_column
 
-    check_format(out)
+    check_format(out, LABEL_FORMATS)
     column = read_labels(path, len(own.vertices), len(own.faces))
     goal = None if to is None else to.value
+    came_as = "vertices" if len(column.rows) == len(own.vertices) else "faces"
+    if out.suffix.lower() == ".json" and (goal or came_as) == "faces":
+        raise ValueError(
+            f"{out}: holds the vertices of parts, and these labels are of faces; give "
+            "--to vertices, or write .seg"
+        )
     return Work(
         "labels",
         lambda on: labels(on, column.rows, to=goal),  # type: ignore

@@ -18,6 +18,7 @@ from jfsf.initial import Orientation, orientation_sign
 from jfsf.matching import basis, check_matchable
 from jfsf.mesh import MeshError, closest
 from jfsf.mesh._closest import surface_tree
+from jfsf.mesh._values import mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 
@@ -173,7 +174,7 @@ def collection(
 
 def check_surface(mesh: Mesh, name: str) -> None:
     """MeshError for a point cloud, onto which no template can be deformed."""
-    if len(mesh.faces) == 0:
+    if len(mesh_arrays(mesh, name)[1]) == 0:
         raise MeshError(
             "has no faces, and a collection registers surfaces",
             "triangulate it (jfsf.mesh.reconstruct)",

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.mesh._values import check_values
+from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
 # Of Phi^T A Phi from I. Single precision stays far below, other areas far above.
@@ -94,7 +94,7 @@ def at_unit_area(
     Raises:
         ValueError: these are not the eigenpairs of one connected shape.
     """
-    mesh = Mesh(*(np.asarray(a) for a in mesh))
+    mesh = Mesh(*mesh_arrays(mesh, name))
     check_values(*mesh, name)
     evals, evecs, mass = (np.asarray(a, np.float64) for a in (evals, evecs, mass))
     n = len(mesh.vertices)

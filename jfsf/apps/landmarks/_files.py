@@ -23,6 +23,7 @@ from jfsf.apps.landmarks._record import (
 )
 from jfsf.apps.landmarks._table import particles_text, read_table, table_text
 from jfsf.storage._atomic import write_text
+from jfsf.storage._text import find_separator, read_text
 
 _TABLES = ".csv", ".tsv", ".txt"
 _READERS = {
@@ -52,7 +53,8 @@ def read_landmarks(path: Path) -> Landmarks:
         path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles, or
             a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or
             a name and a vertex; or a vertex, counted from 0. Its first line may hold
-            titles, and Slicer's l, p, s or r, a, s in place of x, y, z. All are UTF-8.
+            titles, and Slicer's l, p, s or r, a, s in place of x, y, z; before it may
+            stand `sep=;`. All are UTF-8, or UTF-16 with its mark.
 
     Returns:
         The landmarks that have a position, in the order and the coordinates of the
@@ -67,7 +69,7 @@ def read_landmarks(path: Path) -> Landmarks:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise ValueError(f"{path}: unknown format of landmarks; they are {FORMATS}")
-    return reader(_text_of(path), path)
+    return reader(read_text(path), path)
 
 
 def write_landmarks(path: Path, landmarks: Landmarks) -> None:
@@ -124,7 +126,8 @@ def read_vertex_pairs(path: Path) -> np.ndarray:
             f"{path}: holds points of one shape; give such files as --landmarks-x and "
             "--landmarks-y"
         )
-    lines = numbered_lines(_text_of(path))
+    lines = numbered_lines(read_text(path))
+    lines = lines[find_separator([line for _, line in lines], "")[1] :]
     lines = [(number, line.split("#")[0].strip()) for number, line in lines]
     lines = [(number, line) for number, line in lines if line]
     pairs = []
@@ -139,11 +142,3 @@ def read_vertex_pairs(path: Path) -> np.ndarray:
     if not pairs:
         raise ValueError(f"{path}: holds no pair of vertices; {_PAIRS}")
     return np.array(pairs, np.int64)
-
-
-def _text_of(path: Path) -> str:
-    """A file as text: UTF-8, with its mark or without."""
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: is not UTF-8 ({error}); save it as that") from None

@@ -9,7 +9,7 @@ from jfsf.apps.landmarks._record import Landmarks, checked, titled
 from jfsf.mesh import closest
 from jfsf.mesh._closest import surface_tree
 from jfsf.mesh._geometry import face_areas
-from jfsf.mesh._values import check_values
+from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
 # Distance from the surface beyond which a landmark is refused, in diagonals of the
@@ -91,7 +91,7 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
             its bounding box, or is a vertex that it does not have; wrong shapes.
     """
     landmarks = checked(landmarks, "on_surface")
-    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    vertices, faces = mesh_arrays(mesh, "on_surface")
     check_values(vertices, faces, "on_surface", finite=False)
     finite = np.asarray(np.isfinite(vertices).all(1))
     if not finite.any():
@@ -183,7 +183,7 @@ def carry_landmarks(
         ValueError: as `on_surface`; or T_yx is no map from Y to X.
     """
     placed = on_surface(landmarks, mesh_y)
-    vertices, faces = np.asarray(mesh_x.vertices), np.asarray(mesh_x.faces)
+    vertices, faces = mesh_arrays(mesh_x, "carry_landmarks: mesh_x")
     check_values(vertices, faces, "carry_landmarks: mesh_x")
     vertices = vertices.astype(np.float64)
     T_yx, n_y = np.asarray(T_yx), len(mesh_y.vertices)

@@ -21,18 +21,18 @@ from jfsf.apps.landmarks._record import (
     to_point,
     to_vertex,
 )
+from jfsf.storage._text import find_separator, plain_numbers
 
 EXPECTED = (
     "a line holds name,x,y,z or x,y,z or name,vertex or a vertex counted from 0, and "
     "the first may hold their titles"
 )
 _COMMENT = re.compile(r"\s*#(?!\d)")  # but #1 is the name of a landmark
-_QUOTED = re.compile(r'"(?:[^"]|"")*"')
 # Titles in small letters, without units in brackets; the first of a list that is there.
 _NAMES = ["name", "label", "landmark", "id", ""]
 _VERTICES = ["vertex", "index"]
 _AXES = {"xyz": None, "ras": "RAS", "lps": "LPS"}  # Slicer's table has the last two
-_MISSING = {"", "na", "nan"}
+_MISSING = {"", "na", "nan", "-nan"}
 
 
 class _Columns(NamedTuple):
@@ -70,9 +70,10 @@ def read_table(text: str, path: object) -> Landmarks:
         ValueError: a line of another form, or no landmark.
     """
     lines = [row for row in numbered_lines(text) if not _COMMENT.match(row[1])]
+    separator, said = find_separator([line for _, line in lines], "\t;,")
+    separator, lines = separator or " ", lines[said:]
     if not lines:
         raise ValueError(f"{path}: holds no landmark; {EXPECTED}")
-    separator = _separator(lines[0][1])
     rows = [_cells(line, separator, f"{path}: line {n}") for n, line in lines]
     if (columns := _titles(rows[0])) is not None:
         lines, rows = lines[1:], rows[1:]
@@ -93,7 +94,7 @@ def _rows(lines, rows, columns: _Columns | None, path) -> Iterator[tuple[str, An
             raise wrong
         cell = lambda at, cells=cells: cells[at] if 0 <= at < len(cells) else ""
         numbers = [cells[at] for at in columns.numbers]
-        missing = all(number.strip().lower() in _MISSING for number in numbers)
+        missing = all(map(_is_missing, numbers))
         if missing or cell(columns.defined).strip() == "0":
             yield cell(columns.name), None
             continue
@@ -132,11 +133,6 @@ def particles_text(landmarks: Landmarks) -> str:
     return "".join(" ".join(map(repr, point)) + "\n" for point in points)
 
 
-def _separator(line: str) -> str:
-    line = _QUOTED.sub('""', line)
-    return next((mark for mark in "\t;," if mark in line), " ")
-
-
 def _cells(line: str, separator: str, where: str) -> list[str]:
     try:
         (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
@@ -145,6 +141,10 @@ def _cells(line: str, separator: str, where: str) -> list[str]:
     if separator == " " and len(cells) > 4:  # a name of several words
         return [" ".join(cells[:-3]), *cells[-3:]]
     return cells
+
+
+def _is_missing(cell: str) -> bool:
+    return plain_numbers(cell).strip().lower() in _MISSING
 
 
 def _titles(cells: list[str]) -> _Columns | None:

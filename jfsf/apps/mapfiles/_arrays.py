@@ -15,6 +15,7 @@ import scipy.sparse
 
 from jfsf.apps.mapfiles._formats import Arrays, MapFileError
 from jfsf.storage._npz import read_npz_array
+from jfsf.storage._text import in_utf8, instead_of_data
 
 MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched
 _CONTAINERS = (
@@ -31,8 +32,7 @@ def read_text(path: Path) -> np.ndarray:
         MapFileError: missing, empty, or with lines that are not one number.
     """
     try:
-        data = _read_bytes(path).removeprefix(b"\xef\xbb\xbf")  # as Notepad writes
-        lines = data.decode("ascii").splitlines()
+        lines = in_utf8(_read_bytes(path)).decode("ascii").splitlines()
     except UnicodeDecodeError:
         raise MapFileError(f"{path}: not text; expected one index a line") from None
     values = []
@@ -163,4 +163,6 @@ def _read_bytes(path: Path) -> bytes:
         raise MapFileError(f"{path}: {error.strerror}; check the path") from None
     if not data.strip():
         raise MapFileError(f"{path}: the file is empty; write or download it again")
+    if found := instead_of_data(data):
+        raise MapFileError(f"{path}: {'; '.join(found)}")
     return data

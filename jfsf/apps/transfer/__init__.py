@@ -9,6 +9,7 @@ Read in this order:
 - `_carry`: values, labels and landmarks
 - `_atlas`: a place in an image for each face
 - `_texture`: textures
+- `_parts`: parts of vertices in JSON
 - `_files`: values, labels and images in files
 """
 

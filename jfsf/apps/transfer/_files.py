@@ -8,10 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jfsf.apps.transfer._parts import parts_text, read_parts
 from jfsf.storage._atomic import write_atomically, write_text
+from jfsf.storage._text import find_separator, plain_numbers, read_text
 from jfsf.types import ArrayLike
 
 FORMATS = ".npy", ".csv", ".txt"
+# Labels also as the Princeton benchmark's of faces, and as SMPL's parts of vertices.
+LABEL_FORMATS = *FORMATS, ".seg", ".json"
 
 
 class Column(NamedTuple):
@@ -25,11 +29,12 @@ class Column(NamedTuple):
     titles: tuple[str, ...] = ()
 
 
-def check_format(path: Path) -> None:
-    """ValueError if values and labels are not read and written with this suffix."""
-    if path.suffix.lower() not in FORMATS:
+def check_format(path: Path, formats: tuple[str, ...] = FORMATS) -> None:
+    """ValueError if these are not read and written with this suffix."""
+    if path.suffix.lower() not in formats:
+        what = "values" if formats == FORMATS else "labels"
         raise ValueError(
-            f"{path}: values and labels are {', '.join(FORMATS)}, not {path.suffix!r}"
+            f"{path}: {what} are {', '.join(formats)}, not {path.suffix!r}"
         )
 
 
@@ -50,6 +55,7 @@ def read_values(path: Path, n: int) -> Column:
         ValueError: another format or number of rows, or something that is no number.
         OSError: the file cannot be read.
     """
+    check_format(path)
     rows, titles = _table(path, (n,), _numbers)
     if rows.dtype.kind not in "fiub" or rows.ndim not in (1, 2) or len(rows) != n:
         raise ValueError(
@@ -63,9 +69,11 @@ def read_labels(path: Path, n: int, m: int) -> Column:
     """Labels of the n vertices or the m faces of a mesh.
 
     Args:
-        path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt`, a label
-            a line. They are numbers if all of them are. The first line is a title if
-            there is one more than there should be.
+        path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt` or
+            `.seg`, a label a line. They are numbers if all of them are. The first line
+            is a title if there is one more than there should be. Or `.json`, a list of
+            vertices for the name of each part, as SMPL's: a vertex in several parts
+            has the first of them, one in none the name "".
         n, m: vertices and faces; as many labels are expected.
 
     Returns:
@@ -75,6 +83,9 @@ def read_labels(path: Path, n: int, m: int) -> Column:
         ValueError: another format or number of labels, or fractions.
         OSError: the file cannot be read.
     """
+    check_format(path, LABEL_FORMATS)
+    if path.suffix.lower() == ".json":
+        return Column(read_parts(path, n))
     rows, titles = _table(path, (n, m), _words)
     if rows.ndim == 2 and rows.shape[1] == 1:
         rows = rows[:, 0]
@@ -101,22 +112,27 @@ def write_column(path: Path, column: Column) -> None:
     """Write values or labels; the file appears complete or not at all.
 
     Args:
-        path: `.npy`, `.csv` (with commas) or `.txt` (with blanks).
+        path: `.npy`, `.csv` (with commas) or `.txt` (with blanks); of labels also
+            `.seg`, and `.json` of those of vertices, without "" and -1.
         column: numbers or names, and their titles.
 
     Raises:
         ValueError: another suffix.
         OSError: the file cannot be written.
     """
-    check_format(path)
     rows = np.asarray(column.rows)
+    is_labels = rows.ndim == 1 and rows.dtype.kind != "f"
+    check_format(path, LABEL_FORMATS if is_labels else FORMATS)
     suffix = path.suffix.lower()
+    if suffix == ".json":
+        write_text(path, parts_text(rows))
+        return
     if suffix == ".npy":
         write_atomically(path, lambda file: np.save(file, rows, allow_pickle=False))
         return
     form = "%.9g" if rows.dtype.kind == "f" else "%s"
     lines = [[form % cell for cell in np.atleast_1d(row)] for row in rows]
-    if column.titles:
+    if column.titles and suffix != ".seg":
         lines.insert(0, list(column.titles))
     if suffix == ".csv":
         text = io.StringIO()
@@ -128,7 +144,6 @@ def write_column(path: Path, column: Column) -> None:
 
 def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
     """The rows of a file; `convert` makes an array of lines of text."""
-    check_format(path)
     if path.suffix.lower() == ".npy":
         try:
             rows = np.load(path, allow_pickle=False)
@@ -140,11 +155,13 @@ def _table(path: Path, counts: tuple[int, ...], convert: Callable) -> Column:
         if not isinstance(rows, np.ndarray):
             raise ValueError(f"{path}: holds several arrays; write one with numpy.save")
         return Column(rows)
-    text = path.read_bytes().decode("utf-8-sig", "replace")
+    text = read_text(path)
     # Not splitlines, which also splits at rarer characters that names may hold.
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if not lines[-1]:
         lines.pop()  # it was ended by the last line break
+    # Then the separator is found again in the titles or the numbers.
+    lines = lines[find_separator(lines, "")[1] :]
     full = max((i for i, line in enumerate(lines, 1) if line.strip()), default=0)
     if full == 0:
         raise ValueError(f"{path}: is empty; expected a line a vertex")
@@ -164,8 +181,7 @@ def _by_csv(path: Path, lines, separator: str) -> list[list[str]]:
 
 def _cells(path: Path, lines, counts) -> list[list[str]]:
     full = [line for line in lines if line.strip()]
-    separator = next((mark for mark in "\t;," if mark in full[0]), None)
-    if separator is not None:
+    if separator := find_separator(full, "\t;,")[0]:
         return _by_csv(path, full, separator)
     rows = [line.split() for line in full]
     if len(rows) not in counts and max(map(len, rows)) == 1:
@@ -220,7 +236,7 @@ def _unquoted(word: str) -> str:
 
 
 def _number(cell: str) -> float | None:
-    cell = cell.strip()
+    cell = plain_numbers(cell.strip())
     if cell.lower() in ("", "nan", "na"):
         return np.nan
     try:

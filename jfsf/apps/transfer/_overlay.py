@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 from jfsf.apps.registration import Registration, RegistrationSettings, register
 from jfsf.matching._arguments import checked_map
 from jfsf.mesh import unclear_winding
-from jfsf.mesh._values import check_values, checked_mesh
+from jfsf.mesh._values import check_values, checked_mesh, mesh_arrays
 from jfsf.mesh._winding import MAX_UNCLEAR
 from jfsf.types import ArrayLike, Mesh
 
@@ -121,7 +121,7 @@ def extended(overlay: Overlay, mesh_x: Mesh, mesh_y: Mesh) -> Overlay:
     Raises:
         MeshError: arrays that are no mesh.
     """
-    mesh_x, mesh_y = (Mesh(*map(np.asarray, mesh)) for mesh in (mesh_x, mesh_y))
+    mesh_x, mesh_y = Mesh(*mesh_arrays(mesh_x, "X")), Mesh(*mesh_arrays(mesh_y, "Y"))
     check_values(*mesh_x, "X", finite=False)
     check_values(*mesh_y, "Y", finite=False)
     at_x, known_x = _places(overlay.mesh_x, overlay.at_x, mesh_x, overlay.known_x)
