@@ -9,7 +9,6 @@ Read in this order:
 - `_stored`: two meshes and a map that was written
 - `_landmarks`: the landmarks of `jfsf match` and `jfsf batch`
 - `_notes`: what these two say of the meshes of a pair
-- `_memory`: whether a pair fits into the memory that is left
 - `_exports`: what they draw and export
 - `_stages`: a bar that names the stage
 - `_components`: `jfsf match --components`

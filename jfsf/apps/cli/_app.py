@@ -51,7 +51,6 @@ from jfsf.apps.cli._landmarks import (
     check_landmark_options,
     known_pairs,
 )
-from jfsf.apps.cli._memory import memory_doubt
 from jfsf.apps.cli._notes import check_units, notes_of
 from jfsf.apps.cli._pages import can_report, kept_truth
 from jfsf.apps.cli._register import (
@@ -68,17 +67,7 @@ from jfsf.apps.cli._warm_up import warm_up
 from jfsf.apps.cli._words import print_any_letter, sentence
 from jfsf.apps.report import Side, write_report
 from jfsf.apps.report._words import attempts, warnings_of
-from jfsf.matching.parts import PartSettings
 from jfsf.mesh._read import stem_of
-
-# Of a match, if the first map is right: spectra, features, search, refinement, bending
-# and conversion, writing.
-_STAGES = 6
-# Of parts: spectra, assignments, rigid motions, registrations, refinements at most,
-# writing.
-_PARTS = PartSettings()
-_REGISTRATIONS = _PARTS.assignments + _PARTS.alignments + _PARTS.registered_again
-_PART_STAGES = 4 + _REGISTRATIONS + _PARTS.refined + _PARTS.refinements - 1
 
 
 class _OneLine(TyperGroup):
@@ -309,11 +298,8 @@ def match(
     one_unit = partial and not any_unit
     if one_unit and (doubt := check_units((x, y), (shape_x, shape_y))):
         console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
-    vertices = sum(len(shape.mesh.vertices) for shape in (shape_x, shape_y))
-    if doubt := memory_doubt(vertices):
-        console.print(f"warning: {doubt}", soft_wrap=True, markup=False)
     started = perf_counter()
-    with stage_bar(_PART_STAGES if partial else _STAGES) as stage:
+    with stage_bar() as stage:
         matched = match_meshes(
             shape_x.mesh,
             shape_y.mesh,

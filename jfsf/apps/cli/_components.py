@@ -14,8 +14,6 @@ from jfsf.apps.cli._stages import stage_bar
 from jfsf.apps.cli._words import counted
 from jfsf.apps.report._words import verdict, warnings_of
 
-_STAGES = 5  # two pieces on either side, and writing
-
 
 def check_components_options(given: dict[str, Any]) -> None:
     """ValueError if options were given that do not go with --components.
@@ -57,7 +55,7 @@ def match_pieces(
         for path, (_, passed) in zip((x, y), read, strict=True)
         for note in passed
     ]
-    with stage_bar(_STAGES) as stage:
+    with stage_bar() as stage:
         try:
             found = match_components(
                 *(mesh for mesh, _ in read),

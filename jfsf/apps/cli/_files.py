@@ -9,6 +9,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
+from jfsf.mesh._read import COMPRESSED, SUFFIXES
 from jfsf.types import Match, Mesh
 
 
@@ -41,10 +42,7 @@ AnyUnitOption = Annotated[
     ),
 ]
 
-FORMATS = (
-    "OFF, OBJ, PLY, STL, GLB, glTF, VTK (.vtk, .vtp), GIFTI (.gii), .xyz or .npy file; "
-    "also .gz."
-)
+FORMATS = f"{', '.join(SUFFIXES)}; also packed, {', '.join(COMPRESSED)}."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
 

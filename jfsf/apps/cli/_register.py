@@ -21,7 +21,6 @@ from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
 
-_STAGES = 7  # those of a match, if the first map is right; registration, writing
 # Beyond these a registration is to be looked at.
 MAX_MEAN = 0.005  # of sqrt(area), from the scan
 MAX_BRIDGED = 0.05  # of the vertices
@@ -106,7 +105,7 @@ def register(
         mesh, onto = (shape.mesh for shape in shapes)
         for path, shape in zip(paths, shapes, strict=True):
             said += [f"{path}: {line}" for line in shape.said]
-    with stage_bar(_STAGES if T is None else 2) as stage:
+    with stage_bar() as stage:
         if T is None:
             from jfsf.matching import match
 

@@ -15,8 +15,6 @@ from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
 
-_STAGES = 3  # registration, carrying, writing
-
 
 class Source(StrEnum):
     """The shape that has what is carried, as choices of an option."""
@@ -165,7 +163,7 @@ def transfer(
             )
         mesh_x, mesh_y = mesh_y, mesh_x
         T, matched = maps.T_yx, match and match.matched_y
-    with stage_bar(_STAGES) as stage:
+    with stage_bar() as stage:
         stage("registration")
         if matched is not None:
             matched = of_kept(np.asarray(matched), goal, mesh_x)

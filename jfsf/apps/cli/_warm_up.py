@@ -32,7 +32,7 @@ def warm_up(
 
     asked = vertices or [5000]
     started = perf_counter()
-    with stage_bar(len(set(asked)) + 1) as begin:
+    with stage_bar() as begin:
         number = matching.warm_up(asked, progress=begin)
     seconds = perf_counter() - started
     Console().print(
