@@ -14,7 +14,8 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli import app
-from jfsf.apps.cli._files import kept_match, matchable
+from jfsf.apps.cli._files import matchable
+from jfsf.apps.cli._stored import kept_match
 from jfsf.apps.export import export_mesh
 from jfsf.apps.landmarks import (
     Landmarks,

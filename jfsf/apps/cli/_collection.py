@@ -10,7 +10,6 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
 from jfsf.apps.cli._collection_carried import (
     carried_of,
@@ -36,19 +35,15 @@ from jfsf.apps.cli._collection_runner import (
     number_of,
     outcomes,
 )
-from jfsf.apps.cli._files import (
+from jfsf.apps.cli._files import can_write_in, need_matplotlib
+from jfsf.apps.cli._options import (
     Orientation,
     OrientationOption,
-    can_write_in,
-    need_matplotlib,
-)
-from jfsf.apps.cli._runs import (
     SchedulerOption,
     WorkersOption,
-    bars,
-    begin,
-    raising_interrupts,
 )
+from jfsf.apps.cli._print import say_result
+from jfsf.apps.cli._runs import bars, begin, raising_interrupts
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
 
 
@@ -203,21 +198,14 @@ def collection(
     written += write_carried(out, rows, paths, shapes, name, carried, turned)
     if report:
         written.append(write_index_page(out, rows, shapes, graph))
-    console = Console()
-    console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
-    for name, own in shapes.items():
-        for line in own.said:
-            console.print(f"{paths[name]}: {line}", soft_wrap=True, markup=False)
-    for name, why in reasons.items():
-        text = f"left out: {paths[name]}: {why}"
-        console.print(text, soft_wrap=True, markup=False)
-    for i in sorted(graph.mirrored_back):
-        text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
-        console.print(text, soft_wrap=True, markup=False)
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    shown = table(rows, f"template {name}, {len(graph.matched)} pairs")
+    lines = [f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said]
+    lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
+    lines += [
+        f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
+        for i in sorted(graph.mirrored_back)
+    ]
+    say_result([shown], lines, notes, written)
     if reasons:
         raise typer.Exit(1)
 

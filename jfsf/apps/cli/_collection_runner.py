@@ -21,8 +21,8 @@ from jfsf.apps.cli._collection_jobs import (
     put_template,
     read_maps,
 )
-from jfsf.apps.cli._pages import pages_of
-from jfsf.apps.cli._words import said
+from jfsf.apps.cli._pair import pages_of
+from jfsf.apps.cli._print import said
 from jfsf.mesh._read import stem_of
 
 # Folders of the results.

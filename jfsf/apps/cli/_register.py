@@ -5,18 +5,17 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from jfsf.apps.cli._files import (
+from jfsf.apps.cli._files import can_export, matchable
+from jfsf.apps.cli._options import (
     FORMATS,
     BaseOption,
+    NoCacheOption,
     Orientation,
     OrientationOption,
-    can_export,
-    matchable,
 )
-from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._print import say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
@@ -63,9 +62,7 @@ def register(
             "has the vertices and faces of the repaired template.",
         ),
     ] = False,
-    no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
-    ] = False,
+    no_cache: NoCacheOption = False,
 ) -> None:
     """Deform a template mesh onto a scan: its faces, the scan's shape.
 
@@ -74,7 +71,7 @@ def register(
 
     Example: jfsf register template.ply scan.ply --out warped.ply
     """
-    can_export([out], False, (template, scan))
+    can_export([out], (template, scan))
     if map_file is not None and largest_component:
         raise ValueError(
             "--largest-component is for finding the map; a map of match "
@@ -113,16 +110,11 @@ def register(
             found = match(mesh, onto, progress=stage, **options)
             T, certificate = np.asarray(found.T_xy), found.certificate
         warped = write_registered(out, mesh, onto, T, matched, stage)
-    console = Console()
-    console.print(registration_table(warped, onto, certificate))
     notes = registration_warnings(warped, onto)
     if certificate is not None:
         notes += warnings_of(certificate, orientation.value)
-    for line in said:
-        console.print(line, soft_wrap=True, markup=False)
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    console.print(f"wrote {out}", soft_wrap=True, markup=False)
+    shown = registration_table(warped, onto, certificate)
+    say_result([shown], said, notes, [out])
 
 
 def write_registered(out: Path, template: Mesh, scan: Mesh, T, matched, stage):

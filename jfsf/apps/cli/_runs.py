@@ -1,4 +1,4 @@
-"""What the commands of many jobs share: options, settings on disk, interrupts, bars."""
+"""What the commands of many jobs share: settings on disk, interrupts, bars."""
 
 import json
 import os
@@ -6,30 +6,13 @@ import signal
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
-from typing import Annotated
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
 SETTINGS = "settings.json"
 DRAWING = "drawing.json"
-
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="A dask scheduler, host:port; its workers must see the same files. "
-        "Without it, processes on this machine.",
-    ),
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="Local processes, one a core by default. Give 1 for one GPU."
-    ),
-]
 
 
 def begin(out: Path, options: dict) -> None:

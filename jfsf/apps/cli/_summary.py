@@ -1,4 +1,4 @@
-"""The results of many pairs: a row each, a table of all, and files."""
+"""The results of many pairs: a row each, a table of all, files, and an index."""
 
 import csv
 import io
@@ -12,9 +12,13 @@ import numpy as np
 from rich.table import Table
 
 from jfsf._figures import FIGURES
-from jfsf.apps.cli._notes import WARNING
+from jfsf.apps.cli._pair import FOLDER, pages_of
+from jfsf.apps.cli._print import WARNING
+from jfsf.apps.report._index import Row, write_index
 from jfsf.apps.report._words import warnings_of
 from jfsf.types import STAGES
+
+INDEX = "index.html"
 
 
 def summary_row(
@@ -123,3 +127,19 @@ def write_summary(
     write_text(written[0], text.getvalue())
     write_text(written[1], json.dumps(record, indent=1) + "\n")
     return written
+
+
+def batch_index(folder: Path, rows: list[dict[str, Any]]) -> Path:
+    """Write the index of a batch; rows are those of its summary."""
+    listed = []
+    for row in rows:
+        page = picture = None
+        if not row["reason"]:
+            files = pages_of(folder / row["file"])
+            page, picture = (f"{FOLDER}/{file.name}" for file in files)
+        name = f"{Path(row['x']).name} → {Path(row['y']).name}"
+        likely = math.nan if row["confidence"] is None else row["confidence"]
+        lines = [row["reason"]] if row["reason"] else row["warnings"]
+        listed.append(Row(name, page, picture, likely, lines, bool(row["reason"])))
+    write_index(folder / INDEX, listed)
+    return folder / INDEX

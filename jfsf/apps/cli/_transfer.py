@@ -7,10 +7,10 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
-from rich.console import Console
 
-from jfsf.apps.cli._files import MeshX, MeshY, can_write
-from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._files import can_write_beside
+from jfsf.apps.cli._options import MapFile, MapRepairOption, MeshX, MeshY
+from jfsf.apps.cli._print import say, say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
@@ -48,13 +48,7 @@ class Work(NamedTuple):
 def transfer(
     x: MeshX,
     y: MeshY,
-    map_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MAP",
-            help="A file of match X Y, or T_xy as .npz, .mat, .map or .vts.",
-        ),
-    ],
+    map_file: MapFile,
     out: Annotated[
         Path,
         typer.Option(
@@ -108,14 +102,7 @@ def transfer(
         int,
         typer.Option(help="Width and height of the new image, a power of two."),
     ] = 2048,
-    repair: Annotated[
-        bool,
-        typer.Option(
-            "--repair",
-            help="Repair the meshes first, for a map of match --repair. What is "
-            "carried is that of the files all the same.",
-        ),
-    ] = False,
+    repair: MapRepairOption = False,
 ) -> None:
     """Carry values, labels, landmarks or a texture from Y to X.
 
@@ -140,7 +127,7 @@ def transfer(
     if to is not None and labels is None:
         raise ValueError("--to says where labels go; give --labels, or leave it out")
     inputs = [x, y, map_file, *(path for path in given.values() if path is not None)]
-    _check_out(out, texture is not None, inputs)
+    can_write_beside(_written(out, texture is not None), inputs)
     paths = (x, y) if source is Source.y else (y, x)
     goal, own = (read(path, finite=not repair) for path in paths)
     if values is not None:
@@ -173,9 +160,7 @@ def transfer(
         result = work.carry(whole)
         stage("writing")
         work.write(result)
-    console = Console()
-    shown = f"{work.what} carried from {paths[1]} to {paths[0]}"
-    console.print(shown, soft_wrap=True, markup=False)
+    say(f"{work.what} carried from {paths[1]} to {paths[0]}")
     notes: list[str] = list(getattr(result, "said", ()))
     if share := 1 - whole.known_x.mean():
         notes.append(
@@ -184,8 +169,7 @@ def transfer(
         )
     if match is not None:
         likely = float(match.certificate.confidence)
-        words = f"confidence of the map: {likely:.2f}, {verdict(likely)}"
-        console.print(words, soft_wrap=True, markup=False)
+        say(f"confidence of the map: {likely:.2f}, {verdict(likely)}")
         # Which orientation was asked for is not in the file.
         notes += warnings_of(match.certificate, "any")
         if (score := float(match.certificate.orientation)) < 0:
@@ -193,24 +177,13 @@ def transfer(
                 f"the map mirrors, orientation {score:.2f}: left and right are "
                 "swapped, unless match was asked for that"
             )
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in _written(out, texture is not None):
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    say_result([], [], notes, _written(out, texture is not None))
 
 
 def _written(out: Path, textured: bool) -> list[Path]:
     from jfsf.apps.export._export import textured_files
 
     return textured_files(out) if textured else [out]
-
-
-def _check_out(out: Path, textured: bool, inputs: list[Path]) -> None:
-    """ValueError if the files cannot be written, or one of them is an input."""
-    for path in _written(out, textured):
-        can_write(path, path.suffix.lower())
-        if any(path.exists() and path.samefile(i) for i in inputs if i.exists()):
-            raise ValueError(f"{path}: is an input; write to another file")
 
 
 def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
