@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._batch_jobs import (
     forget_outdated,
     is_complete,
@@ -17,26 +18,6 @@ from jfsf.apps.cli._batch_jobs import (
 )
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._known import landmark_names
-from jfsf.apps.cli._options import (
-    AnyUnitOption,
-    BaseOption,
-    ByPlaceOption,
-    CheckerOption,
-    LandmarksOption,
-    LandmarksXOption,
-    LandmarksYOption,
-    LargestOption,
-    NoCacheOption,
-    Orientation,
-    OrientationOption,
-    PartialOption,
-    RepairOption,
-    SchedulerOption,
-    Up,
-    UpOption,
-    WorkersOption,
-    check_any_unit,
-)
 from jfsf.apps.cli._print import said, say_result
 from jfsf.apps.cli._runs import bars, begin, note_drawing, raising_interrupts
 from jfsf.apps.cli._summary import (
@@ -70,16 +51,16 @@ def batch(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    orientation: OrientationOption = Orientation.preserve,
-    landmarks: LandmarksOption = None,
-    landmarks_x: LandmarksXOption = None,
-    landmarks_y: LandmarksYOption = None,
-    largest_component: LargestOption = False,
-    partial: PartialOption = False,
-    any_unit: AnyUnitOption = False,
-    repair: RepairOption = False,
+    scheduler: opt.SchedulerOption = None,
+    workers: opt.WorkersOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
+    landmarks: opt.LandmarksOption = None,
+    landmarks_x: opt.LandmarksXOption = None,
+    landmarks_y: opt.LandmarksYOption = None,
+    largest_component: opt.LargestOption = False,
+    partial: opt.PartialOption = False,
+    any_unit: opt.AnyUnitOption = False,
+    repair: opt.RepairOption = False,
     png: Annotated[
         bool, typer.Option("--png", help="A picture of each map (needs matplotlib).")
     ] = False,
@@ -92,17 +73,17 @@ def batch(
             "several times.",
         ),
     ] = None,
-    checker: CheckerOption = False,
-    by_place: ByPlaceOption = False,
+    checker: opt.CheckerOption = False,
+    by_place: opt.ByPlaceOption = False,
     report: Annotated[
         bool,
         typer.Option(
             "--report", help="A page a pair, and index.html with links to all."
         ),
     ] = False,
-    base: BaseOption = None,
-    no_cache: NoCacheOption = False,
-    up: UpOption = Up.y,
+    base: opt.BaseOption = None,
+    no_cache: opt.NoCacheOption = False,
+    up: opt.UpOption = opt.Up.y,
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
@@ -136,7 +117,7 @@ def batch(
     }
     usual = PairOptions(**settings, **files)
     options = options_of_pairs(pairs, listed, usual, pages=report)
-    check_any_unit(any_unit, any(own.partial for own in options.values()))
+    opt.check_any_unit(any_unit, any(own.partial for own in options.values()))
     can_write_in(out)
     if (summary := out / "summary.csv").exists() and summary.samefile(pairs):
         raise ValueError(f"{pairs}: would be overwritten by the results; name another")

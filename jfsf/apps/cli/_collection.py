@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._collection_carried import (
     carried_of,
     points_of,
@@ -36,12 +37,6 @@ from jfsf.apps.cli._collection_runner import (
     outcomes,
 )
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
-from jfsf.apps.cli._options import (
-    Orientation,
-    OrientationOption,
-    SchedulerOption,
-    WorkersOption,
-)
 from jfsf.apps.cli._print import say_result
 from jfsf.apps.cli._runs import bars, begin, raising_interrupts
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
@@ -89,9 +84,9 @@ def collection(
             help="Numbers of the vertices of --template, likewise: .npy, .csv or .txt.",
         ),
     ] = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    orientation: OrientationOption = Orientation.preserve,
+    scheduler: opt.SchedulerOption = None,
+    workers: opt.WorkersOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
     mirror: Annotated[
         Mirrored,
         typer.Option(

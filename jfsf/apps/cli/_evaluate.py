@@ -12,16 +12,8 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._files import can_write
-from jfsf.apps.cli._options import (
-    BaseOption,
-    GroundTruthX,
-    GroundTruthY,
-    MapFile,
-    MapRepairOption,
-    MeshX,
-    MeshY,
-)
 from jfsf.apps.cli._print import say_result
 from jfsf.apps.cli._stored import read_pair, stored_match
 
@@ -29,19 +21,19 @@ ERROR_LIMITS = (0.01, 0.02, 0.05, 0.1)  # geodesic over sqrt(area), for the curv
 
 
 def evaluate(
-    x: MeshX,
-    y: MeshY,
-    map_file: MapFile,
-    gt_x: GroundTruthX = None,
-    gt_y: GroundTruthY = None,
+    x: opt.MeshX,
+    y: opt.MeshY,
+    map_file: opt.MapFile,
+    gt_x: opt.GroundTruthX = None,
+    gt_y: opt.GroundTruthY = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Exact geodesics, slow (needs pygeodesic).")
     ] = False,
     every: Annotated[
         int, typer.Option(min=1, help="Measure at every Nth point and vertex.")
     ] = 1,
-    base: BaseOption = None,
-    repair: MapRepairOption = False,
+    base: opt.BaseOption = None,
+    repair: opt.MapRepairOption = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here too.")
     ] = None,

@@ -8,14 +8,14 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._files import can_export, pieces_beside, sides_in_doubt
-from jfsf.apps.cli._options import FORMATS
 from jfsf.apps.cli._print import said, say, say_result
 from jfsf.types import Mesh
 
 
 def info(
-    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
+    path: Annotated[Path, typer.Argument(metavar="MESH", help=opt.FORMATS)],
     repair: Annotated[
         Path | None,
         typer.Option(

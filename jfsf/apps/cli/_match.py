@@ -5,32 +5,10 @@ from typing import Annotated
 
 import typer
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._components import check_components_options, match_pieces
 from jfsf.apps.cli._files import can_export, can_write, need_matplotlib
 from jfsf.apps.cli._known import kept_truth, known_pairs
-from jfsf.apps.cli._options import (
-    AnyUnitOption,
-    BaseOption,
-    ByPlaceOption,
-    CheckerOption,
-    GroundTruthX,
-    GroundTruthY,
-    LandmarksOption,
-    LandmarksXOption,
-    LandmarksYOption,
-    LargestOption,
-    MeshX,
-    MeshY,
-    NoCacheOption,
-    Orientation,
-    OrientationOption,
-    PartialOption,
-    RepairOption,
-    Up,
-    UpOption,
-    check_any_unit,
-    check_pair,
-)
 from jfsf.apps.cli._pair import (
     Pictures,
     both_matchable,
@@ -52,8 +30,8 @@ from jfsf.apps.report._words import attempts, warnings_of
 
 
 def match(
-    x: MeshX,
-    y: MeshY,
+    x: opt.MeshX,
+    y: opt.MeshY,
     out: Annotated[Path, typer.Option(help="The .npz to write.")],
     png: Annotated[
         Path | None, typer.Option(help="A picture of the map (needs matplotlib).")
@@ -68,8 +46,8 @@ def match(
             "times.",
         ),
     ] = None,
-    checker: CheckerOption = False,
-    by_place: ByPlaceOption = False,
+    checker: opt.CheckerOption = False,
+    by_place: opt.ByPlaceOption = False,
     warped: Annotated[
         Path | None,
         typer.Option(
@@ -83,14 +61,14 @@ def match(
         Path | None,
         typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
     ] = None,
-    gt_x: GroundTruthX = None,
-    gt_y: GroundTruthY = None,
-    base: BaseOption = None,
-    orientation: OrientationOption = Orientation.preserve,
-    landmarks: LandmarksOption = None,
-    landmarks_x: LandmarksXOption = None,
-    landmarks_y: LandmarksYOption = None,
-    largest_component: LargestOption = False,
+    gt_x: opt.GroundTruthX = None,
+    gt_y: opt.GroundTruthY = None,
+    base: opt.BaseOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
+    landmarks: opt.LandmarksOption = None,
+    landmarks_x: opt.LandmarksXOption = None,
+    landmarks_y: opt.LandmarksYOption = None,
+    largest_component: opt.LargestOption = False,
     components: Annotated[
         bool,
         typer.Option(
@@ -100,11 +78,11 @@ def match(
             "partner; the file has the pair and its confidence for each vertex.",
         ),
     ] = False,
-    partial: PartialOption = False,
-    any_unit: AnyUnitOption = False,
-    repair: RepairOption = False,
-    no_cache: NoCacheOption = False,
-    up: UpOption = Up.y,
+    partial: opt.PartialOption = False,
+    any_unit: opt.AnyUnitOption = False,
+    repair: opt.RepairOption = False,
+    no_cache: opt.NoCacheOption = False,
+    up: opt.UpOption = opt.Up.y,
 ) -> None:
     """Map two meshes to each other, both ways.
 
@@ -137,8 +115,8 @@ def match(
         can_export([warped], paths)
         if warped.absolute() in [path.absolute() for path in exports]:
             raise ValueError(f"{warped}: is the file of --export too; name another")
-    check_pair(given, report=report is not None)
-    check_any_unit(any_unit, partial)
+    opt.check_pair(given, report=report is not None)
+    opt.check_any_unit(any_unit, partial)
     if report is not None:
         can_write(report, ".html")
     if report is not None or png is not None:

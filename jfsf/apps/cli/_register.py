@@ -7,14 +7,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._files import can_export, matchable
-from jfsf.apps.cli._options import (
-    FORMATS,
-    BaseOption,
-    NoCacheOption,
-    Orientation,
-    OrientationOption,
-)
 from jfsf.apps.cli._print import say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
@@ -26,8 +20,8 @@ MAX_BRIDGED = 0.05  # of the vertices
 
 
 def register(
-    template: Annotated[Path, typer.Argument(metavar="TEMPLATE", help=FORMATS)],
-    scan: Annotated[Path, typer.Argument(metavar="SCAN", help=FORMATS)],
+    template: Annotated[Path, typer.Argument(metavar="TEMPLATE", help=opt.FORMATS)],
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help=opt.FORMATS)],
     out: Annotated[
         Path,
         typer.Option(
@@ -46,8 +40,8 @@ def register(
             "T_xy as .npz, .mat, .map or .vts. Found when absent.",
         ),
     ] = None,
-    base: BaseOption = None,
-    orientation: OrientationOption = Orientation.preserve,
+    base: opt.BaseOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
     largest_component: Annotated[
         bool,
         typer.Option(
@@ -62,7 +56,7 @@ def register(
             "has the vertices and faces of the repaired template.",
         ),
     ] = False,
-    no_cache: NoCacheOption = False,
+    no_cache: opt.NoCacheOption = False,
 ) -> None:
     """Deform a template mesh onto a scan: its faces, the scan's shape.
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import typer
 
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._files import can_write_beside
-from jfsf.apps.cli._options import MapFile, MapRepairOption, MeshX, MeshY
 from jfsf.apps.cli._print import say, say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
@@ -46,9 +46,9 @@ class Work(NamedTuple):
 
 
 def transfer(
-    x: MeshX,
-    y: MeshY,
-    map_file: MapFile,
+    x: opt.MeshX,
+    y: opt.MeshY,
+    map_file: opt.MapFile,
     out: Annotated[
         Path,
         typer.Option(
@@ -102,7 +102,7 @@ def transfer(
         int,
         typer.Option(help="Width and height of the new image, a power of two."),
     ] = 2048,
-    repair: MapRepairOption = False,
+    repair: opt.MapRepairOption = False,
 ) -> None:
     """Carry values, labels, landmarks or a texture from Y to X.
 
