@@ -104,13 +104,13 @@ def batch(
     if checker and (not suffixes or ".ply" in suffixes):
         raise ValueError("--checker goes with --export obj and --export glb only")
     listed = read_pairs(pairs)
-    settings = {
+    settings: dict[str, Any] = {
         "orientation": orientation.value,
         "largest_component": largest_component,
         "partial": partial,
         "repair": repair,
     }
-    files = {
+    files: dict[str, Any] = {
         "landmarks": landmarks,
         "landmarks_x": landmarks_x,
         "landmarks_y": landmarks_y,

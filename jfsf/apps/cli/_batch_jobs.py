@@ -195,8 +195,7 @@ def work(
     else:
         known = known_pairs(given, shapes)
         units = check_units(job.inputs, shapes, given, same_unit)
-        common = {"same_unit": same_unit, "cache": cache}
-        result, seconds = find(shapes, given, known, **common)
+        result, seconds = find(shapes, given, known, same_unit=same_unit, cache=cache)
         notes = notes_of(job.inputs, shapes, given, known, brief=True)
         notes += [WARNING + units] if units else []
         write_found(job.out, result, *shapes, notes)

@@ -20,11 +20,11 @@ from jfsf.apps.cli._collection_carried import (
 )
 from jfsf.apps.cli._collection_jobs import keep
 from jfsf.apps.cli._collection_results import (
+    COLUMNS,
     rows_of,
     table,
     write_index_page,
     write_model_of,
-    write_summary,
 )
 from jfsf.apps.cli._collection_runner import (
     PARTS,
@@ -38,7 +38,7 @@ from jfsf.apps.cli._collection_runner import (
 )
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._print import say_result
-from jfsf.apps.cli._runs import bars, begin, raising_interrupts
+from jfsf.apps.cli._runs import bars, begin, raising_interrupts, write_table
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
 
 
@@ -186,7 +186,8 @@ def collection(
     mesh = shapes[name].mesh
     kinds = {"scale": scale, "report": report}
     written, notes = write_model_of(out, rows, mesh.faces, **kinds)
-    written.insert(0, write_summary(out, rows))
+    write_table(out / "summary.csv", COLUMNS, rows)
+    written.insert(0, out / "summary.csv")
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks)
     turned = {names[i] for i in graph.mirrored_back}

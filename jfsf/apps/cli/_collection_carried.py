@@ -28,9 +28,7 @@ def points_of(landmarks: Path | None, template: Path | None):
     at = on_surface(found, mesh)
     if found.vertices is None:
         return found
-    corners = np.asarray(mesh.vertices, np.float64)[at.corners]
-    points = np.einsum("lc,lci->li", at.weights, corners)
-    return found._replace(points=points, vertices=None)
+    return found._replace(points=at.points, vertices=None)
 
 
 def write_landmarks_of(

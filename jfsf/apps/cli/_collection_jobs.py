@@ -155,7 +155,7 @@ def put_template(job, report: bool) -> None:
             pictures = pictures_of(maps, report=True)
             meshes = (template.mesh, template.at), (shape.mesh, shape.at)
             # Without times: what is made again is then the same, to the byte.
-            write_page(pictures, job.inputs[:2], meshes, found.match, timed=False)
+            write_page(pictures, job.inputs[:2], meshes, found.match, timed=False)  # type: ignore
     if report:
         _write_picture(job, template.mesh, shape.mesh, found.maps)
     _write_registration(job.out, found.registration, found.confidence)

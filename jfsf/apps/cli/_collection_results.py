@@ -1,7 +1,5 @@
 """The results of `jfsf collection`: a row a shape, the model, and an index."""
 
-import csv
-import io
 import math
 from pathlib import Path
 from typing import Any
@@ -60,19 +58,6 @@ def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
         rows.append(row)
     sure = lambda row: (row["confidence"] is not None, row["confidence"] or 0.0)
     return sorted(rows, key=sure)
-
-
-def write_summary(out: Path, rows) -> Path:
-    """Write summary.csv: a row a shape."""
-    from jfsf.storage._atomic import write_text
-
-    text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    path = out / "summary.csv"
-    write_text(path, text.getvalue())
-    return path
 
 
 def write_model_of(

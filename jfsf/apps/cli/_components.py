@@ -58,7 +58,9 @@ def match_pieces(
                 progress=stage,
             )
         except MeshError as error:
-            files = dict(zip(("mesh_x", "mesh_y"), map(str, paths), strict=True))
+            files: dict[str, str] = dict(
+                zip(("mesh_x", "mesh_y"), map(str, paths), strict=True)
+            )
             raise error.named(files.get(error.name, error.name)) from None
         stage("writing")
         notes += _said(paths, found) + _doubts(paths, found, orientation)

@@ -125,23 +125,28 @@ def match(
         match_pieces(paths, out, orientation.value, pictures, cache=not no_cache)
         return
     shapes = both_matchable(paths, given)
-    meshes = tuple(shape.mesh for shape in shapes)
+    mesh_x, mesh_y = (shape.mesh for shape in shapes)
     truth = kept_truth(given, shapes, base)
     known = known_pairs(given, shapes)
     if doubt := check_units(paths, shapes, given, not any_unit):
         say(WARNING + doubt)
     on_y = None
-    common = {"same_unit": not any_unit, "cache": not no_cache}
     with stage_bar() as stage:
-        matched, seconds = find(shapes, given, known, **common, progress=stage)
+        matched, seconds = find(
+            shapes,
+            given,
+            known,
+            same_unit=not any_unit,
+            cache=not no_cache,
+            progress=stage,
+        )
         stage("writing")
         notes = notes_of(paths, shapes, given, known)
         write_found(out, matched, *shapes, notes=notes)
         notes = draw(pictures, shapes, y, seen(matched)) + notes
         if warped is not None:
-            on_y = write_registered(
-                warped, *meshes, matched.T_xy, matched.matched_x, stage
-            )
+            T, inside = matched.T_xy, matched.matched_x
+            on_y = write_registered(warped, mesh_x, mesh_y, T, inside, stage)
         write_page(
             pictures,
             paths,
@@ -162,6 +167,6 @@ def match(
     names = () if known is None else known.names
     doubts = warnings_of(matched.certificate, orientation.value, landmarks=names)
     if on_y is not None:
-        shown.append(registration_table(on_y, meshes[1], None))
-        doubts += registration_warnings(on_y, meshes[1])
+        shown.append(registration_table(on_y, mesh_y, None))
+        doubts += registration_warnings(on_y, mesh_y)
     say_result(shown, [*lines, *notes], doubts, (out, png, *exports, warped, report))

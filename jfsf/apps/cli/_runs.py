@@ -1,8 +1,11 @@
-"""What the commands of many jobs share: settings on disk, interrupts, bars."""
+"""What the commands of many jobs share: settings and tables on disk, interrupts, bars."""
 
+import csv
+import io
 import json
 import os
 import signal
+from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
@@ -115,3 +118,14 @@ def bars() -> Progress:
         Remaining(),
         console=Console(stderr=True),
     )
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[dict]) -> None:
+    """Write rows as a CSV file with titles; it appears complete or not at all."""
+    from jfsf.storage._atomic import write_text
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_text(path, text.getvalue())
