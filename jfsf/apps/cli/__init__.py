@@ -19,9 +19,8 @@ Read in this order:
 - `_batch_jobs`: the options of each pair of `jfsf batch`, and its jobs
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
-- `_collection_carried`: what the template has, on each shape of a collection
-- `_collection_runner`: makes the jobs, and reads what they wrote
 - `_collection_results`: what is written of all shapes when they are done
+- `_collection_runner`: makes the jobs, and reads what they wrote
 - `_collection`: `jfsf collection`
 - `_transfer`: `jfsf transfer`
 - `_evaluate`: `jfsf evaluate`

@@ -58,10 +58,9 @@ def match_pieces(
                 progress=stage,
             )
         except MeshError as error:
-            files: dict[str, str] = dict(
-                zip(("mesh_x", "mesh_y"), map(str, paths), strict=True)
-            )
-            raise error.named(files.get(error.name, error.name)) from None
+            x, y = map(str, paths)
+            name = {"mesh_x": x, "mesh_y": y}.get(error.name, error.name)
+            raise error.named(name) from None
         stage("writing")
         notes += _said(paths, found) + _doubts(paths, found, orientation)
         write_components(out, found, notes=notes)

@@ -1,4 +1,4 @@
-"""What the commands of many jobs share: settings and tables on disk, interrupts, bars."""
+"""What the commands of many jobs share: files, interrupts, bars."""
 
 import csv
 import io

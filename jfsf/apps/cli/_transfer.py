@@ -130,10 +130,8 @@ def transfer(
     can_write_beside(_written(out, texture is not None), inputs)
     paths = (x, y) if source is Source.y else (y, x)
     goal, own = (read(path, finite=not repair) for path in paths)
-    if values is not None:
-        work = _values(values, own, paths, out)
-    elif labels is not None:
-        work = _labels(labels, own, paths, out, to)
+    if (column := values or labels) is not None:
+        work = _column(column, own, out, to, named=labels is not None)
     elif landmarks is not None:
         work = _landmarks(landmarks, own, out)
     else:
@@ -186,33 +184,21 @@ def _written(out: Path, textured: bool) -> list[Path]:
     return textured_files(out) if textured else [out]
 
 
-def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
-    from jfsf.apps.transfer import read_values, values
+def _column(path: Path, own: Mesh, out: Path, to: To | None, named: bool) -> Work:
+    """Values, or labels if they are named."""
+    from jfsf.apps import transfer
     from jfsf.apps.transfer._files import check_format, write_column
 
     check_format(out)
-    column = read_values(path, len(own.vertices))
-    return Work(
-        "values",
-        lambda on: values(on, column.rows),
-        lambda rows: write_column(out, column._replace(rows=rows)),
-        "their values are nan",
-    )
-
-
-def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
-    from jfsf.apps.transfer import labels, read_labels
-    from jfsf.apps.transfer._files import check_format, write_column
-
-    check_format(out)
-    column = read_labels(path, len(own.vertices), len(own.faces))
-    goal = None if to is None else to.value
-    return Work(
-        "labels",
-        lambda on: labels(on, column.rows, to=goal),  # type: ignore
-        lambda rows: write_column(out, column._replace(rows=rows)),
-        "their labels are -1, or empty names",
-    )
+    n, m = len(own.vertices), len(own.faces)
+    write = lambda rows: write_column(out, column._replace(rows=rows))
+    if named:
+        column, goal = transfer.read_labels(path, n, m), to and to.value
+        carry = lambda on: transfer.labels(on, column.rows, to=goal)  # type: ignore
+        return Work("labels", carry, write, "their labels are -1, or empty names")
+    column = transfer.read_values(path, n)
+    carry = lambda on: transfer.values(on, column.rows)
+    return Work("values", carry, write, "their values are nan")
 
 
 def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
