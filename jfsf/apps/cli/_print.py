@@ -99,7 +99,7 @@ def stage_bar(console: Console | None = None) -> Iterator[Callable[[str], None]]
     """
     columns = SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn()
     shown = console or Console(stderr=True)
-    # Else it would leave an empty line there.
+    # Else an empty line is left where stderr is a file.
     off = not shown.is_terminal
     with Progress(*columns, console=shown, transient=True, disable=off) as bar:
         task = bar.add_task("starting", total=None)

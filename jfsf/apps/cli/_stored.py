@@ -164,10 +164,10 @@ def of_kept(matched: np.ndarray, file: Mesh, kept: Mesh) -> np.ndarray:
     """Whether vertices of what was kept are matched, from those of the file or its."""
     if len(matched) == len(kept.vertices):
         return matched
-    return matched[nearest_vertex(file, kept)]
+    return matched[_nearest_vertex(file, kept)]
 
 
-def nearest_vertex(mesh: Mesh, points: Mesh) -> np.ndarray:
+def _nearest_vertex(mesh: Mesh, points: Mesh) -> np.ndarray:
     """The vertex of a mesh nearest to each vertex of another, which is finite."""
     from scipy.spatial import KDTree
 
