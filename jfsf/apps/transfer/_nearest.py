@@ -24,7 +24,7 @@ from jfsf.mesh._closest import (
     facing_tree,
     surface_tree,
 )
-from jfsf.mesh._geometry import face_areas, vertex_normals
+from jfsf.mesh._geometry import face_areas, pair_half_edges, vertex_normals
 from jfsf.types import ArrayLike, Mesh
 
 CANDIDATES = 24  # pieces of faces that are tried where the nearest faces away
@@ -246,17 +246,10 @@ def _planes(surface: SurfaceTree) -> Planes:
     axes = [np.cross(two, cross) / square, np.cross(cross, one) / square]
     axes = np.stack([*axes, surface.normal], 1)
     # Half-edge 3 f + i runs from corner i to the next, opposite to the one after it.
-    tail, head = faces.ravel(), np.roll(faces, -1, 1).ravel()
-    key = np.minimum(tail, head) * np.int64(len(vertices)) + np.maximum(tail, head)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(np.diff(key[order]) == 0)
-    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
-    pair = same[count[edge.ravel()[order[same]]] == 2]
-    beyond = np.full(len(key), -1)
-    beyond[order[pair]], beyond[order[pair + 1]] = (
-        order[pair + 1] // 3,
-        order[pair] // 3,
-    )
+    pairs = pair_half_edges(faces, len(vertices))
+    left, right = pairs.left[pairs.manifold], pairs.right[pairs.manifold]
+    beyond = np.full(faces.size, -1)
+    beyond[left], beyond[right] = right // 3, left // 3
     return Planes(origin, axes, np.roll(beyond.reshape(-1, 3), -1, 1))
 
 
