@@ -26,8 +26,7 @@ from typer.testing import CliRunner
 from jfsf import __version__
 from jfsf._figures import FIGURES
 from jfsf.apps.cli import app
-from jfsf.apps.cli._report import certificate_table
-from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli._print import certificate_table, stage_bar
 from jfsf.apps.cli._summary import doubtful_first
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import read_map, read_match, write_map
@@ -264,10 +263,10 @@ def test_largest_component_writes_kept_vertices_and_their_numbers(
 def test_a_bar_names_each_stage():
     text = StringIO()
     console = Console(file=text, force_terminal=True, width=80)
-    with stage_bar(2, console=console) as begin:
-        for name in ("spectra", "search", "one more than expected"):
+    with stage_bar(console) as begin:
+        for name in ("spectra", "search"):
             begin(name)
-    for name in ("spectra", "search", "one more than expected"):
+    for name in ("spectra", "search"):
         assert name in text.getvalue()
 
 
@@ -370,7 +369,8 @@ def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
 
 def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     from jfsf.apps.cli._batch_jobs import is_complete, is_matched, work
-    from jfsf.apps.cli._pages import batch_index, pages_of
+    from jfsf.apps.cli._pair import pages_of
+    from jfsf.apps.cli._summary import batch_index
     from jfsf.batch._jobs import Job
     from jfsf.batch._pair_list import PairOptions
 
@@ -381,10 +381,10 @@ def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     (out := folder / "many").mkdir()
     given = PairOptions("preserve", False, False, False)
     job = Job((x, y), out / "a__b.npz", options=given)
-    is_reported = lambda job: is_complete(job, True, False, ())
+    is_reported = lambda job: is_complete(job, {"report": True})
     work(job)
     assert is_matched(job) and not is_reported(job)
-    work(job, report=True)  # makes the page only
+    work(job, {"report": True})  # makes the page only
     assert is_reported(job) and len(calls) == 1
     page, picture = pages_of(job.out)
     assert picture.read_bytes().startswith(b"\x89PNG")

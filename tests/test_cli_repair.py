@@ -9,7 +9,8 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli import app
-from jfsf.apps.cli._files import kept_match, matchable, write_found
+from jfsf.apps.cli._files import matchable
+from jfsf.apps.cli._stored import kept_match, write_found
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import read_match
 from jfsf.mesh import read, repair

@@ -14,7 +14,7 @@ import jfsf
 from jfsf import testing
 from jfsf.apps.cli import app
 from jfsf.apps.cli._batch_jobs import work
-from jfsf.apps.cli._words import print_any_letter, said
+from jfsf.apps.cli._print import print_any_letter, said
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import (
     MapFileError,

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli import app
-from jfsf.apps.cli._files import kept_match, matchable
+from jfsf.apps.cli._files import matchable
+from jfsf.apps.cli._stored import kept_match
 from jfsf.apps.export import export_mesh
 from jfsf.apps.landmarks import (
     Landmarks,
-    carry_landmarks,
     pair_landmarks,
     read_landmarks,
     read_vertex_pairs,
@@ -549,53 +549,6 @@ def test_landmarks_are_paired(x, y, rows, said):
     assert found.names == tuple(both[0].names[row] for row in found.rows[:, 0])
     assert len(found.said) == len(said)
     assert all(part in line for part, line in zip(said, found.said, strict=True))
-
-
-def test_landmarks_are_carried_from_y_to_x():
-    # Y deformed smoothly, its vertices in another order: the truth is known everywhere.
-    order = np.random.default_rng(0).permutation(N)
-    back = np.argsort(order)
-    mesh_y = Mesh(Y.vertices[order], back[Y.faces].astype(np.int32))
-    rng = np.random.default_rng(1)
-    faces, weights = rng.integers(len(X.faces), size=30), rng.dirichlet([1, 1, 1], 30)
-    mixed = lambda mesh: (weights[:, :, None] * mesh.vertices[X.faces[faces]]).sum(1)
-    names = tuple(map(str, range(30)))
-    given = Landmarks(names, mixed(Y), None, "RAS", ("noticed",))
-    # T_yx: vertex i of Y is vertex order[i] of X.
-    found = carry_landmarks(given, mesh_y, X, order)
-    assert found.names == names and found.system == "RAS" and found.said == ("noticed",)
-    assert np.allclose(found.points, mixed(X), atol=1e-9)
-
-    at = np.array([3, 7])
-    carried = carry_landmarks(Landmarks(("a", "b"), None, at), mesh_y, X, order)
-    assert np.allclose(carried.points, X.vertices[order[at]])
-    cloud = Mesh(X.vertices, np.zeros((0, 3), np.int32))
-    carried = carry_landmarks(Landmarks(("a", "b"), None, at), mesh_y, cloud, order)
-    assert np.allclose(carried.points, X.vertices[order[at]])
-    empty = Landmarks((), np.zeros((0, 3)))
-    assert carry_landmarks(empty, mesh_y, X, order).points.shape == (0, 3)
-
-
-def test_a_torn_map_carries_to_one_of_its_sides():
-    far = np.linalg.norm(X.vertices - X.vertices[0], axis=1).argmax()
-    corners = X.faces[(X.faces == 0).any(1)][0]
-    T_yx = np.arange(N)
-    T_yx[corners[corners != 0][0]] = far
-    point = np.array([0.6, 0.2, 0.2]) @ X.vertices[[0, *corners[corners != 0]]]
-    found = carry_landmarks(Landmarks(("a",), point[None]), X, X, T_yx)
-    assert np.linalg.norm(np.asarray(found.points)[0] - point) < 0.3
-
-
-def test_a_map_of_the_other_direction_is_refused():
-    landmarks = Landmarks(("a",), Y.vertices[:1])
-    small = testing.blob(0, subdivisions=1)
-    for T, why in (
-        (np.arange(N - 1), "for each of Y"),
-        (np.zeros(N), "whole numbers"),
-        (np.arange(N), "other way"),
-    ):
-        with pytest.raises(ValueError, match=why):
-            carry_landmarks(landmarks, Y, small, T)
 
 
 # The command line.

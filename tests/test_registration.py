@@ -17,8 +17,7 @@ from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import write_map
 from jfsf.apps.registration import Registration, RegistrationSettings, register
 from jfsf.apps.registration._flaws import flaws_of, unfold
-from jfsf.apps.registration._register import scale_and_sign
-from jfsf.apps.registration._scan import scan_of
+from jfsf.apps.registration._register import scale_and_sign, scan_of
 from jfsf.mesh import MeshError, closest, read, surface_area
 from jfsf.mesh._closest import nearest_of, on_rim, surface_tree
 from jfsf.refine._rest import at_rest

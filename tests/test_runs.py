@@ -20,7 +20,7 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli import _batch_jobs, app
-from jfsf.apps.cli._pages import pages_of
+from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._runs import DRAWING, _interrupt, note_drawing, raising_interrupts
 from jfsf.apps.mapfiles import read_match, read_notes
 from jfsf.batch import connect, read_pairs
@@ -565,7 +565,7 @@ def test_what_is_drawn_in_another_way_is_drawn_again(tmp_path, monkeypatch):
     monkeypatch.setattr(_batch_jobs, "is_matched", lambda job: True)
     truth = tmp_path / "gt.vts"
     job = Job((), tmp_path / "a.npz", (), PairOptions(gt_x=truth, gt_y=truth))
-    ask = partial(_batch_jobs.is_complete, job, report=True, png=False, suffixes=())
+    ask = partial(_batch_jobs.is_complete, job, {"report": True})
     clock = iter(range(10**9, 2 * 10**9, 10**8))
 
     def touch(*paths):

@@ -18,13 +18,12 @@ from jfsf.apps.plot import (
     draw_shape,
     pull_back,
 )
-from jfsf.apps.plot._charts import Panel, draw_curves, draw_reliability
+from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.apps.plot._colours import matched_colours, texture_coordinates
 from jfsf.apps.plot._frames import frame, frames_of_pair
 from jfsf.apps.plot._page import picture_of
 from jfsf.apps.plot._pictures import draw_maps
 from jfsf.data import load
-from jfsf.evaluate import reliability
 from jfsf.types import Mesh
 
 TETRA = Mesh(
@@ -300,15 +299,6 @@ def test_error_curves_end_where_all_points_are_within():
     assert a.get_label() == "a (mean 0.100)" and np.asarray(b.get_ydata())[-1] == 100
     with pytest.raises(ValueError, match="limit is 0"):
         draw_error_curves({"a": [0.1]}, limit=0)
-
-
-def test_reliability_has_a_point_for_each_bin_that_is_not_empty():
-    found = reliability([0.1, 0.1, 0.95], [False, True, True])
-    fig = draw_reliability({"a": found})
-    diagonal, line = fig.axes[0].lines
-    assert np.array_equal(diagonal.get_xdata(), diagonal.get_ydata())
-    np.testing.assert_allclose(line.get_data(), [[0.1, 0.95], [0.5, 1]])
-    assert line.get_label() == "a (off by 0.283)"
 
 
 def test_a_label_keeps_its_colour_in_all_panels():

@@ -7,8 +7,7 @@ distances.
 - labels: head, arms, legs and trunk of the base mesh, at Y's vertices; the share of the
   vertices of X, and of its area by faces, that get the right one
 - landmarks: 16 points of the base mesh, spread over it, at Y's vertices; the mean
-  distance on X from their true vertices. `along` is
-  `jfsf.apps.landmarks.carry_landmarks`, which needs no registration
+  distance on X from their true vertices.
 - values: Y's coordinates; mean distance from the true partners of X's vertices.
   `snapped` is that of `y.vertices[T_xy]`
 - texture: Y has charts by the direction of its normals, and an image whose colours are
@@ -34,7 +33,7 @@ from experiments.accuracy import datasets
 from experiments.accuracy.protocol import SETS
 from jfsf import data
 from jfsf.apps import transfer
-from jfsf.apps.landmarks import Landmarks, carry_landmarks
+from jfsf.apps.landmarks import Landmarks
 from jfsf.apps.mapfiles import read_match, write_match
 from jfsf.apps.transfer._overlay import Overlay
 from jfsf.apps.transfer._texture import look_up
@@ -91,13 +90,13 @@ def measure(maps: Path | None, name_x: str, name_y: str) -> dict:
     """A row: by the map that was found, and by the true one."""
     x, y = data.load(name_x), data.load(name_y)
     found = match(maps, name_x, name_y)
-    T_xy, T_yx = np.asarray(found.T_xy), np.asarray(found.T_yx)
+    T_xy = np.asarray(found.T_xy)
     row: dict = {"confidence": float(found.certificate.confidence)}
     both = transfer.overlay(x.mesh, y.mesh, T_xy)
-    row["map"] = _figures(x, y, both, T_xy, T_yx)
+    row["map"] = _figures(x, y, both, T_xy)
     row["map"]["texture"] = _smear(both, T_xy)
-    T_xy, T_yx = true_map(x, y), true_map(y, x)
-    row["truth"] = _figures(x, y, transfer.overlay(x.mesh, y.mesh, T_xy), T_xy, T_yx)
+    T_xy = true_map(x, y)
+    row["truth"] = _figures(x, y, transfer.overlay(x.mesh, y.mesh, T_xy), T_xy)
     return row
 
 
@@ -159,7 +158,7 @@ def parts_of(sample: data.Sample) -> tuple[np.ndarray, np.ndarray]:
     return votes.argmax(1)[np.flatnonzero(known)[near]], known
 
 
-def _figures(x, y, both, T_xy, T_yx) -> dict:
+def _figures(x, y, both, T_xy) -> dict:
     """Labels, landmarks and values of one map."""
     (of_x, known), (of_y, _) = parts_of(x), parts_of(y)
     vertices = transfer.labels(both, of_y)
@@ -174,11 +173,8 @@ def _figures(x, y, both, T_xy, T_yx) -> dict:
     there = y.mesh.vertices[y.template_to_vertex[points]]
     true = x.mesh.vertices[x.template_to_vertex[points]]
     marks = Landmarks(("",) * len(points), there)
-    ways = {
-        "error": transfer.landmarks(both, marks),
-        "along": carry_landmarks(marks, y.mesh, x.mesh, T_yx),
-    }
-    away = {k: np.linalg.norm(v.points - true, axis=1) for k, v in ways.items()}
+    carried = transfer.landmarks(both, marks)
+    away = np.linalg.norm(carried.points - true, axis=1) / unit_x
     count = np.bincount(x.template_to_vertex, minlength=len(x.mesh.vertices))
     mean = np.zeros((len(count), 3))
     np.add.at(mean, x.template_to_vertex, y.mesh.vertices[y.template_to_vertex])
@@ -190,9 +186,9 @@ def _figures(x, y, both, T_xy, T_yx) -> dict:
             "area": float(area @ right / area.sum()),
         },
         "landmarks": {
-            **{name: float(value.mean() / unit_x) for name, value in away.items()},
-            "median": float(np.median(away["error"]) / unit_x),
-            "most": float(away["error"].max() / unit_x),
+            "error": float(away.mean()),
+            "median": float(np.median(away)),
+            "most": float(away.max()),
         },
         "values": {
             "error": error(transfer.values(both, y.mesh.vertices)),

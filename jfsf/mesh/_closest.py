@@ -57,6 +57,23 @@ class SurfaceTree(NamedTuple):
     tree: KDTree
 
 
+class FacingTree(NamedTuple):
+    """A surface whose nearest points that face alike can be asked for.
+
+    surface: the surface.
+    vertex_normal: (n, 3) normals of its vertices, wound alike.
+    normal: (m, 3) unit normals of its faces: the mean of those of the corners.
+    weight: of the normals in the tree.
+    tree: of the centres of the pieces, and the weighted normals.
+    """
+
+    surface: SurfaceTree
+    vertex_normal: ArrayLike
+    normal: ArrayLike
+    weight: float
+    tree: KDTree
+
+
 def surface_tree(mesh: Mesh) -> SurfaceTree:
     """Prepare a surface for `closest`.
 
@@ -162,6 +179,52 @@ def nearest_of(
         found.face[to], found.barycentric[to] = candidates[best], bary[best]
         found.position[to], found.distance[to] = place[best], away[best]
     return found
+
+
+def facing_tree(
+    surface: SurfaceTree, vertex_normal: ArrayLike, weight: float
+) -> FacingTree:
+    """Prepare a surface for `facing`.
+
+    Args:
+        surface: `surface_tree`.
+        vertex_normal: (n, 3) normals of its vertices, wound alike.
+        weight: distance that unit normals at an angle of 1 count for.
+    """
+    mean = vertex_normal[surface.mesh.faces].sum(1)
+    size = np.linalg.norm(mean, axis=1, keepdims=True)
+    normal = mean / np.where(size > 0, size, 1)
+    points = np.hstack([surface.centre, weight * normal[surface.owner]])
+    return FacingTree(surface, vertex_normal, normal, weight, KDTree(points))
+
+
+def facing(
+    tree: FacingTree,
+    points: ArrayLike,
+    normal: ArrayLike,
+    *,
+    candidates: int,
+    min_alike: float,
+) -> OnSurface:
+    """The nearest point of the surface that faces alike, for each point.
+
+    Args:
+        tree: `facing_tree`.
+        points: (q, 3), finite.
+        normal: (q, 3) unit normals.
+        candidates: pieces of the surface that are looked at for each point.
+        min_alike: the cosine between the normals is above this.
+
+    Returns:
+        Where it lies, and how far away; the face is -1 where no candidate faces alike.
+    """
+    surface = tree.surface
+    k = min(candidates, len(surface.owner))
+    queries = np.hstack([points, tree.weight * normal])
+    piece = np.asarray(tree.tree.query(queries, np.arange(1, k + 1))[1]).ravel()
+    row, face = np.repeat(np.arange(len(points)), k), surface.owner[piece]
+    alike = np.einsum("pd,pd->p", tree.normal[face], normal[row]) > min_alike
+    return nearest_of(surface, points, row[alike], face[alike])
 
 
 def nearest_vertices(points: Mesh, queries: Mesh) -> np.ndarray:

@@ -1,55 +1,32 @@
-"""jfsf batch: many pairs, through dask.distributed.
+"""jfsf batch: many pairs, through dask.distributed."""
 
-This file is long because it declares the options of the command, with their help.
-"""
-
-import functools
 from enum import StrEnum
+from functools import partial as bound
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
-from jfsf.apps.cli._batch_jobs import is_complete, prepare, work
-from jfsf.apps.cli._batch_options import (
+from jfsf.apps.cli import _options as opt
+from jfsf.apps.cli._batch_jobs import (
     forget_outdated,
-    landmark_files,
+    is_complete,
     options_of_pairs,
+    prepare,
     prepared_kinds,
+    work,
 )
-from jfsf.apps.cli._exports import (
-    ByPlaceOption,
-    CheckerOption,
-    Looks,
-    Up,
-    UpAxis,
-)
-from jfsf.apps.cli._files import (
-    AnyUnitOption,
-    BaseOption,
-    Orientation,
-    OrientationOption,
-    can_write_in,
-    need_matplotlib,
-)
-from jfsf.apps.cli._landmarks import landmark_names
-from jfsf.apps.cli._pages import batch_index
-from jfsf.apps.cli._runs import (
-    SchedulerOption,
-    WorkersOption,
-    bars,
-    begin,
-    note_drawing,
-    raising_interrupts,
-)
+from jfsf.apps.cli._files import can_write_in, need_matplotlib
+from jfsf.apps.cli._known import landmark_names
+from jfsf.apps.cli._print import said, say_result
+from jfsf.apps.cli._runs import bars, begin, note_drawing, raising_interrupts
 from jfsf.apps.cli._summary import (
+    batch_index,
     doubtful_first,
     summary_row,
     summary_table,
     write_summary,
 )
-from jfsf.apps.cli._words import said
 
 MOST_NOTES = 20  # lines on the meshes that are printed
 
@@ -75,45 +52,16 @@ def batch(
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    orientation: OrientationOption = Orientation.preserve,
-    landmarks: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Known pairs of vertices; see match."),
-    ] = None,
-    landmarks_x: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Landmarks of X, for all pairs whose line names those of Y.",
-        ),
-    ] = None,
-    landmarks_y: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Landmarks of Y for all pairs, such as those of one template.",
-        ),
-    ] = None,
-    largest_component: Annotated[
-        bool,
-        typer.Option(
-            "--largest-component", help="Match the largest pieces only; see match."
-        ),
-    ] = False,
-    partial: Annotated[
-        bool,
-        typer.Option(
-            "--partial",
-            help="Of each pair one shape is a part of the other, or both overlap; see "
-            "match.",
-        ),
-    ] = False,
-    any_unit: AnyUnitOption = False,
-    repair: Annotated[
-        bool, typer.Option("--repair", help="Repair all meshes first; see match.")
-    ] = False,
+    scheduler: opt.SchedulerOption = None,
+    workers: opt.WorkersOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
+    landmarks: opt.LandmarksOption = None,
+    landmarks_x: opt.LandmarksXOption = None,
+    landmarks_y: opt.LandmarksYOption = None,
+    largest_component: opt.LargestOption = False,
+    partial: opt.PartialOption = False,
+    any_unit: opt.AnyUnitOption = False,
+    repair: opt.RepairOption = False,
     png: Annotated[
         bool, typer.Option("--png", help="A picture of each map (needs matplotlib).")
     ] = False,
@@ -126,23 +74,17 @@ def batch(
             "several times.",
         ),
     ] = None,
-    checker: CheckerOption = False,
-    by_place: ByPlaceOption = False,
+    checker: opt.CheckerOption = False,
+    by_place: opt.ByPlaceOption = False,
     report: Annotated[
         bool,
         typer.Option(
             "--report", help="A page a pair, and index.html with links to all."
         ),
     ] = False,
-    base: BaseOption = None,
-    no_cache: Annotated[
-        bool,
-        typer.Option(
-            "--no-cache",
-            help="Leave the cache folder alone: each pair makes its spectra anew.",
-        ),
-    ] = False,
-    up: UpAxis = Up.y,
+    base: opt.BaseOption = None,
+    no_cache: opt.NoCacheOption = False,
+    up: opt.UpOption = opt.Up.y,
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
@@ -163,66 +105,51 @@ def batch(
     if checker and (not suffixes or ".ply" in suffixes):
         raise ValueError("--checker goes with --export obj and --export glb only")
     listed = read_pairs(pairs)
-    settings = {
+    settings: dict[str, Any] = {
         "orientation": orientation.value,
         "largest_component": largest_component,
         "partial": partial,
         "repair": repair,
     }
-    usual = PairOptions(
-        **settings,
-        landmarks=landmarks,
-        landmarks_x=landmarks_x,
-        landmarks_y=landmarks_y,
-    )
+    files: dict[str, Any] = {
+        "landmarks": landmarks,
+        "landmarks_x": landmarks_x,
+        "landmarks_y": landmarks_y,
+    }
+    usual = PairOptions(**settings, **files)
     options = options_of_pairs(pairs, listed, usual, pages=report)
-    if any_unit and not any(own.partial for own in options.values()):
-        raise ValueError("--any-unit goes with --partial; sizes of wholes never matter")
+    opt.check_any_unit(any_unit, any(own.partial for own in options.values()))
     can_write_in(out)
     if (summary := out / "summary.csv").exists() and summary.samefile(pairs):
         raise ValueError(f"{pairs}: would be overwritten by the results; name another")
-    jobs = [
-        # Absolute, because each worker has its own working folder.
-        Job(
-            (pair.x.absolute(), pair.y.absolute()),
-            out.absolute() / f"{pair.name}.npz",
-            tuple(path for path in landmark_files(options[pair.name]) if path),
-            options[pair.name],
-        )
-        for pair in listed
-    ]
-    looks = Looks(up.value, checker, by_place)
-    wanted = {"report": report, "png": png, "suffixes": suffixes}
+    # Absolute, because each worker has its own working folder.
+    jobs = []
+    for pair in listed:
+        own, inputs = options[pair.name], (pair.x.absolute(), pair.y.absolute())
+        known = own.landmarks, own.landmarks_x, own.landmarks_y
+        extras = tuple(path for path in known if path is not None)
+        jobs.append(Job(inputs, out.absolute() / f"{pair.name}.npz", extras, own))
+    looks = {"up": up.value, "checker": checker, "by_place": by_place}
+    wanted = {"report": report, "png": png, "suffixes": suffixes, **looks}
+    ways, cache = (largest_component, repair), not no_cache
+    others = prepared_kinds(jobs, ways)
+    how = {"base": base, "cache": cache, "same_unit": not any_unit}
     rows = {}
     with raising_interrupts(), connect(scheduler, workers=workers) as client:
         begin(out, settings | ({"same_unit": False} if any_unit else {}))
         forget_outdated(out, options, PairOptions(**settings))
         if report or png or suffixes:
-            note_drawing(out, looks._asdict() | {"base": base})
+            note_drawing(out, looks | {"base": base})
         with bars() as shown:
-            shapes = shown.add_task("spectra", total=None)
+            spectra = shown.add_task("spectra", total=None)
             done = shown.add_task("pairs", total=len(jobs))
             outcomes = run_jobs(
                 jobs,
                 client,
-                prepare=functools.partial(
-                    prepare,
-                    usual=(largest_component, repair),
-                    others=prepared_kinds(jobs, (largest_component, repair)),
-                    cache=not no_cache,
-                ),
-                work=functools.partial(
-                    work,
-                    looks=looks,
-                    base=base,
-                    cache=not no_cache,
-                    same_unit=not any_unit,
-                    **wanted,
-                ),
-                done=functools.partial(is_complete, **wanted),
-                progress=lambda n, total: shown.update(
-                    shapes, completed=n, total=total
-                ),
+                prepare=bound(prepare, usual=ways, others=others, cache=cache),
+                work=bound(work, wanted=wanted, **how),
+                done=bound(is_complete, wanted=wanted),
+                progress=lambda n, all: shown.update(spectra, completed=n, total=all),
                 say=said,
             )
             for outcome in outcomes:
@@ -237,16 +164,13 @@ def batch(
     written = write_summary(out, ordered, settings)
     if report:
         written = *written, batch_index(out, ordered)
-    console = Console()
-    console.print(summary_table(ordered))
     notes = list(dict.fromkeys(line for row in ordered for line in row["notes"]))
     if len(notes) > MOST_NOTES:
         more = f"{len(notes) - MOST_NOTES + 1} more such lines in {written[0]}"
         notes = [*notes[: MOST_NOTES - 1], more]
     failed = [row for row in ordered if row["reason"]]
     notes += [f"failed: {row['x']}, {row['y']}: {row['reason']}" for row in failed]
-    for line in (*notes, *(f"wrote {path}" for path in written)):
-        console.print(line, soft_wrap=True, markup=False)
+    say_result([summary_table(ordered)], notes, (), written)
     if failed:
         raise typer.Exit(1)
 
@@ -254,7 +178,5 @@ def batch(
 def _row(outcome) -> dict[str, Any]:
     """The row of a pair in the summary."""
     options = outcome.job.options
-    names = ()
-    if outcome.reason is None:
-        names = landmark_names(landmark_files(options))
+    names = () if outcome.reason is not None else landmark_names(options)
     return summary_row(outcome, options.orientation, landmarks=names)

@@ -10,21 +10,19 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 
-from jfsf.apps.cli._collection_carried import (
-    carried_of,
-    points_of,
-    write_carried,
-    write_landmarks_of,
-)
+from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._collection_jobs import keep
 from jfsf.apps.cli._collection_results import (
+    COLUMNS,
+    carried_of,
+    points_of,
     rows_of,
     table,
+    write_carried,
     write_index_page,
+    write_landmarks_of,
     write_model_of,
-    write_summary,
 )
 from jfsf.apps.cli._collection_runner import (
     PARTS,
@@ -36,19 +34,9 @@ from jfsf.apps.cli._collection_runner import (
     number_of,
     outcomes,
 )
-from jfsf.apps.cli._files import (
-    Orientation,
-    OrientationOption,
-    can_write_in,
-    need_matplotlib,
-)
-from jfsf.apps.cli._runs import (
-    SchedulerOption,
-    WorkersOption,
-    bars,
-    begin,
-    raising_interrupts,
-)
+from jfsf.apps.cli._files import can_write_in, need_matplotlib
+from jfsf.apps.cli._print import say_result
+from jfsf.apps.cli._runs import bars, begin, raising_interrupts, write_table
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
 
 
@@ -94,9 +82,9 @@ def collection(
             help="Numbers of the vertices of --template, likewise: .npy, .csv or .txt.",
         ),
     ] = None,
-    scheduler: SchedulerOption = None,
-    workers: WorkersOption = None,
-    orientation: OrientationOption = Orientation.preserve,
+    scheduler: opt.SchedulerOption = None,
+    workers: opt.WorkersOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
     mirror: Annotated[
         Mirrored,
         typer.Option(
@@ -196,28 +184,22 @@ def collection(
     mesh = shapes[name].mesh
     kinds = {"scale": scale, "report": report}
     written, notes = write_model_of(out, rows, mesh.faces, **kinds)
-    written.insert(0, write_summary(out, rows))
+    write_table(out / "summary.csv", COLUMNS, rows)
+    written.insert(0, out / "summary.csv")
     if points is not None and landmarks is not None:
         written += write_landmarks_of(out, rows, mesh, points, landmarks)
     turned = {names[i] for i in graph.mirrored_back}
     written += write_carried(out, rows, paths, shapes, name, carried, turned)
     if report:
         written.append(write_index_page(out, rows, shapes, graph))
-    console = Console()
-    console.print(table(rows, f"template {name}, {len(graph.matched)} pairs"))
-    for name, own in shapes.items():
-        for line in own.said:
-            console.print(f"{paths[name]}: {line}", soft_wrap=True, markup=False)
-    for name, why in reasons.items():
-        text = f"left out: {paths[name]}: {why}"
-        console.print(text, soft_wrap=True, markup=False)
-    for i in sorted(graph.mirrored_back):
-        text = f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
-        console.print(text, soft_wrap=True, markup=False)
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in written:
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    shown = table(rows, f"template {name}, {len(graph.matched)} pairs")
+    lines = [f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said]
+    lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
+    lines += [
+        f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
+        for i in sorted(graph.mirrored_back)
+    ]
+    say_result([shown], lines, notes, written)
     if reasons:
         raise typer.Exit(1)
 

@@ -110,7 +110,7 @@ def is_put(job) -> bool:
 
 def has_page(job) -> bool:
     """Whether `put_template` has nothing to do, a report included."""
-    from jfsf.apps.cli._pages import pages_of
+    from jfsf.apps.cli._pair import pages_of
 
     pages = [] if _of_itself(job) else pages_of(_maps(job))
     drawn = *pages, picture_of_shape(_out(job), job.out.stem)
@@ -137,7 +137,7 @@ def put_template(job, report: bool) -> None:
     job: the kept template, the kept shape and the way are its inputs: T_xy, and whether
         the shape is to be mirrored.
     """
-    from jfsf.apps.cli._pages import pair_page
+    from jfsf.apps.cli._pair import pictures_of, write_page
     from jfsf.apps.collections._member import itself, member
 
     template, shape = map(kept, job.inputs[:2])
@@ -152,12 +152,10 @@ def put_template(job, report: bool) -> None:
         maps.parent.mkdir(exist_ok=True)
         write_maps(maps, found.match, template, shape)
         if report:
-            inputs = [
-                (path, own.mesh, own.at)
-                for path, own in zip(job.inputs[:2], (template, shape), strict=True)
-            ]
+            pictures = pictures_of(maps, report=True)
+            meshes = (template.mesh, template.at), (shape.mesh, shape.at)
             # Without times: what is made again is then the same, to the byte.
-            pair_page(maps, inputs, found.match, timed=False)
+            write_page(pictures, job.inputs[:2], meshes, found.match, timed=False)  # type: ignore
     if report:
         _write_picture(job, template.mesh, shape.mesh, found.maps)
     _write_registration(job.out, found.registration, found.confidence)

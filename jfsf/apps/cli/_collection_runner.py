@@ -8,7 +8,6 @@ from zipfile import is_zipfile
 
 import numpy as np
 
-from jfsf.apps.cli._collection_carried import carried_files
 from jfsf.apps.cli._collection_jobs import (
     file_of,
     has_page,
@@ -21,8 +20,9 @@ from jfsf.apps.cli._collection_jobs import (
     put_template,
     read_maps,
 )
-from jfsf.apps.cli._pages import pages_of
-from jfsf.apps.cli._words import said
+from jfsf.apps.cli._collection_results import carried_files
+from jfsf.apps.cli._pair import pages_of
+from jfsf.apps.cli._print import said
 from jfsf.mesh._read import stem_of
 
 # Folders of the results.

@@ -1,20 +1,15 @@
 """jfsf match --components: shapes of several pieces, matched piece to piece."""
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from rich.console import Console
 from rich.table import Table
 
-from jfsf.apps.cli._exports import Looks, Seen, draw, export
 from jfsf.apps.cli._files import Shape, sides_in_doubt
-from jfsf.apps.cli._notes import WARNING
-from jfsf.apps.cli._stages import stage_bar
-from jfsf.apps.cli._words import counted
+from jfsf.apps.cli._pair import Pictures, Seen, draw
+from jfsf.apps.cli._print import WARNING, counted, say_result, stage_bar
 from jfsf.apps.report._words import verdict, warnings_of
-
-_STAGES = 5  # two pieces on either side, and writing
 
 
 def check_components_options(given: dict[str, Any]) -> None:
@@ -36,28 +31,25 @@ def check_components_options(given: dict[str, Any]) -> None:
         raise ValueError(f"--components does not go with {', '.join(wrong)}: {what}")
 
 
-class Pictures(NamedTuple):
-    """What is drawn and exported: a picture or None, meshes, and how."""
-
-    png: Path | None
-    exports: list[Path]
-    looks: Looks
-
-
 def match_pieces(
-    x: Path, y: Path, out: Path, orientation: str, pictures: Pictures, *, cache: bool
+    paths: tuple[Path, Path],
+    out: Path,
+    orientation: str,
+    pictures: Pictures,
+    *,
+    cache: bool,
 ) -> None:
     """Match two files piece to piece, write the map, and print what was found."""
     from jfsf.apps.pieces import match_components, write_components
     from jfsf.mesh import MeshError, read_noted
 
-    read = [read_noted(path) for path in (x, y)]
+    read = [read_noted(path) for path in paths]
     notes = [
         f"{path}: {note}"
-        for path, (_, passed) in zip((x, y), read, strict=True)
+        for path, (_, passed) in zip(paths, read, strict=True)
         for note in passed
     ]
-    with stage_bar(_STAGES) as stage:
+    with stage_bar() as stage:
         try:
             found = match_components(
                 *(mesh for mesh, _ in read),
@@ -66,22 +58,16 @@ def match_pieces(
                 progress=stage,
             )
         except MeshError as error:
-            files = {"mesh_x": str(x), "mesh_y": str(y)}
-            raise error.named(files.get(error.name, error.name)) from None
+            x, y = map(str, paths)
+            name = {"mesh_x": x, "mesh_y": y}.get(error.name, error.name)
+            raise error.named(name) from None
         stage("writing")
-        notes += _said((x, y), found) + _doubts((x, y), found, orientation)
+        notes += _said(paths, found) + _doubts(paths, found, orientation)
         write_components(out, found, notes=notes)
-        whole_x, whole_y = (Shape(mesh, None, None, mesh) for mesh, _ in read)
-        what = _seen(found), pictures.looks
-        if pictures.png is not None:
-            draw(pictures.png, whole_x, whole_y, *what)
-        notes = export(pictures.exports, whole_x, whole_y, y, *what) + notes
-    console = Console()
-    console.print(pieces_table(found))
-    for line in notes:
-        console.print(line, soft_wrap=True, markup=False)
-    for path in filter(None, (out, pictures.png, *pictures.exports)):
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+        x, y = (Shape(mesh, None, None, mesh) for mesh, _ in read)
+        notes = draw(pictures, (x, y), paths[1], _seen(found)) + notes
+    written = out, pictures.png, *pictures.exports
+    say_result([pieces_table(found)], notes, (), written)
 
 
 def _seen(found) -> Seen:

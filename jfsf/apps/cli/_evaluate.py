@@ -5,46 +5,35 @@ import math
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.markup import escape
+from rich.progress import Progress
 from rich.table import Table
 
-from jfsf.apps.cli._files import BaseOption, MeshX, MeshY, can_write
-from jfsf.apps.cli._report import figures_of
+from jfsf.apps.cli import _options as opt
+from jfsf.apps.cli._files import can_write
+from jfsf.apps.cli._print import say_result
 from jfsf.apps.cli._stored import read_pair, stored_match
+
+ERROR_LIMITS = (0.01, 0.02, 0.05, 0.1)  # geodesic over sqrt(area), for the curve
 
 
 def evaluate(
-    x: MeshX,
-    y: MeshY,
-    map_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MAP",
-            help="A file of match, or T_xy as .npz, .mat, .map or .vts.",
-        ),
-    ],
-    gt_x: Annotated[
-        Path | None,
-        typer.Option(help="Ground truth: line i is the vertex of X at point i."),
-    ] = None,
-    gt_y: Annotated[
-        Path | None, typer.Option(help="The same for Y; text files count from 1.")
-    ] = None,
+    x: opt.MeshX,
+    y: opt.MeshY,
+    map_file: opt.MapFile,
+    gt_x: opt.GroundTruthX = None,
+    gt_y: opt.GroundTruthY = None,
     exact: Annotated[
         bool, typer.Option("--exact", help="Exact geodesics, slow (needs pygeodesic).")
     ] = False,
     every: Annotated[
         int, typer.Option(min=1, help="Measure at every Nth point and vertex.")
     ] = 1,
-    base: BaseOption = None,
-    repair: Annotated[
-        bool,
-        typer.Option(
-            "--repair", help="Repair the meshes first, for a map of match --repair."
-        ),
-    ] = False,
+    base: opt.BaseOption = None,
+    repair: opt.MapRepairOption = False,
     json_file: Annotated[
         Path | None, typer.Option("--json", help="Write the figures here too.")
     ] = None,
@@ -83,15 +72,13 @@ def evaluate(
     for name, value in figures.items():
         text = f"{value:.4g}" if math.isfinite(value) else "no finite distance"
         shown.add_row(name.replace("_", " "), text)
-    console = Console()
-    console.print(shown)
+    notes, doubts = [], []
     if left_out:
         are = "is" if left_out == 1 else "are"
-        line = f"ground truth: {left_out} of {points} points {are} left out, {why}"
-        console.print(line, soft_wrap=True, markup=False)
+        notes = [f"ground truth: {left_out} of {points} points {are} left out, {why}"]
     if not all(map(math.isfinite, figures.values())):
-        line = "no finite distance: the map takes some points to another piece"
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
+        doubts = ["no finite distance: the map takes some points to another piece"]
+    say_result([shown], notes, doubts, ())
     if json_file is not None:
         from jfsf import __version__
         from jfsf.storage._atomic import write_text
@@ -119,3 +106,38 @@ def _why_left_out(maps, parts: bool, repair: bool) -> str:
     if parts or maps.index_x is not None or maps.index_y is not None:
         known.append("were not matched")
     return f"on vertices that {' or '.join(known or ['belong to no face'])}"
+
+
+def figures_of(mesh_x, mesh_y, maps, truth, exact, every) -> dict[str, float]:
+    """The figures of a map that can be measured, by name; a bar shows the progress."""
+    from jfsf.evaluate import auc, error_curve, evaluate
+
+    with Progress(console=Console(stderr=True), transient=True) as bars:
+        tasks = {}
+
+        def show(name, done, total):
+            if name not in tasks:
+                tasks[name] = bars.add_task(name.replace("_", " "), total=total)
+            bars.update(tasks[name], completed=done, total=total)
+
+        measured = evaluate(
+            maps,
+            mesh_x,
+            mesh_y,
+            truth=truth,
+            every=every,
+            exact=exact,
+            progress=show,
+        )
+    figures: dict[str, float] = {}
+    errors = measured.error[~np.isnan(measured.error)]
+    for name, value in measured._asdict().items():
+        # How many points were left out is no figure of the map.
+        if name not in ("error", "error_left_out") and not np.isnan(value):
+            figures[name] = value
+        if name == "error_max" and len(errors):
+            shares = error_curve(errors, ERROR_LIMITS)
+            for limit, share in zip(ERROR_LIMITS, shares, strict=True):
+                figures[f"share_within_{limit}"] = float(share)
+            figures["auc_0.25"] = auc(errors, limit=0.25)
+    return figures

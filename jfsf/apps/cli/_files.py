@@ -1,52 +1,13 @@
 """The files of the command line: read, checked and written, all alike."""
 
 from collections.abc import Sequence
-from enum import StrEnum
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import typer
 
-from jfsf.types import Match, Mesh
-
-
-class Orientation(StrEnum):
-    """`jfsf.match`'s orientation, as choices of an option."""
-
-    preserve = "preserve"
-    reverse = "reverse"
-    any = "any"
-
-
-OrientationOption = Annotated[
-    Orientation,
-    typer.Option(help="Keep left and right, swap them, or take the better map."),
-]
-
-
-BaseOption = Annotated[
-    int | None,
-    typer.Option(
-        min=0, max=1, help="First index in text files that break the convention."
-    ),
-]
-AnyUnitOption = Annotated[
-    bool,
-    typer.Option(
-        "--any-unit/--same-unit",
-        help="With --partial: the files may have different units. The first is made as "
-        "long as the second, and 0.4 to 2.5 times that is tried.",
-    ),
-]
-
-FORMATS = (
-    "OFF, OBJ, PLY, STL, GLB, glTF, VTK (.vtk, .vtp), GIFTI (.gii), .xyz or .npy file; "
-    "also .gz."
-)
-MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
-MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
+from jfsf.types import Mesh
 
 
 def can_write(path: Path, suffix: str) -> None:
@@ -80,17 +41,23 @@ def _probe(path, named):
         ) from None
 
 
-def can_export(paths: list[Path], checker: bool, inputs: tuple[Path, ...]) -> None:
+def can_export(
+    paths: Sequence[Path], inputs: Sequence[Path], checker: bool = False
+) -> None:
     """ValueError if a mesh cannot be exported to one of `paths`, as `can_write`."""
     from jfsf.apps.export._export import check_path
 
-    if checker and not paths:
-        raise ValueError("--checker goes with --export; say which file to write")
     for path in paths:
         check_path(path, checker=checker)
+    can_write_beside(paths, inputs)
+
+
+def can_write_beside(paths: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """ValueError if one of `paths` cannot be written, or is an input."""
+    for path in paths:
         can_write(path, path.suffix.lower())
         if any(path.exists() and path.samefile(i) for i in inputs if i.exists()):
-            raise ValueError(f"{path}: is an input; export to another file")
+            raise ValueError(f"{path}: is an input; write to another file")
 
 
 def need_matplotlib() -> None:
@@ -208,56 +175,6 @@ def pieces_beside(mesh: Mesh, index) -> tuple[np.ndarray, float]:
     area = face_areas(np.asarray(mesh.vertices), faces)
     share = area[outside].sum() / area.sum() if area.any() else 0.0
     return np.unique(owner, return_counts=True)[1], float(share)
-
-
-def write_found(
-    path: Path, match: Match, x: Shape, y: Shape, notes: Sequence[str] = ()
-) -> None:
-    """Write a match; after a repair its maps are those between the files' vertices."""
-    from jfsf.apps.mapfiles import write_match
-    from jfsf.mesh._partners import map_of_originals, nearest_kept
-
-    if x.repaired is None and y.repaired is None:
-        write_match(path, match, index_x=x.index, index_y=y.index, notes=notes)
-        return
-    both = _repaired(x), _repaired(y)
-    match = match._replace(
-        T_xy=map_of_originals(match.T_xy, x.file, *both),
-        T_yx=map_of_originals(match.T_yx, y.file, *both[::-1]),
-    )
-    at = [nearest_kept(s.file, own) for s, own in zip((x, y), both, strict=True)]
-    write_match(path, _values_at(match, *at), notes=notes)
-
-
-def kept_match(match: Match, x: Shape, y: Shape) -> Match:
-    """The match of the shapes from that of their files, as `write_found` wrote it."""
-    if x.repaired is None and y.repaired is None:
-        return match
-    one, two = _repaired(x), _repaired(y)
-    match = match._replace(
-        T_xy=two.partner[np.asarray(match.T_xy)[one.index]],
-        T_yx=one.partner[np.asarray(match.T_yx)[two.index]],
-    )
-    return _values_at(match, one.index, two.index)
-
-
-def _repaired(shape: Shape):
-    """The repair of a shape; of one that is whole, that nothing was removed."""
-    from jfsf.mesh import Repaired
-
-    same = np.arange(len(shape.file.vertices), dtype=np.int32)
-    return shape.repaired or Repaired(shape.mesh, same, same, ())
-
-
-def _values_at(match: Match, at_x, at_y) -> Match:
-    """The values of vertices, where there are any, at these vertices of X and of Y."""
-    kinds = "matched", "confidence", "membership"
-    names = [f"{name}_{side}" for name in kinds for side in "xy"]
-    known = [name for name in names if getattr(match, name) is not None]
-    at = {"x": at_x, "y": at_y}
-    return match._replace(
-        **{n: np.asarray(getattr(match, n))[at[n[-1]]] for n in known}
-    )
 
 
 def numbered(points: np.ndarray, partner: np.ndarray | None) -> np.ndarray:

@@ -5,22 +5,17 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from jfsf.apps.cli._files import (
-    FORMATS,
-    can_export,
-    pieces_beside,
-    sides_in_doubt,
-)
-from jfsf.apps.cli._words import said
+from jfsf.apps.cli import _options as opt
+from jfsf.apps.cli._files import can_export, pieces_beside, sides_in_doubt
+from jfsf.apps.cli._print import said, say, say_result
 from jfsf.types import Mesh
 
 
 def info(
-    path: Annotated[Path, typer.Argument(metavar="MESH", help=FORMATS)],
+    path: Annotated[Path, typer.Argument(metavar="MESH", help=opt.FORMATS)],
     repair: Annotated[
         Path | None,
         typer.Option(
@@ -46,32 +41,29 @@ def info(
     from jfsf.mesh._partners import without_nonfinite
 
     if repair is not None:
-        can_export([repair], False, (path,))
+        can_export([repair], (path,))
     file, notes = read_noted(path, finite=False)
     mesh = without_nonfinite(file, name=str(path)).mesh
-    console = Console()
-    console.print(_table(path.name, check(mesh)))
-    for line in (*notes, *_not_finite(file), *_flaws(mesh)):
-        console.print(line, soft_wrap=True, markup=False)
+    notes = *notes, *_not_finite(file), *_flaws(mesh)
+    say_result([_table(path.name, check(mesh))], notes, (), ())
     try:
         mended = repaired(file, name=str(path))
     except MeshError as error:
-        console.print(f"cannot be matched: {said(error)}", soft_wrap=True, markup=False)
+        say(f"cannot be matched: {said(error)}")
         raise typer.Exit(1) from None
     if mended.done:
         would = "would mend" if repair is None else "mended"
-        words = f"--repair {would}: {', '.join(mended.done)}"
-        console.print(words, soft_wrap=True, markup=False)
+        say(f"--repair {would}: {', '.join(mended.done)}")
     if repair is not None:
         export_mesh(repair, mended.mesh)
-        console.print(f"wrote {repair}", soft_wrap=True, markup=False)
+        say(f"wrote {repair}")
         mesh, file, path = mended.mesh, mended.mesh, repair
     try:
         check_matchable(without_strays(file).mesh, name=str(path))
     except MeshError as error:
-        console.print(f"cannot be matched: {said(error)}", soft_wrap=True, markup=False)
+        say(f"cannot be matched: {said(error)}")
         if mended.done and repair is None:
-            console.print(_after(mended.mesh, path), soft_wrap=True, markup=False)
+            say(_after(mended.mesh, path))
         raise typer.Exit(1) from None
     sides = ""
     if len(mesh.faces) == 0:
@@ -80,7 +72,7 @@ def info(
             sides = "; the surface through its points tells left from right"
     elif doubt := sides_in_doubt(mesh):
         sides = f"; {doubt}, so left and right may be swapped"
-    console.print(f"can be matched{sides}", soft_wrap=True)
+    say(f"can be matched{sides}")
 
 
 def _table(name: str, report) -> Table:

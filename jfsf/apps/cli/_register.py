@@ -5,31 +5,23 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from rich.console import Console
 from rich.table import Table
 
-from jfsf.apps.cli._files import (
-    FORMATS,
-    BaseOption,
-    Orientation,
-    OrientationOption,
-    can_export,
-    matchable,
-)
-from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli import _options as opt
+from jfsf.apps.cli._files import can_export, matchable
+from jfsf.apps.cli._print import say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
 
-_STAGES = 7  # those of a match, if the first map is right; registration, writing
 # Beyond these a registration is to be looked at.
 MAX_MEAN = 0.005  # of sqrt(area), from the scan
 MAX_BRIDGED = 0.05  # of the vertices
 
 
 def register(
-    template: Annotated[Path, typer.Argument(metavar="TEMPLATE", help=FORMATS)],
-    scan: Annotated[Path, typer.Argument(metavar="SCAN", help=FORMATS)],
+    template: Annotated[Path, typer.Argument(metavar="TEMPLATE", help=opt.FORMATS)],
+    scan: Annotated[Path, typer.Argument(metavar="SCAN", help=opt.FORMATS)],
     out: Annotated[
         Path,
         typer.Option(
@@ -48,8 +40,8 @@ def register(
             "T_xy as .npz, .mat, .map or .vts. Found when absent.",
         ),
     ] = None,
-    base: BaseOption = None,
-    orientation: OrientationOption = Orientation.preserve,
+    base: opt.BaseOption = None,
+    orientation: opt.OrientationOption = opt.Orientation.preserve,
     largest_component: Annotated[
         bool,
         typer.Option(
@@ -64,9 +56,7 @@ def register(
             "has the vertices and faces of the repaired template.",
         ),
     ] = False,
-    no_cache: Annotated[
-        bool, typer.Option("--no-cache", help="Leave the cache folder alone.")
-    ] = False,
+    no_cache: opt.NoCacheOption = False,
 ) -> None:
     """Deform a template mesh onto a scan: its faces, the scan's shape.
 
@@ -75,7 +65,7 @@ def register(
 
     Example: jfsf register template.ply scan.ply --out warped.ply
     """
-    can_export([out], False, (template, scan))
+    can_export([out], (template, scan))
     if map_file is not None and largest_component:
         raise ValueError(
             "--largest-component is for finding the map; a map of match "
@@ -106,7 +96,7 @@ def register(
         mesh, onto = (shape.mesh for shape in shapes)
         for path, shape in zip(paths, shapes, strict=True):
             said += [f"{path}: {line}" for line in shape.said]
-    with stage_bar(_STAGES if T is None else 2) as stage:
+    with stage_bar() as stage:
         if T is None:
             from jfsf.matching import match
 
@@ -114,16 +104,11 @@ def register(
             found = match(mesh, onto, progress=stage, **options)
             T, certificate = np.asarray(found.T_xy), found.certificate
         warped = write_registered(out, mesh, onto, T, matched, stage)
-    console = Console()
-    console.print(registration_table(warped, onto, certificate))
     notes = registration_warnings(warped, onto)
     if certificate is not None:
         notes += warnings_of(certificate, orientation.value)
-    for line in said:
-        console.print(line, soft_wrap=True, markup=False)
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    console.print(f"wrote {out}", soft_wrap=True, markup=False)
+    shown = registration_table(warped, onto, certificate)
+    say_result([shown], said, notes, [out])
 
 
 def write_registered(out: Path, template: Mesh, scan: Mesh, T, matched, stage):

@@ -1,35 +1,21 @@
-"""What the commands of many jobs share: options, settings on disk, interrupts, bars."""
+"""What the commands of many jobs share: files, interrupts, bars."""
 
+import csv
+import io
 import json
 import os
 import signal
+from collections.abc import Iterable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
-from typing import Annotated
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from rich.progress import TimeRemainingColumn as Remaining
 
 SETTINGS = "settings.json"
 DRAWING = "drawing.json"
-
-SchedulerOption = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="A dask scheduler, host:port; its workers must see the same files. "
-        "Without it, processes on this machine.",
-    ),
-]
-WorkersOption = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="Local processes, one a core by default. Give 1 for one GPU."
-    ),
-]
 
 
 def begin(out: Path, options: dict) -> None:
@@ -132,3 +118,14 @@ def bars() -> Progress:
         Remaining(),
         console=Console(stderr=True),
     )
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[dict]) -> None:
+    """Write rows as a CSV file with titles; it appears complete or not at all."""
+    from jfsf.storage._atomic import write_text
+
+    text = io.StringIO()
+    table = csv.DictWriter(text, columns, lineterminator="\n")
+    table.writeheader()
+    table.writerows(rows)
+    write_text(path, text.getvalue())

@@ -1,12 +1,64 @@
-"""Two meshes and a map that was written, for what is done with maps."""
+"""Maps as they are written, and read again with their meshes."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from jfsf.apps.cli._files import kept_points
+from jfsf.apps.cli._files import Shape, kept_points
+from jfsf.apps.cli._options import check_truth
 from jfsf.types import Match, Mesh
+
+
+def write_found(
+    path: Path, match: Match, x: Shape, y: Shape, notes: Sequence[str] = ()
+) -> None:
+    """Write a match; after a repair its maps are those between the files' vertices."""
+    from jfsf.apps.mapfiles import write_match
+    from jfsf.mesh._partners import map_of_originals, nearest_kept
+
+    if x.repaired is None and y.repaired is None:
+        write_match(path, match, index_x=x.index, index_y=y.index, notes=notes)
+        return
+    both = _repaired(x), _repaired(y)
+    match = match._replace(
+        T_xy=map_of_originals(match.T_xy, x.file, *both),
+        T_yx=map_of_originals(match.T_yx, y.file, *both[::-1]),
+    )
+    at = [nearest_kept(s.file, own) for s, own in zip((x, y), both, strict=True)]
+    write_match(path, _values_at(match, *at), notes=notes)
+
+
+def kept_match(match: Match, x: Shape, y: Shape) -> Match:
+    """The match of the shapes from that of their files, as `write_found` wrote it."""
+    if x.repaired is None and y.repaired is None:
+        return match
+    one, two = _repaired(x), _repaired(y)
+    match = match._replace(
+        T_xy=two.partner[np.asarray(match.T_xy)[one.index]],
+        T_yx=one.partner[np.asarray(match.T_yx)[two.index]],
+    )
+    return _values_at(match, one.index, two.index)
+
+
+def _repaired(shape: Shape):
+    """The repair of a shape; of one that is whole, that nothing was removed."""
+    from jfsf.mesh import Repaired
+
+    same = np.arange(len(shape.file.vertices), dtype=np.int32)
+    return shape.repaired or Repaired(shape.mesh, same, same, ())
+
+
+def _values_at(match: Match, at_x, at_y) -> Match:
+    """The values of vertices, where there are any, at these vertices of X and of Y."""
+    kinds = "matched", "confidence", "membership"
+    names = [f"{name}_{side}" for name in kinds for side in "xy"]
+    known = [name for name in names if getattr(match, name) is not None]
+    at = {"x": at_x, "y": at_y}
+    return match._replace(
+        **{n: np.asarray(getattr(match, n))[at[n[-1]]] for n in known}
+    )
 
 
 def stored_match(path: Path) -> Match | None:
@@ -33,8 +85,7 @@ def read_pair(
     from jfsf.apps.mapfiles import read_ground_truth, read_stored
     from jfsf.mesh import read_noted
 
-    if (gt_x is None) != (gt_y is None):
-        raise ValueError("ground truth takes both --gt-x and --gt-y")
+    check_truth(gt_x, gt_y)
     meshes = [read_noted(path, finite=not mend).mesh for path in (x, y)]
     sizes = {
         f"n_{side}": len(mesh.vertices) for side, mesh in zip("xy", meshes, strict=True)
@@ -113,10 +164,10 @@ def of_kept(matched: np.ndarray, file: Mesh, kept: Mesh) -> np.ndarray:
     """Whether vertices of what was kept are matched, from those of the file or its."""
     if len(matched) == len(kept.vertices):
         return matched
-    return matched[nearest_vertex(file, kept)]
+    return matched[_nearest_vertex(file, kept)]
 
 
-def nearest_vertex(mesh: Mesh, points: Mesh) -> np.ndarray:
+def _nearest_vertex(mesh: Mesh, points: Mesh) -> np.ndarray:
     """The vertex of a mesh nearest to each vertex of another, which is finite."""
     from scipy.spatial import KDTree
 

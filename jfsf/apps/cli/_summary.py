@@ -1,7 +1,5 @@
-"""The results of many pairs: a row each, a table of all, and files."""
+"""The results of many pairs: a row each, a table of all, files, and an index."""
 
-import csv
-import io
 import json
 import math
 from collections.abc import Sequence
@@ -12,9 +10,14 @@ import numpy as np
 from rich.table import Table
 
 from jfsf._figures import FIGURES
-from jfsf.apps.cli._notes import WARNING
+from jfsf.apps.cli._pair import FOLDER, pages_of
+from jfsf.apps.cli._print import WARNING
+from jfsf.apps.cli._runs import write_table
+from jfsf.apps.report._index import Row, write_index
 from jfsf.apps.report._words import warnings_of
 from jfsf.types import STAGES
+
+INDEX = "index.html"
 
 
 def summary_row(
@@ -111,15 +114,29 @@ def write_summary(
     from jfsf import __version__
     from jfsf.storage._atomic import write_text
 
-    text = io.StringIO()
-    table = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    table.writeheader()
     joined = "warnings", "notes", "confidences"
-    for row in rows:
-        lists = {name: "; ".join(map(str, row[name] or ())) for name in joined}
-        table.writerow(row | lists)
+    plain = [
+        row | {name: "; ".join(map(str, row[name] or ())) for name in joined}
+        for row in rows
+    ]
     record = {"jfsf": __version__, "settings": settings, "pairs": rows}
     written = folder / "summary.csv", folder / "summary.json"
-    write_text(written[0], text.getvalue())
+    write_table(written[0], list(rows[0]), plain)
     write_text(written[1], json.dumps(record, indent=1) + "\n")
     return written
+
+
+def batch_index(folder: Path, rows: list[dict[str, Any]]) -> Path:
+    """Write the index of a batch; rows are those of its summary."""
+    listed = []
+    for row in rows:
+        page = picture = None
+        if not row["reason"]:
+            files = pages_of(folder / row["file"])
+            page, picture = (f"{FOLDER}/{file.name}" for file in files)
+        name = f"{Path(row['x']).name} → {Path(row['y']).name}"
+        likely = math.nan if row["confidence"] is None else row["confidence"]
+        lines = [row["reason"]] if row["reason"] else row["warnings"]
+        listed.append(Row(name, page, picture, likely, lines, bool(row["reason"])))
+    write_index(folder / INDEX, listed)
+    return folder / INDEX

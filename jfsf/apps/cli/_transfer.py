@@ -7,15 +7,13 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import typer
-from rich.console import Console
 
-from jfsf.apps.cli._files import MeshX, MeshY, can_write
-from jfsf.apps.cli._stages import stage_bar
+from jfsf.apps.cli import _options as opt
+from jfsf.apps.cli._files import can_write_beside
+from jfsf.apps.cli._print import say, say_result, stage_bar
 from jfsf.apps.cli._stored import of_kept, read_pair, stored_match
 from jfsf.apps.report._words import verdict, warnings_of
 from jfsf.types import Mesh
-
-_STAGES = 3  # registration, carrying, writing
 
 
 class Source(StrEnum):
@@ -48,15 +46,9 @@ class Work(NamedTuple):
 
 
 def transfer(
-    x: MeshX,
-    y: MeshY,
-    map_file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="MAP",
-            help="A file of match X Y, or T_xy as .npz, .mat, .map or .vts.",
-        ),
-    ],
+    x: opt.MeshX,
+    y: opt.MeshY,
+    map_file: opt.MapFile,
     out: Annotated[
         Path,
         typer.Option(
@@ -111,14 +103,7 @@ def transfer(
         int,
         typer.Option(help="Width and height of the new image, a power of two."),
     ] = 2048,
-    repair: Annotated[
-        bool,
-        typer.Option(
-            "--repair",
-            help="Repair the meshes first, for a map of match --repair. What is "
-            "carried is that of the files all the same.",
-        ),
-    ] = False,
+    repair: opt.MapRepairOption = False,
 ) -> None:
     """Carry values, labels, landmarks or a texture from Y to X.
 
@@ -143,13 +128,11 @@ def transfer(
     if to is not None and labels is None:
         raise ValueError("--to says where labels go; give --labels, or leave it out")
     inputs = [x, y, map_file, *(path for path in given.values() if path is not None)]
-    _check_out(out, texture is not None, inputs)
+    can_write_beside(_written(out, texture is not None), inputs)
     paths = (x, y) if source is Source.y else (y, x)
     goal, own = (read(path, finite=not repair) for path in paths)
-    if values is not None:
-        work = _values(values, own, paths, out)
-    elif labels is not None:
-        work = _labels(labels, own, paths, out, to)
+    if (column := values or labels) is not None:
+        work = _column(column, own, out, to, named=labels is not None)
     elif landmarks is not None:
         work = _landmarks(landmarks, own, out)
     else:
@@ -166,7 +149,7 @@ def transfer(
             )
         mesh_x, mesh_y = mesh_y, mesh_x
         T, matched = maps.T_yx, match and match.matched_y
-    with stage_bar(_STAGES) as stage:
+    with stage_bar() as stage:
         stage("registration")
         if matched is not None:
             matched = of_kept(np.asarray(matched), goal, mesh_x)
@@ -176,9 +159,7 @@ def transfer(
         result = work.carry(whole)
         stage("writing")
         work.write(result)
-    console = Console()
-    shown = f"{work.what} carried from {paths[1]} to {paths[0]}"
-    console.print(shown, soft_wrap=True, markup=False)
+    say(f"{work.what} carried from {paths[1]} to {paths[0]}")
     notes: list[str] = list(getattr(result, "said", ()))
     if share := 1 - whole.known_x.mean():
         notes.append(
@@ -187,8 +168,7 @@ def transfer(
         )
     if match is not None:
         likely = float(match.certificate.confidence)
-        words = f"confidence of the map: {likely:.2f}, {verdict(likely)}"
-        console.print(words, soft_wrap=True, markup=False)
+        say(f"confidence of the map: {likely:.2f}, {verdict(likely)}")
         # Which orientation was asked for is not in the file.
         notes += warnings_of(match.certificate, "any")
         if (score := float(match.certificate.orientation)) < 0:
@@ -196,10 +176,7 @@ def transfer(
                 f"the map mirrors, orientation {score:.2f}: left and right are "
                 "swapped, unless match was asked for that"
             )
-    for line in notes:
-        console.print(f"warning: {line}", soft_wrap=True, markup=False)
-    for path in _written(out, texture is not None):
-        console.print(f"wrote {path}", soft_wrap=True, markup=False)
+    say_result([], [], notes, _written(out, texture is not None))
 
 
 def _written(out: Path, textured: bool) -> list[Path]:
@@ -208,47 +185,32 @@ def _written(out: Path, textured: bool) -> list[Path]:
     return textured_files(out) if textured else [out]
 
 
-def _check_out(out: Path, textured: bool, inputs: list[Path]) -> None:
-    """ValueError if the files cannot be written, or one of them is an input."""
-    for path in _written(out, textured):
-        can_write(path, path.suffix.lower())
-        if any(path.exists() and path.samefile(i) for i in inputs if i.exists()):
-            raise ValueError(f"{path}: is an input; write to another file")
-
-
-def _values(path: Path, own: Mesh, paths, out: Path) -> Work:
-    from jfsf.apps.transfer import read_values, values
-    from jfsf.apps.transfer._files import check_format, write_column
-
-    check_format(out)
-    column = read_values(path, len(own.vertices))
-    return Work(
-        "values",
-        lambda on: values(on, column.rows),
-        lambda rows: write_column(out, column._replace(rows=rows)),
-        "their values are nan",
+def _column(path: Path, own: Mesh, out: Path, to: To | None, named: bool) -> Work:
+    """Values, or labels if they are named."""
+    from jfsf.apps import transfer
+    from jfsf.apps.transfer._files import (
+        FORMATS,
+        LABEL_FORMATS,
+        check_format,
+        write_column,
     )
 
-
-def _labels(path: Path, own: Mesh, paths, out: Path, to: To | None) -> Work:
-    from jfsf.apps.transfer import labels, read_labels
-    from jfsf.apps.transfer._files import LABEL_FORMATS, check_format, write_column
-
-    check_format(out, LABEL_FORMATS)
-    column = read_labels(path, len(own.vertices), len(own.faces))
-    goal = None if to is None else to.value
-    came_as = "vertices" if len(column.rows) == len(own.vertices) else "faces"
-    if out.suffix.lower() == ".json" and (goal or came_as) == "faces":
-        raise ValueError(
-            f"{out}: holds the vertices of parts, and these labels are of faces; give "
-            "--to vertices, or write .seg"
-        )
-    return Work(
-        "labels",
-        lambda on: labels(on, column.rows, to=goal),  # type: ignore
-        lambda rows: write_column(out, column._replace(rows=rows)),
-        "their labels are -1, or empty names",
-    )
+    check_format(out, LABEL_FORMATS if named else FORMATS)
+    n, m = len(own.vertices), len(own.faces)
+    write = lambda rows: write_column(out, column._replace(rows=rows))
+    if named:
+        column, goal = transfer.read_labels(path, n, m), to and to.value
+        came_as = "vertices" if len(column.rows) == n else "faces"
+        if out.suffix.lower() == ".json" and (goal or came_as) == "faces":
+            raise ValueError(
+                f"{out}: holds the vertices of parts, and these labels are of faces; "
+                "give --to vertices, or write .seg"
+            )
+        carry = lambda on: transfer.labels(on, column.rows, to=goal)  # type: ignore
+        return Work("labels", carry, write, "their labels are -1, or empty names")
+    column = transfer.read_values(path, n)
+    carry = lambda on: transfer.values(on, column.rows)
+    return Work("values", carry, write, "their values are nan")
 
 
 def _landmarks(path: Path, own: Mesh, out: Path) -> Work:

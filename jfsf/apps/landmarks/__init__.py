@@ -2,8 +2,8 @@
 
 They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds
 named points of one shape. On a mesh they become vertices or points of the surface. Two
-shapes' landmarks are paired by name or by order, and a map carries those of one shape
-to another.
+shapes' landmarks are paired by name or by order. `jfsf.apps.transfer` carries those of
+one shape to another.
 
 Read in this order:
 
@@ -11,7 +11,7 @@ Read in this order:
 - `_programs`: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
-- `_place`: landmarks on a mesh, and those of one shape on another
+- `_place`: landmarks on a mesh
 - `_pair`: which landmarks of two shapes belong together
 """
 
@@ -21,12 +21,11 @@ from jfsf.apps.landmarks._files import (
     write_landmarks,
 )
 from jfsf.apps.landmarks._pair import pair_landmarks
-from jfsf.apps.landmarks._place import carry_landmarks, to_vertices
+from jfsf.apps.landmarks._place import to_vertices
 from jfsf.apps.landmarks._record import Landmarks
 
 __all__ = [
     "Landmarks",
-    "carry_landmarks",
     "pair_landmarks",
     "read_landmarks",
     "read_vertex_pairs",

@@ -8,7 +8,7 @@ it by the rotation that fits the map best. Read in this order:
 - `_page`: the look that all pictures share; PNG files
 - `_panels`: shapes as the viewer sees them, turned and lit, beside each other
 - `_pictures`: shapes and maps by colour and by error
-- `_charts`: curves, errors, reliability, a functional map as a matrix
+- `_charts`: curves, errors, a functional map as a matrix
 """
 
 from jfsf.apps.plot._charts import draw_error_curves, draw_functional_map

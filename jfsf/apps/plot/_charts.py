@@ -1,4 +1,4 @@
-"""Charts in one look: errors, reliability, functional maps as matrices."""
+"""Charts in one look: errors, functional maps as matrices."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from jfsf.apps.plot._colours import diverging
 from jfsf.apps.plot._page import INK, LINES, PALE, check_png, new_figure, save, style
-from jfsf.evaluate import Reliability, error_curve
+from jfsf.evaluate import error_curve
 from jfsf.types import ArrayLike
 
 if TYPE_CHECKING:
@@ -140,34 +140,6 @@ def draw_error_curves(
     }
     axes = "geodesic error / sqrt(area)", "points within it, %"
     panel = Panel(curves, *axes, top=102, legend="lower right")
-    return draw_curves([panel], path=path, title=title)
-
-
-def draw_reliability(
-    measured: Mapping[str, Reliability],
-    *,
-    path: str | os.PathLike[str] | None = None,
-    title: str | None = None,
-) -> "Figure":
-    """Draw the share that is right against its probability; the diagonal is perfect.
-
-    Args:
-        measured: label -> `jfsf.evaluate.reliability`.
-        path, title: as in `draw_curves`.
-
-    Returns:
-        As `draw_curves`; a label has the calibration error behind it.
-
-    Raises:
-        ImportError, ValueError: as `draw_curves`.
-    """
-    curves = {"perfect": (np.linspace(0, 1, 51), np.linspace(0, 1, 51))}
-    for name, one in measured.items():
-        counted = one.weight > 0
-        label = f"{name} (off by {one.calibration_error:.3f})"
-        curves[label] = one.probability[counted], one.share[counted]
-    axes = "probability", "share that is right"
-    panel = Panel(curves, *axes, top=1.02, legend="upper left")
     return draw_curves([panel], path=path, title=title)
 
 

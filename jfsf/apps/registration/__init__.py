@@ -2,7 +2,6 @@
 
 Read in this order:
 
-- `_scan`: the nearest point of a scan that faces alike
 - `_flaws`: faces that are turned over or collapsed, and how they are mended
 - `_draw`: the template drawn to the scan, round by round
 - `_register`: checks, units, size and side, and what comes back

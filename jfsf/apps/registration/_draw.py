@@ -12,9 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.apps.registration._flaws import flaws_of, unfold
-from jfsf.apps.registration._scan import Scan, facing
 from jfsf.array._static import check_types
-from jfsf.mesh._closest import on_rim
+from jfsf.mesh._closest import FacingTree, facing, on_rim
 from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import (
     Rest,
@@ -25,6 +24,8 @@ from jfsf.refine._rest import (
     solver,
 )
 
+CANDIDATES = 12  # pieces of the scan that are looked at for each point
+MIN_ALIKE = 0.5  # least cosine of the angle between the normals
 TINY = 1e-6  # of the mean force: what nothing draws stays
 # Faces nearly as bad as these are mended too, so that none is on the verge.
 NEARLY_COLLAPSED, NEARLY_FLIPPED = 0.01, 0.1
@@ -114,7 +115,7 @@ class Deformed(NamedTuple):
 
 def draw(
     template: Template,
-    scan: Scan,
+    scan: FacingTree,
     T: np.ndarray,
     settings: RegistrationSettings,
 ) -> Deformed:
@@ -141,7 +142,7 @@ def draw(
     return _to_surface(template, scan, placed, (hold, image), settings)
 
 
-def _sides(template: Template, scan: Scan, T):
+def _sides(template: Template, scan: FacingTree, T):
     """Which way the normals of the images look, beside those of the scan.
 
     What a map turns inside out, such as a head whose face is at the back, would stay
@@ -153,7 +154,7 @@ def _sides(template: Template, scan: Scan, T):
     """
     rest, mass = template.rest, template.mass
     image = scan.surface.mesh.vertices[T]
-    alike = np.sum(vertex_normals(image, rest.mesh.faces) * scan.normal[T], 1)
+    alike = np.sum(vertex_normals(image, rest.mesh.faces) * scan.vertex_normal[T], 1)
     sign = -1 if mass @ alike < 0 else 1
     return sign, sign * _spread(rest, mass / SIDE_REACH**2, alike)
 
@@ -173,7 +174,7 @@ def _to_images(template: Template, image, counts, sign, settings) -> Deformed:
     return Deformed(moved, scale, counts, sign)
 
 
-def _to_surface(template: Template, scan: Scan, placed: Deformed, hold, settings):
+def _to_surface(template: Template, scan: FacingTree, placed: Deformed, hold, settings):
     """The template drawn to the surface of the scan, with as few flaws as may be."""
     force = np.ones(len(placed.moved))
     state = best = _softer(template, scan, placed, hold, settings)
@@ -197,7 +198,7 @@ def _to_surface(template: Template, scan: Scan, placed: Deformed, hold, settings
     return best._replace(moved=moved)
 
 
-def _softer(template: Template, scan: Scan, state: Deformed, hold, settings):
+def _softer(template: Template, scan: FacingTree, state: Deformed, hold, settings):
     """The rounds from the stiffest to the softest."""
     for reach in settings.reaches:
         flawed = _around_flaws(template, scan, state)[0]
@@ -209,7 +210,7 @@ def _softer(template: Template, scan: Scan, state: Deformed, hold, settings):
 
 
 def _round(
-    template: Template, scan: Scan, state: Deformed, hold, eased, reach, settings
+    template: Template, scan: FacingTree, state: Deformed, hold, eased, reach, settings
 ):
     """Some updates with one reach.
 
@@ -229,7 +230,9 @@ def _round(
         rotation = _from_around(rest, rotation, mass * ~flawed, MENDING_REACH)
     for _ in range(UPDATES):
         normal = sign * vertex_normals(moved, rest.mesh.faces)
-        nearest = facing(scan, moved, normal)
+        nearest = facing(
+            scan, moved, normal, candidates=CANDIDATES, min_alike=MIN_ALIKE
+        )
         drawn = nearest.distance < limit
         drawn &= rim | ~on_rim(scan.surface, nearest)
         force = factor * mass * drawn / reach**2
@@ -240,7 +243,7 @@ def _round(
     return Deformed(moved, scale, drawn, sign)
 
 
-def _around_flaws(template: Template, scan: Scan, state: Deformed):
+def _around_flaws(template: Template, scan: FacingTree, state: Deformed):
     """(n,) whether each vertex is near a face with a flaw, or nearly one; how many."""
     rest = template.rest
     nearly = {"least_area": NEARLY_COLLAPSED, "least_cosine": NEARLY_FLIPPED}

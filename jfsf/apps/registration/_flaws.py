@@ -12,8 +12,8 @@ import scipy.sparse as sp
 from scipy.optimize import minimize
 from scipy.sparse.csgraph import connected_components
 
-from jfsf.apps.registration._scan import Scan
 from jfsf.mesh import closest
+from jfsf.mesh._closest import FacingTree
 from jfsf.mesh._geometry import face_areas, face_normals, vertex_normals
 from jfsf.refine._rest import Rest, rotations_of
 
@@ -40,7 +40,7 @@ def flaws_of(
     rest: Rest,
     moved: np.ndarray,
     scale: float,
-    scan: Scan,
+    scan: FacingTree,
     sign: int,
     *,
     least_area: float = COLLAPSED,

@@ -8,14 +8,15 @@ from scipy.spatial import KDTree
 
 from jfsf.apps.registration._draw import RegistrationSettings, Template, draw
 from jfsf.apps.registration._flaws import flaws_of
-from jfsf.apps.registration._scan import scan_of
 from jfsf.matching._arguments import checked_map
 from jfsf.mesh import MeshError, closest, orient, surface_area, validate
-from jfsf.mesh._geometry import boundary_edges, vertex_areas
+from jfsf.mesh._closest import FacingTree, facing_tree, surface_tree
+from jfsf.mesh._geometry import boundary_edges, vertex_areas, vertex_normals
 from jfsf.refine._rest import at_rest
 from jfsf.types import ArrayLike, Mesh
 
 SAMPLES = 400  # neighbourhoods that scale and sign are read from
+NORMAL_WEIGHT = 0.05  # distance that normals at an angle of 1 count for, in sqrt(area)
 SCALE_NEIGHBOURS = 0.01  # share of the vertices in each of these
 
 
@@ -177,3 +178,9 @@ def _in_own_unit(mesh: Mesh) -> tuple[Mesh, _Place]:
     middle = weight @ vertices / weight.sum()
     unit = np.sqrt(surface_area(Mesh(vertices, faces)))
     return Mesh((vertices - middle) / unit, faces), _Place(float(unit), middle)
+
+
+def scan_of(mesh: Mesh) -> FacingTree:
+    """A scan, wound alike everywhere, in the unit of its sqrt(area)."""
+    surface = surface_tree(mesh)
+    return facing_tree(surface, vertex_normals(*surface.mesh), NORMAL_WEIGHT)

@@ -17,8 +17,14 @@ from scipy.spatial import KDTree
 
 from jfsf.apps.transfer._overlay import Overlay
 from jfsf.mesh import closest, orient
-from jfsf.mesh._closest import SurfaceTree, nearest_of, surface_tree
-from jfsf.mesh._geometry import face_areas, vertex_normals
+from jfsf.mesh._closest import (
+    FacingTree,
+    SurfaceTree,
+    facing,
+    facing_tree,
+    surface_tree,
+)
+from jfsf.mesh._geometry import face_areas, pair_half_edges, vertex_normals
 from jfsf.types import ArrayLike, Mesh
 
 CANDIDATES = 24  # pieces of faces that are tried where the nearest faces away
@@ -63,19 +69,16 @@ class Finder(NamedTuple):
     mesh: as it lies on the other.
     kept: (p,) its faces with an area; the vertices with a place, of a point cloud.
     surface: of these; None of a point cloud.
-    tree: of its vertices, of a point cloud; of the centres and weighted normals of the
-        surface's pieces, if there are normals; else None.
-    normal: (p, 3) unit normals of the faces; None without normals.
-    weight: of the normals in the tree.
+    cloud: of its vertices, of a point cloud; else None.
+    facing: of the surface; None without normals.
     planes: of the surface; None of a point cloud.
     """
 
     mesh: PlacedMesh
     kept: ArrayLike
     surface: SurfaceTree | None
-    tree: KDTree | None
-    normal: ArrayLike | None = None
-    weight: float = 0.0
+    cloud: KDTree | None
+    facing: FacingTree | None = None
     planes: "Planes | None" = None
 
 
@@ -123,10 +126,10 @@ def finder(mesh: PlacedMesh) -> Finder:
     planes = _planes(surface)
     if normals is None:
         return Finder(mesh, kept, surface, None, planes=planes)
-    normal = _unit(normals[faces[kept]].sum(1))
     weight = NORMAL_WEIGHT * float(np.sqrt(areas[kept].sum()))
-    tree = KDTree(np.hstack([surface.centre, weight * normal[surface.owner]]))
-    return Finder(mesh, kept, surface, tree, normal, weight, planes)
+    return Finder(
+        mesh, kept, surface, None, facing_tree(surface, normals, weight), planes
+    )
 
 
 def weighted(rows: ArrayLike, points: Points) -> ArrayLike:
@@ -169,16 +172,15 @@ def nearest(finder: Finder, positions: ArrayLike, normals: ArrayLike | None) -> 
     """
     positions = np.nan_to_num(positions)
     if finder.surface is None:
-        assert finder.tree is not None
-        return vertices_as_points(
-            finder.kept[np.asarray(finder.tree.query(positions)[1])]
-        )
+        assert finder.cloud is not None
+        near = np.asarray(finder.cloud.query(positions)[1])
+        return vertices_as_points(finder.kept[near])
     face = np.zeros(len(positions), int)
     weights = np.zeros((len(positions), 3))
     for start in range(0, len(positions), ROWS):
         rows = slice(start, start + ROWS)
-        facing = None if normals is None else normals[rows]
-        face[rows], weights[rows] = _on_surface(finder, positions[rows], facing)
+        own = None if normals is None else normals[rows]
+        face[rows], weights[rows] = _on_surface(finder, positions[rows], own)
     face = finder.kept[face]
     return Points(face, finder.mesh.faces[face], weights)
 
@@ -187,8 +189,8 @@ def _on_surface(finder: Finder, positions, normals):
     face, weights = _below(finder, positions, normals)
     rest = np.flatnonzero(face < 0)
     if len(rest):
-        facing = None if normals is None else normals[rest]
-        face[rest], weights[rest] = _nearest_of_all(finder, positions[rest], facing)
+        own = None if normals is None else normals[rest]
+        face[rest], weights[rest] = _nearest_of_all(finder, positions[rest], own)
     return face, weights
 
 
@@ -207,8 +209,8 @@ def _below(finder: Finder, positions, normals):
         least = bary.argmin(1)
         inside = np.take_along_axis(bary, least[:, None], 1)[:, 0] >= 0
         near = inside & (np.abs(height) <= NEAR * surface.radius)
-        if normals is not None and finder.normal is not None:
-            near &= (finder.normal[at] * normals[left]).sum(1) > MIN_ALIKE
+        if normals is not None and finder.facing is not None:
+            near &= (finder.facing.normal[at] * normals[left]).sum(1) > MIN_ALIKE
         weights[left[near]], found[left[near]] = bary[near], True
         beyond = planes.beyond[at, least]
         on = ~inside & (beyond >= 0)
@@ -222,20 +224,16 @@ def _nearest_of_all(finder: Finder, positions, normals):
     assert surface is not None
     found = closest(surface, positions)
     face, weights = found.face, found.barycentric
-    if normals is None or finder.normal is None or finder.tree is None:
+    if normals is None or finder.facing is None:
         return face, weights
-    away = np.flatnonzero((finder.normal[face] * normals).sum(1) <= MIN_ALIKE)
-    if len(away) == 0:
-        return face, weights
-    k = min(CANDIDATES, len(surface.owner))
-    queries = np.hstack([positions[away], finder.weight * normals[away]])
-    piece = np.asarray(finder.tree.query(queries, np.arange(1, k + 1))[1]).ravel()
-    row, others = np.repeat(np.arange(len(away)), k), surface.owner[piece]
-    alike = (finder.normal[others] * normals[away][row]).sum(1) > MIN_ALIKE
-    better = nearest_of(surface, positions[away], row[alike], others[alike])
-    there = better.face >= 0
-    face[away[there]] = better.face[there]
-    weights[away[there]] = better.barycentric[there]
+    alike = (finder.facing.normal[face] * normals).sum(1) > MIN_ALIKE
+    away = np.flatnonzero(~alike)
+    how = {"candidates": CANDIDATES, "min_alike": MIN_ALIKE}
+    if len(away):
+        better = facing(finder.facing, positions[away], normals[away], **how)
+        there = better.face >= 0
+        face[away[there]] = better.face[there]
+        weights[away[there]] = better.barycentric[there]
     return face, weights
 
 
@@ -248,17 +246,10 @@ def _planes(surface: SurfaceTree) -> Planes:
     axes = [np.cross(two, cross) / square, np.cross(cross, one) / square]
     axes = np.stack([*axes, surface.normal], 1)
     # Half-edge 3 f + i runs from corner i to the next, opposite to the one after it.
-    tail, head = faces.ravel(), np.roll(faces, -1, 1).ravel()
-    key = np.minimum(tail, head) * np.int64(len(vertices)) + np.maximum(tail, head)
-    order = np.argsort(key, kind="stable")
-    same = np.flatnonzero(np.diff(key[order]) == 0)
-    _, edge, count = np.unique(key, return_inverse=True, return_counts=True)
-    pair = same[count[edge.ravel()[order[same]]] == 2]
-    beyond = np.full(len(key), -1)
-    beyond[order[pair]], beyond[order[pair + 1]] = (
-        order[pair + 1] // 3,
-        order[pair] // 3,
-    )
+    pairs = pair_half_edges(faces, len(vertices))
+    left, right = pairs.left[pairs.manifold], pairs.right[pairs.manifold]
+    beyond = np.full(faces.size, -1)
+    beyond[left], beyond[right] = right // 3, left // 3
     return Planes(origin, axes, np.roll(beyond.reshape(-1, 3), -1, 1))
 
 

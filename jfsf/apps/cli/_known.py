@@ -1,23 +1,11 @@
-"""The landmarks of `jfsf match`: pairs of vertices, or a file for each shape."""
+"""Vertices of a pair that are known to correspond: landmarks and ground truth."""
 
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from jfsf.apps.cli._files import Shape, numbered
-
-
-class LandmarkFiles(NamedTuple):
-    """The files that the options name.
-
-    pairs: rows of vertices of X and Y.
-    x, y: landmarks of each shape.
-    """
-
-    pairs: Path | None = None
-    x: Path | None = None
-    y: Path | None = None
+from jfsf.apps.cli._files import Shape, kept_points, numbered
 
 
 class KnownPairs(NamedTuple):
@@ -33,42 +21,51 @@ class KnownPairs(NamedTuple):
     said: tuple[str, ...] = ()
 
 
-def check_landmark_options(files: LandmarkFiles) -> None:
-    """ValueError if the options do not go together."""
-    if (files.x is None) != (files.y is None):
-        raise ValueError("--landmarks-x and --landmarks-y go together; give both")
-    if files.pairs is not None and files.x is not None:
-        raise ValueError(
-            "--landmarks holds pairs of vertices, --landmarks-x and --landmarks-y the "
-            "landmarks of each shape; give one or the other"
-        )
-
-
-def known_pairs(files: LandmarkFiles, shapes: tuple[Shape, Shape]) -> KnownPairs | None:
+def known_pairs(given, shapes: tuple[Shape, Shape]) -> KnownPairs | None:
     """The pairs of vertices that the files name, or None without files.
 
     Args:
-        files: as `check_landmark_options` accepts them.
+        given: options of the pair, as `check_pair` accepts them.
         shapes: of X and of Y.
 
     Raises:
         ValueError: a file cannot be read, a vertex was not kept, a point is far from
             its mesh, or landmarks cannot be paired.
     """
-    if files.pairs is not None:
-        return KnownPairs(read_known_pairs(files.pairs, shapes))
-    if files.x is None or files.y is None:
+    if given.landmarks is not None:
+        return KnownPairs(read_known_pairs(given.landmarks, shapes))
+    if given.landmarks_x is None:
         return None
-    return _paired((files.x, files.y), shapes)
+    return _paired((given.landmarks_x, given.landmarks_y), shapes)
 
 
-def landmark_names(files: LandmarkFiles) -> tuple[str, ...]:
+def landmark_names(given) -> tuple[str, ...]:
     """The name of each row of `known_pairs`, from the files alone; () without names."""
     from jfsf.apps.landmarks import pair_landmarks, read_landmarks
 
-    if files.x is None or files.y is None:
+    if given.landmarks_x is None:
         return ()
-    return pair_landmarks(read_landmarks(files.x), read_landmarks(files.y)).names
+    files = given.landmarks_x, given.landmarks_y
+    return pair_landmarks(*map(read_landmarks, files)).names
+
+
+def kept_truth(given, shapes: tuple[Shape, Shape], base: int | None = None) -> Any:
+    """Vertices that correspond by the files of ground truth, or None without files.
+
+    Args:
+        given: options of the pair, as `check_pair` accepts them.
+        shapes: of X and of Y. Points whose vertex was not kept are left out.
+        base: as `jfsf.apps.mapfiles.read_ground_truth` takes it.
+    """
+    from jfsf.apps.mapfiles import read_ground_truth
+
+    if given.gt_x is None:
+        return None
+    n_x, n_y = (
+        len(own.mesh.vertices if own.partner is None else own.partner) for own in shapes
+    )
+    truth = read_ground_truth(given.gt_x, given.gt_y, n_x=n_x, n_y=n_y, base=base)
+    return kept_points(truth, [own.partner for own in shapes])
 
 
 def read_known_pairs(path: Path, shapes: tuple[Shape, Shape]) -> np.ndarray:
