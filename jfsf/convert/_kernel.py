@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jfsf.array._varying import varying_as
 from jfsf.types import Kernel, Neighbours, Plan
 
 Scale = Literal["nearest", "max"]
@@ -97,7 +98,7 @@ def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
         return jnp.where(smaller <= before, larger, low)
 
     top = 8 * dist.dtype.itemsize - 2  # below the sign
-    low = jnp.zeros(dist.shape[1], integer)
+    low = varying_as(jnp.zeros(dist.shape[1], integer), dist, known)
     median = jax.lax.fori_loop(0, top + 1, settle, low)
     return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
 
