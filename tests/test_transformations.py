@@ -133,7 +133,7 @@ RUN = {
 }
 # Their programs are small. All others are for the slow tests.
 SMALL = "embeddings", "polar", "pull_back", "plan", "orthogonality", "coverage"
-# A cell is that of the first name before the comma, traced elsewhere.
+# These take seconds to trace.
 LONG = "precise", "arap", "fit, huber", "sinkhorn, tiles", "nearest, tiles"
 
 
@@ -151,7 +151,7 @@ def cells():
                 yield pytest.param(name, kind, dtype, marks=marks, id=at)
 
 
-@pytest.mark.parametrize("name, kind, dtype", cells())
+@pytest.mark.parametrize("name, kind, dtype", list(cells()))
 def test_cell(name, kind, dtype):
     (TRACED | RUN)[kind](CASES[name].run, problem(dtype))
 

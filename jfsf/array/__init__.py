@@ -7,6 +7,7 @@ Read in this order:
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once
 - `_sequential_vmap`: functions that vmap runs as a loop
+- `_varying`: what begins a loop inside `jax.shard_map`
 - `_static`: static arguments by their content, as keys and as text
 """
 
