@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jfsf import convert, evaluate, geometry, initial, neighbours, refine, spectral
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.geometry._surface import surface
 from jfsf.neighbours import NeighbourSearch, spectral_tiles
 from jfsf.runtime._sizes import pad
@@ -143,13 +143,10 @@ CASES = {
     ),
     "sinkhorn": Case(lambda p: small(*embs(p))),
     "sinkhorn, tiles": Case(lambda p: small(*embs(p), search_of(p))),
-    "sinkhorn, reach": Case(
-        lambda p: small(*embs(p), reach=jnp.ones_like(p.C_yx[0, 0]))
-    ),
+    "sinkhorn, reach": Case(lambda p: small(*embs(p), reach=p.reach)),
     "sinkhorn, tol": Case(
-        lambda p: convert.sinkhorn(
-            *embs(p), k0=12, lam=p.mass_x.sum() * 4, tol=p.mass_x.sum() / 1e3
-        )
+        lambda p: convert.sinkhorn(*embs(p), k0=12, lam=p.lam, tol=p.tol),
+        {"shard_map": OPTIMISTIX},
     ),
     "quick_sinkhorn": Case(lambda p: quick_sinkhorn(*embs(p))),
     "authors_sinkhorn": Case(lambda p: convert.authors_sinkhorn(*embs(p))),
