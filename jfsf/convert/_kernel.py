@@ -49,7 +49,10 @@ def build(
     mutual_yx = _is_mutual(near_yx, near_xy)
 
     other = _log_kernel(near_xy, lam_yx, power)
-    mean = jnp.logaddexp(log_xy, other) - jnp.log(2.0).astype(log_xy.dtype)
+    # Two logs of -inf have no difference, which `jax.debug_nans` sees in derivatives.
+    known = jnp.isfinite(near_xy.dist)
+    both = (jnp.where(known, log, 0) for log in (log_xy, other))
+    mean = jnp.logaddexp(*both) - jnp.log(2.0).astype(log_xy.dtype)
     log_weight = jnp.log(jnp.asarray(unilateral_weight, log_xy.dtype))
     log_xy = jnp.where(mutual_xy, mean, log_xy + log_weight)
     log_yx = jnp.where(mutual_yx, -jnp.inf, log_yx + log_weight)

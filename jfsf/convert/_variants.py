@@ -40,8 +40,8 @@ authors_sinkhorn: partial[Filtered] = partial(
 )
 authors_sinkhorn.__doc__ = """`sinkhorn` with the settings of the authors' MATLAB code.
 
-For comparison. It differs from algorithm 2 of their paper (`algorithm_2`): distances are
-not squared, neighbours are taken both ways, the kernel is the mean of one of each
+For comparison. It differs from algorithm 2 of their paper (`algorithm_2`): distances
+are not squared, neighbours are taken both ways, the kernel is the mean of one of each
 direction, lam is 500 over the largest neighbour distance of that direction, and the
 loop of 10 updates makes 11. Arguments and result are those of `sinkhorn`.
 """
