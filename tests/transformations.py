@@ -23,6 +23,8 @@ K, PADDING = 8, 5
 FLAT = "what it returns are integers, or depends on its input by steps alone"
 EAGER = "a few operations that are not compiled by themselves: their constants travel"
 OPTIMISTIX = "optimistix begins its loop with a constant, which may not become varying"
+SCALARS = "its numbers are Python's, and travel with each call outside of jax.jit"
+WHILE = "its second pass is a loop of unknown length, which has no derivative backwards"
 LINEAX = "lineax describes arrays without the axes that they vary over"
 
 
@@ -103,7 +105,7 @@ def problem(dtype, seed=0) -> Problem:
 
 
 small = partial(convert.sinkhorn, k0=4, num_iters=6)
-soft = partial(convert.sinkhorn, k0=4, num_iters=6, relax=1.0)
+soft = partial(small, relax=1.0)
 
 
 def embs(p: Problem):
@@ -148,11 +150,23 @@ CASES = {
         lambda p: convert.sinkhorn(*embs(p), k0=12, lam=p.lam, tol=p.tol),
         {"shard_map": OPTIMISTIX},
     ),
-    "quick_sinkhorn": Case(lambda p: quick_sinkhorn(*embs(p))),
-    "authors_sinkhorn": Case(lambda p: convert.authors_sinkhorn(*embs(p))),
+    "quick_sinkhorn": Case(
+        lambda p: quick_sinkhorn(*embs(p)), {"transfer_guard": SCALARS}
+    ),
+    "authors_sinkhorn": Case(
+        lambda p: convert.authors_sinkhorn(*embs(p)), {"transfer_guard": SCALARS}
+    ),
+    "algorithm_2": Case(lambda p: convert.algorithm_2(*embs(p), lam=p.lam, k0=4)),
+    "scale_kernel": Case(
+        lambda p: convert.scale_kernel(
+            p.filtered.kernel, p.mass_x, p.mass_y, num_iters=6
+        )
+    ),
     "pull_back": Case(lambda p: convert.pull_back(p.filtered, p.desc_y)),
     "plan": Case(lambda p: convert.plan(p.filtered)),
-    "precise": Case(lambda p: convert.precise(p.emb_x, p.emb_y, p.y.faces)),
+    "precise": Case(
+        lambda p: convert.precise(p.emb_x, p.emb_y, p.y.faces), {"grad": WHILE}
+    ),
     "functional_map_precise": Case(
         lambda p: convert.functional_map_precise(p.pmap, p.x, p.y)
     ),
