@@ -30,11 +30,11 @@ def exported_dataclass(record: R, **of_static: Any) -> R:
             holds of it: `float`, say, or a function of a dict for a dataclass.
     """
 
-    def write(values: Any) -> bytearray:
+    def write(values: Any) -> bytes:
         plain = [v if isinstance(v, bool | int | float) else asdict(v) for v in values]
-        return bytearray(dumps(plain).encode())
+        return dumps(plain).encode()
 
-    def read(text: bytearray) -> tuple[Any, ...]:
+    def read(text: bytes) -> tuple[Any, ...]:
         pairs = zip(of_static.values(), loads(bytes(text)), strict=True)
         return tuple(make(value) for make, value in pairs)
 

@@ -2,13 +2,13 @@
 
 Read in this order:
 
+- `_static`: static arguments by their content, as keys and as text
+- `_varying`: what begins a loop inside `jax.shard_map`
 - `_jit`: functions that are compiled, with their types
 - `_precision`: products in full float32 precision, and division that leaves out 0
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once
 - `_sequential_vmap`: functions that vmap runs as a loop
-- `_varying`: what begins a loop inside `jax.shard_map`
-- `_static`: static arguments by their content, as keys and as text
 """
 
 from jfsf.array._jit import jit
