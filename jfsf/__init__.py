@@ -8,6 +8,7 @@ only from rooms above its own, and no other from `apps`:
 
 - `_moved`: names of before version 0.3.0, and what to use instead
 - `_figures`: what each figure of a certificate means
+- `_exported`: records that programs of `jax.export` take and return
 - `types`: the records that travel between functions
 - `array`: precise products, top-k, both sides in one program
 - `solvers`: fixed points and least squares to a tolerance

@@ -10,12 +10,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf._exported import exported
 from jfsf._figures import FIGURES, explained
 
 # Host records hold numpy arrays, traced ones hold jax arrays; both are "arrays" here.
 ArrayLike = Any
 
 
+@exported
 class Mesh(NamedTuple):
     """A triangle mesh, or a point cloud when it has no faces. Host side (numpy).
 
@@ -27,6 +29,7 @@ class Mesh(NamedTuple):
     faces: ArrayLike
 
 
+@exported
 class Spectrum(NamedTuple):
     """The first k eigenpairs of the Laplace-Beltrami operator of a shape of area 1.
 
@@ -47,6 +50,7 @@ class Spectrum(NamedTuple):
     vertices: Float[Array, "n 3"]
 
 
+@exported
 class Maps(NamedTuple):
     """A point-to-point map and one the other way.
 
@@ -58,6 +62,7 @@ class Maps(NamedTuple):
     T_yx: Int[Array, " n_y"]
 
 
+@exported
 class Neighbours(NamedTuple):
     """The k0 nearest points of the other set for each point, nearest first.
 
@@ -69,6 +74,7 @@ class Neighbours(NamedTuple):
     dist: Float[Array, "n k0"]
 
 
+@exported
 class Tiles(NamedTuple):
     """Compact groups of points, all of one size; consecutive groups are close in space.
 
@@ -81,6 +87,7 @@ class Tiles(NamedTuple):
     valid: Bool[Array, "t s"]
 
 
+@exported
 class NeighboursBothWays(NamedTuple):
     """Neighbours in both directions, and how reliable the search for them was.
 
@@ -100,6 +107,7 @@ class NeighboursBothWays(NamedTuple):
     searched_all: Bool[Array, ""]
 
 
+@exported
 class Kernel(NamedTuple):
     """Sparse kernel K (n_x, n_y) in the log domain, each entry stored once.
 
@@ -114,6 +122,7 @@ class Kernel(NamedTuple):
     log_yx: Float[Array, "n_y k0"]
 
 
+@exported
 class Plan(NamedTuple):
     """Sparse transport plan S = diag(exp f) K diag(exp g), laid out as its kernel K.
 
@@ -127,6 +136,7 @@ class Plan(NamedTuple):
     weight_yx: Float[Array, "n_y k0"]
 
 
+@exported
 class Filtered(NamedTuple):
     """What the Fast Sinkhorn Filter returns: both maps and the plan they come from.
 
@@ -164,6 +174,7 @@ class Filtered(NamedTuple):
     membership_y: Float[Array, " n_y"] | None = None
 
 
+@exported
 class Aligned(NamedTuple):
     """Embeddings of both shapes in one Euclidean space, which a converter compares.
 
@@ -180,6 +191,7 @@ class Aligned(NamedTuple):
     moved_y: Float[Array, "n_y 3"] | None = None
 
 
+@exported
 class Bent(NamedTuple):
     """Positions of both shapes, each deformed onto the other, in sqrt(area).
 
@@ -191,6 +203,7 @@ class Bent(NamedTuple):
     moved_y: Float[ArrayLike, "n_y 3"]
 
 
+@exported
 class PreciseMap(NamedTuple):
     """A vertex-to-point map: each vertex of X goes to a point on a triangle of Y.
 
@@ -202,6 +215,7 @@ class PreciseMap(NamedTuple):
     bary: Float[Array, "n_x 3"]
 
 
+@exported
 class Certificate(NamedTuple):
     """Evidence of how good a map is, computed without ground truth.
 
@@ -285,6 +299,7 @@ STAGES = (
 )
 
 
+@exported
 class MatchInfo(NamedTuple):
     """How a match was found, on the host.
 
@@ -311,6 +326,7 @@ class MatchInfo(NamedTuple):
         return self.sources[int(self.won)]
 
 
+@exported
 class Match(NamedTuple):
     """Two shapes matched: maps both ways, the functional map, and the evidence.
 

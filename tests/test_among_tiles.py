@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from jfsf import testing
 from jfsf.convert import nearest, pull_back, sinkhorn
 from jfsf.convert._scaling import scale_kernel
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.neighbours import (
     NeighbourSearch,
     NeighbourSettings,

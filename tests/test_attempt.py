@@ -11,7 +11,7 @@ from shapes import small
 
 import jfsf
 from jfsf import SearchSettings, Settings, batch, testing
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.matching import _others
 from jfsf.matching._stages import deform_by_arap

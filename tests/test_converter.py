@@ -11,7 +11,7 @@ import pytest
 from experiments.paper.baselines import auction, cpd
 from jfsf import testing
 from jfsf.convert import maps_of, nearest
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.neighbours import NeighbourSearch, NeighbourSettings, spectral_tiles
 from jfsf.refine import arap, icp, soft_map, zoomout
 from jfsf.spectral import embeddings, functional_map

@@ -5,6 +5,7 @@ import re
 import shlex
 from functools import cache
 from importlib import import_module
+from inspect import signature
 from urllib.parse import urlparse
 
 import pytest
@@ -27,6 +28,7 @@ from documents import (
 
 import jfsf
 from jfsf.apps.cli import app
+from jfsf.array._jit import Jitted
 
 VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cache"
 COMMAND = re.compile(rf"jfsf (?:{VERBS})\b.*")
@@ -166,6 +168,28 @@ def test_every_part_is_in_the_tables_of_the_guide():
     rows = [line for line in page.read_text().splitlines() if line.startswith("| `")]
     rooms = spans("".join(row.split("|")[1] for row in rows))
     assert sorted(rooms) == sorted([*jfsf._ROOMS, *jfsf.apps._ROOMS])
+
+
+def test_the_table_of_static_arguments_is_that_of_the_functions():
+    (page,) = (guide for guide in GUIDES if guide.stem == "jax")
+    rows = [r for r in page.read_text().splitlines() if r.startswith("| `jfsf.")]
+    said = {}
+    for row in rows:
+        function, static, traced = (spans(cell) for cell in row.split("|")[1:4])
+        said[function[0]] = static, traced
+    rooms = "neighbours spectral convert refine initial evaluate".split()
+    there = {}
+    for room in rooms:
+        module = import_module(f"jfsf.{room}")
+        for public in module.__all__:
+            function = getattr(module, public)
+            if isinstance(function, Jitted):
+                static = function._static
+                both: tuple = [], []
+                for argument in signature(function).parameters:
+                    both[argument not in static].append(argument)
+                there[f"jfsf.{room}.{public}"] = both
+    assert said == there
 
 
 def test_every_script_is_in_the_gallery():

@@ -22,7 +22,9 @@ from jfsf.data import load
 from jfsf.testing import blob_spectrum
 
 PAIR = "man_walk", "man_up"
-SLOW = re.compile(r"\b(?:match|match_spectra|alternatives|collection|fit|fit_model)\(")
+SLOW = re.compile(
+    r"\b(?:match|match_spectra|alternatives|collection|fit|fit_model|least_squares)\("
+)
 PROGRAMS = {name(page): "\n".join(blocks(page.read_text(), "python")) for page in PAGES}
 PROGRAMS = {page: code for page, code in PROGRAMS.items() if code}
 # Programs that run once compile in less time, as with the fixture `run_once`.

@@ -58,7 +58,7 @@ def test_guides_are_in_their_pages(manual):
 def test_formulas_are_drawn(manual):
     (method,) = (text for path, text in manual.items() if path.stem == "method")
     assert "MathJax" in method
-    assert r"$$K_{ij} = e^{-\lambda d_{ij}}" in method  # as it was written
+    assert r"$$K_{ij} = e^{-\lambda d_{ij} / \ell}" in method  # as it was written
 
 
 def test_links_lead_somewhere(manual):

@@ -18,7 +18,7 @@ from jfsf import testing
 from jfsf.convert import authors_sinkhorn, nearest, plan, pull_back, sinkhorn
 from jfsf.convert._kernel import length
 from jfsf.convert._scaling import plan_entries, scale_kernel
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.mesh import read
 from jfsf.refine import zoomout
 from jfsf.spectral import embeddings, functional_map, spectrum, truncate

@@ -26,7 +26,7 @@ from experiments.accuracy import datasets
 from experiments.bench.bench_filter import EVERY, interleave
 from experiments.bench.peer_recipes import pyfm
 from jfsf.convert import nearest, sinkhorn
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import search
 from jfsf.mesh import orient

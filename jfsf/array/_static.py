@@ -14,6 +14,11 @@ def static_key(value: Any) -> Hashable:
     twice. Here they are equal, if what they hold can be hashed.
     """
     if isinstance(value, partial):
+        if isinstance(value.func, partial):  # with a docstring, Python keeps it whole
+            inner = value.func
+            merged = inner.keywords | value.keywords
+            value = partial(inner.func, *inner.args, *value.args, **merged)
+            return static_key(value)
         inner = (
             "partial",
             static_key(value.func),

@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf.array._varying import varying_as
+
 TOP_K_LIMIT = (
     32  # above this k0, one jax.lax.top_k is faster than a pass for each entry
 )
@@ -52,7 +54,7 @@ def top_k(score: Float[Array, "c r"], k0: int, folds: int = 1) -> Int[Array, "k0
         largest = jnp.where(key < previous[None], key, -jnp.inf).max(0)
         return largest, largest
 
-    start = jnp.zeros(key.shape[1], key.dtype)
+    start = varying_as(jnp.zeros(key.shape[1], key.dtype), key)
     _, keys = jax.lax.scan(next_largest, start, length=k0)
     return jax.lax.bitcast_convert_type(keys, jnp.int32) & (size - 1)
 

@@ -4,11 +4,13 @@ Read in this order:
 
 - `_converter`: what a converter is
 - `_kernel`: the sparse kernel (eq. 12), its length, and the plan
+- `_between`: the kernel and the marginals of two embeddings
 - `_nearest`: nearest neighbour (eqs. 5 and 6)
 - `_updates`: Sinkhorn updates on the kernel
 - `_tolerance`: updates until the marginals are met, with implicit gradients
 - `_scaling`: updates of either kind, and the maps of the plan
-- `_sinkhorn`: the Fast Sinkhorn Filter (algorithm 2), balanced or with a `reach`
+- `_sinkhorn`: the Fast Sinkhorn Filter, balanced or with a `reach`
+- `_variants`: algorithm 2 to the letter, the authors' settings, kernels of one's own
 - `_precise`: to points on triangles, in place of vertices
 """
 
@@ -23,13 +25,16 @@ from jfsf.convert._precise import (
     pull_back_precise,
     to_vertex,
 )
-from jfsf.convert._scaling import plan, pull_back
-from jfsf.convert._sinkhorn import authors_sinkhorn, sinkhorn
+from jfsf.convert._scaling import plan, pull_back, scale_kernel
+from jfsf.convert._sinkhorn import sinkhorn
+from jfsf.convert._variants import algorithm_2, authors_sinkhorn, build_kernel
 
 __all__ = [
     "Converter",
     "HasMaps",
+    "algorithm_2",
     "authors_sinkhorn",
+    "build_kernel",
     "functional_map_precise",
     "maps_of",
     "nearest",
@@ -37,6 +42,7 @@ __all__ = [
     "precise",
     "pull_back",
     "pull_back_precise",
+    "scale_kernel",
     "sinkhorn",
     "to_vertex",
 ]

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from jfsf.array._varying import varying_as
 from jfsf.types import Kernel, Neighbours, Plan
 
 Scale = Literal["nearest", "max"]
@@ -48,7 +49,10 @@ def build(
     mutual_yx = _is_mutual(near_yx, near_xy)
 
     other = _log_kernel(near_xy, lam_yx, power)
-    mean = jnp.logaddexp(log_xy, other) - jnp.log(2.0).astype(log_xy.dtype)
+    # Two logs of -inf have no difference, which `jax.debug_nans` sees in derivatives.
+    known = jnp.isfinite(near_xy.dist)
+    both = (jnp.where(known, log, 0) for log in (log_xy, other))
+    mean = jnp.logaddexp(*both) - jnp.log(2.0).astype(log_xy.dtype)
     log_weight = jnp.log(jnp.asarray(unilateral_weight, log_xy.dtype))
     log_xy = jnp.where(mutual_xy, mean, log_xy + log_weight)
     log_yx = jnp.where(mutual_yx, -jnp.inf, log_yx + log_weight)
@@ -97,7 +101,7 @@ def _medians(dist: Float[Array, "n c"], known: Array) -> Float[Array, " c"]:
         return jnp.where(smaller <= before, larger, low)
 
     top = 8 * dist.dtype.itemsize - 2  # below the sign
-    low = jnp.zeros(dist.shape[1], integer)
+    low = varying_as(jnp.zeros(dist.shape[1], integer), dist, known)
     median = jax.lax.fori_loop(0, top + 1, settle, low)
     return jnp.where(before < 0, 0, jax.lax.bitcast_convert_type(median, dist.dtype))
 

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._updates import (
     ABSORB_EVERY,
@@ -105,7 +106,8 @@ def _fixed_number(
 
         return round_of_updates(problem, *translated(problem, *fg), exponent)
 
-    f, g = jax.lax.fori_loop(0, rounds, one_round, (f, g))
+    start = varying_as((f, g), problem, relax)
+    f, g = jax.lax.fori_loop(0, rounds, one_round, start)
     # Where bounded updates have not come near a row's marginal, no plan may have more
     # mass than there is.
     exact = scaling_x(problem, g)

@@ -8,8 +8,7 @@ plan. With a `reach` mass without a partner may go: unbalanced entropic transpor
 This file is long because every option is explained, and every value is checked.
 """
 
-from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,14 +17,13 @@ from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
 from jfsf.convert import _kernel as kernels
+from jfsf.convert._between import kernel_between
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
-from jfsf.neighbours._both_ways import neighbours_both_ways
 from jfsf.neighbours._exhaustive import check_point_sets
-from jfsf.types import ArrayLike, Filtered, Kernel
+from jfsf.types import ArrayLike, Filtered
 
 # Slack (entropy over reach) beyond which the plan is the kernel times both marginals,
 # to a thousandth of its log.
@@ -46,6 +44,8 @@ def _check_values(
     **_: Any,
 ) -> None:
     """Refuse numbers that are out of range, where they are known."""
+    # An explicit transfer, which `jax.transfer_guard` lets pass.
+    lam, relax, reach, tol = jax.device_get((lam, relax, reach, tol))
     facts = {
         f"lam is {lam}; give 0 or more": np.all(np.asarray(lam) >= 0),
         f"relax is {relax}; give more than 0 and less than 2": (
@@ -105,10 +105,18 @@ def sinkhorn(
 ) -> Filtered:
     """Both point-to-point maps between two aligned embeddings.
 
-    The Fast Sinkhorn Filter, algorithm 2 of Pai et al. (CVPR 2021): the kernel
-    K_ij = exp(-lam (d_ij / length)^p) of eq. 12 between neighbours, d_ij = |x_i - y_j|
-    (eq. 10), scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
+    The Fast Sinkhorn Filter after Pai et al. (CVPR 2021): the kernel
+    K_ij = exp(-lam (d_ij / length)^p) between neighbours, d_ij = |x_i - y_j| (eq. 10),
+    scaled to the plan P = diag(u) K diag(v) of given marginals (eq. 11).
     T_xy[i] = argmax_j P_ij and T_yx[j] = argmax_i P_ij.
+
+    It differs from their eq. 12 and algorithm 2 (`algorithm_2` is these to the letter):
+
+    - `power` is 1, theirs 2: exp(-lam d^2), with 1 / lam in eq. 12;
+    - neighbours are the union of those both ways, theirs k0 of each vertex of X;
+    - `lam` is relative to a length of the data (`scale`), theirs has a unit;
+    - updates are over-relaxed (`relax`) but for the first and the last, which are
+      plain; all of theirs are plain.
 
     With a `reach`, shapes need to share only a part. With a, b the marginals and
     M_ij = (d_ij / length)^p, the plan P is then the minimum of
@@ -159,7 +167,7 @@ def sinkhorn(
         unilateral_weight: factor of an entry whose vertices are neighbours in one
             direction only.
 
-    `authors_sinkhorn` has the settings of the authors' code.
+    `authors_sinkhorn` has the settings of the authors' code, which is neither.
 
     Returns:
         The maps with the plan that they are the argmax of, and its marginal error. With
@@ -178,7 +186,7 @@ def sinkhorn(
             f"sinkhorn: power is {power} and unilateral_weight {unilateral_weight}; "
             "give more than 0, and 0 or more"
         )
-    kernel, marginal_x, marginal_y, recall = _kernel_between(
+    kernel, marginal_x, marginal_y, recall = kernel_between(
         emb_x,
         emb_y,
         marginal_x,
@@ -219,81 +227,6 @@ def sinkhorn(
         membership_x=jnp.minimum(safe_divide(kept_x, marginal_x), 1),
         membership_y=jnp.minimum(safe_divide(kept_y, marginal_y), 1),
     )
-
-
-# For rounds of a refinement. These few updates are plain, as over-relaxed ones would
-# leave ties to rounding.
-quick_sinkhorn: partial[Filtered] = partial(
-    sinkhorn, k0=10, lam=80.0, num_iters=8, relax=1.0
-)
-# The settings of the authors' MATLAB code, for comparison. Its loop of 10 updates
-# makes 11.
-authors_sinkhorn: partial[Filtered] = partial(
-    sinkhorn,
-    lam=500.0,
-    k0=50,
-    num_iters=11,
-    relax=1.0,
-    scale="max",
-    unilateral_weight=0.5,
-)
-
-
-class KernelAndMarginals(NamedTuple):
-    """The kernel of two embeddings, the marginals, and the recall of the search."""
-
-    kernel: Kernel
-    marginal_x: Float[Array, " n_x"]
-    marginal_y: Float[Array, " n_y"]
-    recall: Float[Array, ""]
-
-
-def _kernel_between(
-    emb_x: Array,
-    emb_y: Array,
-    marginal_x: Array | None,
-    marginal_y: Array | None,
-    search: NeighbourSearch | None,
-    lam: Array | float,
-    *,
-    k0: int,
-    scale: kernels.Scale,
-    length_gradient: bool,
-    power: float,
-    unilateral_weight: float,
-) -> KernelAndMarginals:
-    """The kernel of eq. 12, and uniform marginals where there are none."""
-    if marginal_x is None:
-        marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
-    if marginal_y is None:
-        marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
-    valid_x, valid_y = marginal_x > 0, marginal_y > 0
-    k0 = min(k0, len(emb_x), len(emb_y))
-    near_both = neighbours_both_ways(emb_x, emb_y, valid_x, valid_y, search, k0=k0)
-    near_xy, near_yx = near_both.near_xy, near_both.near_yx
-    length_xy, length_yx = map_sides(
-        lambda near: kernels.length(near, scale, length_gradient),
-        (near_xy,),
-        (near_yx,),
-    )
-    # In this unit neither lengths times each other nor their powers leave the range of
-    # the type; it is a power of two, so nothing is rounded.
-    exponent = jnp.frexp(jax.lax.stop_gradient(length_xy))[1]
-    unit = jnp.ldexp(jnp.ones_like(length_xy), exponent)
-    near_xy, near_yx = (n._replace(dist=n.dist / unit) for n in (near_xy, near_yx))
-    length_xy, length_yx = length_xy / unit, length_yx / unit
-    if scale == "nearest":
-        length_xy = length_yx = jnp.sqrt(length_xy * length_yx)
-    lam = jnp.asarray(lam, emb_x.dtype)
-    kernel = kernels.build(
-        near_xy,
-        near_yx,
-        lam / length_xy**power,
-        lam / length_yx**power,
-        power=power,
-        unilateral_weight=unilateral_weight,
-    )
-    return KernelAndMarginals(kernel, marginal_x, marginal_y, near_both.recall)
 
 
 def _slack(reach, lam, power: float, dtype) -> Array:

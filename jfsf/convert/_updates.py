@@ -19,6 +19,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
 from jfsf.types import Kernel
 
@@ -135,7 +136,7 @@ def round_of_updates(
         u = u * _factor(*one_x, u * kernels.matvec(plan, v), f, u) ** power
         return u, v
 
-    ones = jnp.ones_like(f), jnp.ones_like(g)
+    ones = varying_as((jnp.ones_like(f), jnp.ones_like(g)), problem, f, g)
     u, v = jax.lax.fori_loop(0, ABSORB_EVERY, update, ones)
     return f + jnp.log(u), g + jnp.log(v)
 

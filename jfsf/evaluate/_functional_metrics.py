@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._varying import varying_as
 from jfsf.neighbours import neighbours
 
 
@@ -92,7 +93,8 @@ def zoomout_energy(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, ""]:
         gap = jnp.where(inside[:, None] & inside[None, :], gram - eye, 0)
         return gram, _root((gap * gap).sum()) / (i + 1).astype(gap.dtype)
 
-    return jax.lax.scan(step, jnp.zeros_like(eye), jnp.arange(k))[1].sum()
+    start = varying_as(jnp.zeros_like(eye), C_yx)
+    return jax.lax.scan(step, start, jnp.arange(k))[1].sum()
 
 
 @jit

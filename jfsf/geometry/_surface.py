@@ -9,6 +9,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from jfsf._exported import exported
 from jfsf.array._jit import jit
 
 # Least and greatest cotangent. That of an obtuse corner is negative, that of a
@@ -16,6 +17,7 @@ from jfsf.array._jit import jit
 STIFFNESS_RANGE = (0.01, 100.0)
 
 
+@exported
 class Surface(NamedTuple):
     """A mesh at rest.
 

@@ -20,6 +20,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
 
@@ -42,6 +43,7 @@ def extremities(
         return jnp.minimum(far, geodesics[new]), new
 
     far = jnp.where(real, geodesics[first], -1)
+    far = varying_as(far, geodesics)
     _, others = jax.lax.scan(step, far, None, length=num - 1)
     return jnp.concatenate([first[None], others]).astype(jnp.int32)
 

@@ -13,6 +13,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import argmax, matmul
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 from jfsf.types import Maps
@@ -183,4 +184,5 @@ def best_different(
         energy = jnp.where(close[best] & (group == turn), jnp.inf, energy)
         return energy, (best, jnp.isfinite(left[best]))
 
+    energy = varying_as(energy, C_yx, group)
     return jax.lax.scan(step, energy, jnp.arange(num) % groups)[1]

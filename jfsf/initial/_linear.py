@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jfsf._exported import exported
 from jfsf.array import einsum
 from jfsf.array._jit import jit
 from jfsf.initial._terms import Terms, inverse
@@ -38,6 +39,7 @@ class Entries(NamedTuple):
         return jnp.pad(free * self.scale, ((0, 0), (1, 0)))
 
 
+@exported
 class Fit(NamedTuple):
     """C_yx: the functional map, constants to constants.
 

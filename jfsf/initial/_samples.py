@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 from jaxtyping import Array, Float, Int
 
+from jfsf._exported import exported
 from jfsf.array._jit import jit
 from jfsf.initial._ends import total_curvatures
 from jfsf.initial._geodesics import sample_cells, sample_geodesics
@@ -12,6 +13,7 @@ from jfsf.initial._terms import ShapeTerms, shape_terms
 from jfsf.spectral import Features, farthest_points
 
 
+@exported
 class SearchSamples(NamedTuple):
     """A shape at samples.
 

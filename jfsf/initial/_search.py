@@ -23,6 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf._exported import exported
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
 from jfsf.initial._hypotheses import (
@@ -55,6 +56,7 @@ HALF_MIRRORED_ENERGY = 0.2
 WRONG_ORIENTATION_ENERGY = 100.0
 
 
+@exported
 class Candidates(NamedTuple):
     """Functional maps that really differ, the best first.
 

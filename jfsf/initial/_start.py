@@ -5,6 +5,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf._exported import exported
 from jfsf.array._jit import jit
 from jfsf.initial._proportions import DESCRIPTOR_WEIGHT, nonisometric_candidates
 from jfsf.initial._samples import SearchSamples
@@ -12,6 +13,7 @@ from jfsf.initial._search import candidates
 from jfsf.initial._settings import SearchSettings
 
 
+@exported
 class Start(NamedTuple):
     """Where the refinement starts.
 

@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jfsf._exported import exported
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
@@ -22,6 +23,7 @@ from jfsf.types import Spectrum
 GAMMA = 0.5  # exponent of the resolvent mask, as in Ren et al. (SGP 2019)
 
 
+@exported
 class Weights(NamedTuple):
     """Weights of the four terms, each of which is normalised to order 1 first.
 

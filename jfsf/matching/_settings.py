@@ -5,7 +5,7 @@ from typing import Any
 
 from jfsf.array._static import check_types, static_key, static_text
 from jfsf.convert import Converter, sinkhorn
-from jfsf.convert._sinkhorn import quick_sinkhorn
+from jfsf.convert._variants import quick_sinkhorn
 from jfsf.initial import SearchSettings
 from jfsf.matching._stages import (
     Deform,

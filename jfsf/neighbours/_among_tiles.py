@@ -26,6 +26,7 @@ from jfsf.array import argmax, top_k
 from jfsf.array._jit import jit
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.neighbours._exhaustive import (
     check_k0,
     check_point_sets,
@@ -158,6 +159,8 @@ def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0, sett
         )
         return jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
 
+    read = queries, points, valid_q, valid_p
+    idx = varying_as(idx, read)
     return jax.lax.cond(needed, exhaustive, lambda: idx)
 
 

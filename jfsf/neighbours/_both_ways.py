@@ -18,6 +18,7 @@ from jfsf.array._jit import jit
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
 from jfsf.array._top_k import TOP_K_LIMIT, with_index
+from jfsf.array._varying import varying_as
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (
     ROWS,
@@ -287,4 +288,5 @@ def _repaired(idx, known, queries, points, valid, settings: NeighbourSettings):
         return at + ROWS, idx.at[some].set(found.astype(idx.dtype))
 
     more = lambda state: state[0] < jnp.sum(~known)
-    return jax.lax.while_loop(more, search, (0, idx))[1]
+    start = 0, varying_as(idx, known, queries, points, valid)
+    return jax.lax.while_loop(more, search, start)[1]

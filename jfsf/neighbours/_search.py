@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, fields, replace
 
 import jax
 
+from jfsf._exported import exported_dataclass
 from jfsf.array._static import check_types
 from jfsf.types import Tiles
 
@@ -107,3 +108,8 @@ class NeighbourSearch:
     def unchecked(self) -> "NeighbourSearch":
         """The same search, but that never compares all points because of the recall."""
         return replace(self, min_recall=0.0)
+
+
+exported_dataclass(
+    NeighbourSearch, min_recall=float, settings=lambda held: NeighbourSettings(**held)
+)

@@ -15,6 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 from jfsf.array import einsum
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
+from jfsf.array._varying import varying_as
 from jfsf.neighbours._search import NeighbourSettings
 from jfsf.types import Spectrum, Tiles
 
@@ -75,7 +76,8 @@ def tiles(
         part_of_slot = jnp.broadcast_to(part[:, None], along.shape).ravel()
         return jax.lax.sort((part_of_slot, along.ravel(), order), num_keys=2)[2]
 
-    order = jax.lax.fori_loop(0, depth, halve, slot).reshape(len(cell), -1)
+    order = jax.lax.fori_loop(0, depth, halve, varying_as(slot, placed))
+    order = order.reshape(len(cell), -1)
     return Tiles(member[order].astype(jnp.int32), own[order])
 
 

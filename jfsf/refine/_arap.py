@@ -18,6 +18,7 @@ from jfsf.array import matmul
 from jfsf.array._jit import jit
 from jfsf.array._sides import map_sides
 from jfsf.array._static import check_types
+from jfsf.array._varying import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals
 from jfsf.geometry._surface import (
@@ -149,7 +150,7 @@ def arap(
         embs = embed(at_x, 0 * at_x, at_y, 0 * at_y)
         # One body for all rounds, the first included, is one program.
         maps_at = lambda turn, embs: jax.lax.cond(
-            turn == 0, lambda _: given, convert, embs
+            turn == 0, lambda embs: varying_as(given, embs, search), convert, embs
         )
 
     def deform_both(turn, embs):
@@ -161,7 +162,8 @@ def arap(
         )
         return embed(*moved[0], *moved[1])
 
-    return jax.lax.fori_loop(0, rounds, deform_both, embs)
+    read = spec_x, spec_y, start, orientation_sign, search
+    return jax.lax.fori_loop(0, rounds, deform_both, varying_as(embs, read))
 
 
 @jit(static_argnames="settings")
@@ -201,6 +203,7 @@ def deform(
     n = len(mass)
     real = (mass > 0)[:, None]
     target, start = jnp.where(real, target, 0), jnp.where(real, start, 0)
+    start = varying_as(start, surface, target, spec)
     pull = jnp.where(real, mass[:, None] / settings.reach**2, 1)
 
     # Each edge, at the corner opposite to it, counts at both of its ends.

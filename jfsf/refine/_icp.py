@@ -8,6 +8,7 @@ import jax
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
+from jfsf.array._varying import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import embeddings, functional_map, polar, truncate, uniform
@@ -56,4 +57,5 @@ def icp(
         maps = maps_of(converter(emb_x, emb_y, *marginals, search))
         return polar(functional_map(maps.T_xy, spec_x, spec_y)), None
 
-    return jax.lax.scan(step, C_yx, None, length=num_iters)[0]
+    start = varying_as(C_yx, spec_x, spec_y, search)
+    return jax.lax.scan(step, start, None, length=num_iters)[0]

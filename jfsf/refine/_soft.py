@@ -22,10 +22,14 @@ from jfsf.spectral import embeddings, polar, truncate, uniform
 from jfsf.spectral._functional_maps import Space, coefficients
 from jfsf.types import Filtered, Spectrum
 
-# Ten neighbours, and so soft that a row of the plan has a slope.
 soft_sinkhorn: partial[Filtered] = partial(
     sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0
 )
+soft_sinkhorn.__doc__ = """`sinkhorn` so soft that a row of the plan has a slope.
+
+With ten neighbours and twelve plain updates.
+Arguments and result are those of `jfsf.convert.sinkhorn`.
+"""
 
 
 @jit(static_argnames=("space", "converter"))

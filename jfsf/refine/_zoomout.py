@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 from jfsf.array import matmul
 from jfsf.array._jit import jit
 from jfsf.array._static import check_types
+from jfsf.array._varying import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import embeddings, uniform
@@ -172,7 +173,9 @@ def zoomout(
         size = len(C_yx)
         if size < width:
             C_yx = jnp.pad(C_yx, (0, width - size))
-        start = C_yx[:width, :width], T_xy
+        start = varying_as(
+            (C_yx[:width, :width], T_xy), spec_x, spec_y, C_yx, columns, search
+        )
         (C_yx, T_xy), _ = jax.lax.scan(step, start, jnp.asarray(group))
     return C_yx[: ks[-1], : ks[-1]]
 

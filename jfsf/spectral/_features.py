@@ -6,6 +6,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
+from jfsf._exported import exported
 from jfsf.array._jit import jit
 from jfsf.array._static import check_types
 from jfsf.spectral._descriptors import (
@@ -48,6 +49,7 @@ class FeatureSettings:
         check_types(self)
 
 
+@exported
 class Features(NamedTuple):
     """A shape, and columns that tell its points apart beside the eigenfunctions.
 

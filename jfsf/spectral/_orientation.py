@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
+from jfsf.array._varying import varying_as
 from jfsf.types import Spectrum
 
 FUNCTIONS = 20  # eigenfunctions in which brackets are expressed
@@ -51,7 +52,7 @@ def brackets(spec: Spectrum, *, k: int) -> Float[Array, "k k k"]:
 
     # Faces of one vertex fill the last block; they add nothing.
     blocks = jnp.pad(spec.faces, ((0, -len(spec.faces) % BLOCK), (0, 0)))
-    half = jnp.zeros((k, k, k), phi.dtype)
+    half = varying_as(jnp.zeros((k, k, k), phi.dtype), phi, blocks)
     half = jax.lax.scan(add, half, blocks.reshape(-1, BLOCK, 3))[0] / 2
     return half - half.transpose(0, 2, 1)
 

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import argmax, einsum, matmul
 from jfsf.array._jit import jit
+from jfsf.array._varying import varying_as
 from jfsf.neighbours import neighbours, spectral_tiles
 from jfsf.types import Spectrum
 
@@ -64,7 +65,8 @@ def farthest_points(
     # must not take part afterwards.
     start = argmax(jnp.where(mass > 0, square, -1), 0)
     far = jnp.where(mass > 0, jnp.inf, -1).astype(points.dtype)
-    _, chosen = jax.lax.scan(step, (far, start), None, length=num)
+    begin = varying_as((far, start), points, square)
+    _, chosen = jax.lax.scan(step, begin, None, length=num)
     chosen = chosen if among is None else among[chosen]
     return chosen.astype(jnp.int32)
 

@@ -18,6 +18,7 @@ builds them, with the pages of the whole package, as HTML. Begin with the first:
 - `models`: the mean of many shapes, and how they vary
 - `gpus`: what runs there, and what is checked without one
 - `stages`: settings, converters, descriptors, initial maps; what is in which folder
+- `jax`: static and traced arguments, vmap, shard_map, export, solvers, own kernels
 - `gradients`: through the filter and the refinement, and learning
 - `moving`: from pyFM, MATLAB and others, with a table of equivalents
 - `troubleshooting`: by symptom
