@@ -200,3 +200,15 @@ def test_vmap_equals_the_loop():
         for i in range(2):
             single = run(kernels[i], g[i])
             np.testing.assert_allclose(jax.vmap(run)(batch, g)[i], single, rtol=1e-12)
+
+
+def test_the_derivative_has_no_nan_on_the_way_where_entries_are_absent():
+    emb_x, emb_y = np.random.default_rng(0).normal(size=(2, N_X, WIDTH))
+    there, back = near(emb_x, emb_y, jnp.arange(N_X) < 3, jnp.arange(N_X) < 3)
+
+    def value(dist):
+        kernel = kernels.build(there._replace(dist=dist), back, *jnp.ones(2))
+        return jnp.where(jnp.isfinite(kernel.log_xy), kernel.log_xy, 0).sum()
+
+    with jax.debug_nans(True):
+        assert np.isfinite(jax.grad(value)(there.dist)).all()
