@@ -162,7 +162,7 @@ def test_what_does_not_fit_is_named():
     with pytest.raises(ValueError, match="convert: .*'embs_x': 5, 'embs_y': 4"):
         batch.convert(xs, ys[:4])
     ys[3] = ys[3][:, :2]
-    with pytest.raises(ValueError, match="pair 3: neighbours: queries have 6 columns"):
+    with pytest.raises(ValueError, match="pair 3: nearest: emb_x has 6 columns"):
         batch.convert(xs, ys, converter=nearest)
     for wrong in ({"pairs": 0}, {"batch_size": 0}):
         with pytest.raises(ValueError, match="map_pairs: pairs and batch_size"):

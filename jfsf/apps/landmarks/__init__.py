@@ -1,4 +1,4 @@
-"""Landmark files of other programs: read, written, paired, carried.
+"""Landmark files of other programs: read, written, paired.
 
 They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds
 named points of one shape. On a mesh they become vertices or points of the surface. Two
