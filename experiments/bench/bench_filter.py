@@ -23,6 +23,7 @@ from jfsf import data
 from jfsf.array import matmul
 from jfsf.convert import nearest, sinkhorn
 from jfsf.evaluate import geodesic_error
+from jfsf.matching import Settings
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._tiles import tiles_of_pair
 from jfsf.spectral import spectrum
@@ -100,11 +101,12 @@ def main() -> None:
     make_tiles = jax.jit(tiles_of_pair)
     tiles = make_tiles(*specs)
     finished = lambda f, *args: jax.block_until_ready(f(*args))
+    searched = lambda search: partial(finished, partial(sinkhorn, search=search), *ours)
+    approximate = NeighbourSearch(settings=Settings().neighbours)
     converters = {
         OURS: partial(finished, sinkhorn, *ours),
-        "jfsf sinkhorn among tiles": partial(
-            finished, partial(sinkhorn, search=NeighbourSearch(tiles)), *ours
-        ),
+        "jfsf sinkhorn, approximate": searched(approximate),
+        "jfsf sinkhorn among tiles": searched(NeighbourSearch(tiles)),
         "jfsf nearest": partial(finished, nearest, *ours),
         RIVAL: partial(numpy_filter.fast_sinkhorn, *wide),
         "sklearn nearest": partial(numpy_filter.nearest, *wide),
