@@ -87,7 +87,7 @@ def main() -> None:
     runner.one(stage, (x.search, y.search, pair.inputs.sign, pair.inputs.self_map))
     rows = runner.rows
     steps = "trace", "lower", "compile"
-    total = {step: sum(row[step] for row in rows) for step in steps}
+    total = {step: float(sum(row[step] for row in rows)) for step in steps}
     total["cpu"] = time.process_time() - start  # of all threads
     print({step: round(seconds, 2) for step, seconds in total.items()})
     results_file.write(
