@@ -141,7 +141,7 @@ LONG = "precise", "arap", "fit, huber", "sinkhorn, tiles", "nearest, tiles"
 def cells():
     for name, case in CASES.items():
         for kind in TRACED | RUN:
-            if kind.removesuffix("_with_debug_nans") in case.cannot:
+            if {kind, *kind.split("_with_")} & set(case.cannot):
                 continue
             for dtype in (jnp.float32, jnp.float64):
                 quick = dtype == jnp.float32 and (
