@@ -128,8 +128,11 @@ def test_any_costs_make_a_kernel():
 @pytest.mark.parametrize(
     "run, message",
     [
-        (lambda: algorithm_2(*draw(), lam=1.0, k0=0), "k0 is 0 and num_iters 10"),
-        (lambda: algorithm_2(*draw(), lam=1.0, num_iters=0), "num_iters 0; give 1"),
+        (lambda: algorithm_2(*draw(), lam=1.0, k0=0), "k0 is 0; give a whole number"),
+        (
+            lambda: algorithm_2(*draw(), lam=1.0, num_iters=0),
+            "num_iters is 0; give a whole number",
+        ),
         (
             lambda: algorithm_2(*draw(), jnp.ones(3), lam=1.0),
             r"marginal_x has shape \(3,\), emb_x has 23 rows",
@@ -189,3 +192,17 @@ def test_the_paper_s_algorithm_differentiates():
     emb_x, emb_y = draw()
     value = lambda x: algorithm_2(x, emb_y, lam=LAM, k0=K0).f.sum()
     assert np.isfinite(jax.grad(value)(emb_x)).all()
+
+
+def test_values_out_of_range_are_refused_by_each_step():
+    emb = jnp.asarray(np.random.default_rng(0).normal(size=(9, 3)))
+    found = sinkhorn(emb, emb, k0=3)
+    mass = jnp.full(9, 1 / 9)
+    with pytest.raises(ValueError, match="algorithm_2: lam is -1.0; give 0 or more"):
+        algorithm_2(emb, emb, lam=-1.0, k0=3)
+    with pytest.raises(ValueError, match="algorithm_2: k0 is 0; give a whole number"):
+        algorithm_2(emb, emb, lam=1.0, k0=0)
+    with pytest.raises(ValueError, match="scale_kernel: marginal_y sums to 2.0"):
+        scale_kernel(found.kernel, mass, 2 * mass)
+    with pytest.raises(ValueError, match="scale_kernel: relax is 3; give more than 0"):
+        scale_kernel(found.kernel, mass, mass, relax=3)

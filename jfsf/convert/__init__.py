@@ -4,6 +4,7 @@ Read in this order:
 
 - `_converter`: what a converter is
 - `_kernel`: the sparse kernel (eq. 12), its length, and the plan
+- `_checks`: what the filter and its steps refuse
 - `_between`: the kernel and the marginals of two embeddings
 - `_nearest`: nearest neighbour (eqs. 5 and 6)
 - `_updates`: Sinkhorn updates on the kernel

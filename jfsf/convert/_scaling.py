@@ -4,6 +4,8 @@ Updates are over-relaxed (Thibault et al., 2017; Lehmann et al., 2021): 24 of th
 what a hundred plain ones reach.
 """
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
@@ -13,6 +15,7 @@ from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
+from jfsf.convert._checks import check_values
 from jfsf.convert._updates import (
     ABSORB_EVERY,
     Problem,
@@ -26,7 +29,10 @@ from jfsf.convert._updates import (
 from jfsf.types import Filtered, Kernel, Plan
 
 
-@jit(static_argnames=("num_iters", "max_iters"))
+@jit(
+    check=partial(check_values, "scale_kernel"),
+    static_argnames=("num_iters", "max_iters"),
+)
 def scale_kernel(
     kernel: Kernel,
     marginal_x: Float[Array, " n_x"],
@@ -54,6 +60,9 @@ def scale_kernel(
 
     Returns:
         As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
+
+    Raises:
+        ValueError: a value that is not traced is out of range.
     """
     problem = problem_of(kernel, marginal_x, marginal_y, slack)
     if tol is None:

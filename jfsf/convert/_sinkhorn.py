@@ -4,76 +4,30 @@ Algorithm 2 of Pai et al. (CVPR 2021), re-derived: a sparse kernel on k0 neighbo
 here those both ways, Sinkhorn scaling to the marginals, row and column argmax of the
 plan. With a `reach` mass without a partner may go: unbalanced entropic transport
 (Chizat et al., Math. Comp. 2018) on the same kernel.
-
-This file is long because every option is explained, and every value is checked.
 """
 
-from typing import Any
+from functools import partial
 
-import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._between import kernel_between
+from jfsf.convert._checks import check_counts, check_shapes, check_values
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
-from jfsf.neighbours._exhaustive import check_point_sets
-from jfsf.types import ArrayLike, Filtered
+from jfsf.types import Filtered
 
 # Slack (entropy over reach) beyond which the plan is the kernel times both marginals,
 # to a thousandth of its log.
 MOST_SLACK = 1e3
-# How far the sum of a marginal may be from 1: rounding of a million in float32.
-SUM_SLACK = 1e-3
-
-
-def _check_values(
-    emb_x: ArrayLike = (),
-    emb_y: ArrayLike = (),
-    marginal_x: ArrayLike = None,
-    marginal_y: ArrayLike = None,
-    lam: ArrayLike = 0.0,
-    relax: ArrayLike = 1.0,
-    reach: ArrayLike = None,
-    tol: ArrayLike = None,
-    **_: Any,
-) -> None:
-    """Refuse numbers that are out of range, where they are known."""
-    # An explicit transfer, which `jax.transfer_guard` lets pass.
-    lam, relax, reach, tol = jax.device_get((lam, relax, reach, tol))
-    facts = {
-        f"lam is {lam}; give 0 or more": np.all(np.asarray(lam) >= 0),
-        f"relax is {relax}; give more than 0 and less than 2": (
-            np.all((np.asarray(relax) > 0) & (np.asarray(relax) < 2))
-        ),
-        f"reach is {reach}; give more than 0, or None": (
-            reach is None or np.all(np.asarray(reach) > 0)
-        ),
-        f"tol is {tol}; give more than 0, or None": (
-            tol is None or np.all(np.asarray(tol) > 0)
-        ),
-    }
-    for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
-        if marginal is None or np.shape(marginal) != np.shape(emb)[:1]:
-            continue
-        mass = np.asarray(jax.device_get(marginal), np.float64)
-        least, total = mass.min(initial=0), mass.sum()
-        facts[f"marginal_{name} has {least}; give masses of 0 or more"] = least >= 0
-        facts[f"marginal_{name} sums to {total}; divide it by its sum"] = (
-            reach is not None or abs(total - 1) <= SUM_SLACK
-        )
-    for message, holds in facts.items():
-        if not holds:
-            raise ValueError(f"sinkhorn: {message}")
 
 
 @jit(
-    check=_check_values,
+    check=partial(check_values, "sinkhorn"),
     static_argnames=(
         "k0",
         "num_iters",
@@ -180,7 +134,10 @@ def sinkhorn(
             traced cannot be checked so: the marginal error is nan then.
     """
     num = min(num_iters, max_iters)
-    _check(emb_x, emb_y, marginal_x, marginal_y, k0, num, scale)
+    check_shapes("sinkhorn", emb_x, emb_y, marginal_x, marginal_y)
+    check_counts("sinkhorn", k0=k0, num_iters=num)
+    if scale not in ("nearest", "max"):
+        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")
     if power <= 0 or unilateral_weight < 0:
         raise ValueError(
             f"sinkhorn: power is {power} and unilateral_weight {unilateral_weight}; "
@@ -234,21 +191,3 @@ def _slack(reach, lam, power: float, dtype) -> Array:
     reach, lam = (jnp.asarray(value, dtype) for value in (reach, lam))
     slack = (1 / reach) ** power / lam  # finite derivatives where reach is inf
     return jnp.where(reach > 0, jnp.minimum(slack, MOST_SLACK), jnp.nan)
-
-
-def _check(emb_x, emb_y, marginal_x, marginal_y, k0, num_iters, scale):
-    """Refuse shapes that do not fit and options out of range."""
-    check_point_sets("sinkhorn", emb_x=emb_x, emb_y=emb_y)
-    for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
-        if marginal is not None and marginal.shape != (len(emb),):
-            raise ValueError(
-                f"sinkhorn: marginal_{name} has shape {marginal.shape}, emb_{name} has "
-                f"{len(emb)} rows"
-            )
-    for name, number in (("k0", k0), ("num_iters", num_iters)):
-        if not isinstance(number, int) or number < 1:
-            raise ValueError(
-                f"sinkhorn: {name} is {number}; give a whole number, 1 or more"
-            )
-    if scale not in ("nearest", "max"):
-        raise ValueError(f"sinkhorn: scale is 'nearest' or 'max', not {scale!r}")

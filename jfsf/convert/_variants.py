@@ -12,11 +12,12 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._between import uniform_marginals
+from jfsf.convert._checks import check_counts, check_shapes, check_values
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._sinkhorn import sinkhorn
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._among_tiles import tiled_one_way
-from jfsf.neighbours._exhaustive import check_point_sets, neighbours_of_valid
+from jfsf.neighbours._exhaustive import neighbours_of_valid
 from jfsf.types import Filtered, Kernel, Neighbours
 
 quick_sinkhorn: partial[Filtered] = partial(
@@ -47,7 +48,7 @@ loop of 10 updates makes 11. Arguments and result are those of `sinkhorn`.
 """
 
 
-@jit(static_argnames=("k0", "num_iters"))
+@jit(check=partial(check_values, "algorithm_2"), static_argnames=("k0", "num_iters"))
 def algorithm_2(
     emb_x: Float[Array, "n_x k"],
     emb_y: Float[Array, "n_y k"],
@@ -85,20 +86,11 @@ def algorithm_2(
         As `sinkhorn`, without memberships.
 
     Raises:
-        ValueError: shapes do not fit, or k0 or num_iters is below 1.
+        ValueError: shapes do not fit, or a value that is not traced is out of range.
     """
-    check_point_sets("algorithm_2", emb_x=emb_x, emb_y=emb_y)
-    if k0 < 1 or num_iters < 1:
-        raise ValueError(
-            f"algorithm_2: k0 is {k0} and num_iters {num_iters}; give 1 or more"
-        )
+    check_shapes("algorithm_2", emb_x, emb_y, marginal_x, marginal_y)
+    check_counts("algorithm_2", k0=k0, num_iters=num_iters)
     marginal_x, marginal_y = uniform_marginals(emb_x, emb_y, marginal_x, marginal_y)
-    for name, marginal, emb in (("x", marginal_x, emb_x), ("y", marginal_y, emb_y)):
-        if marginal.shape != (len(emb),):
-            raise ValueError(
-                f"algorithm_2: marginal_{name} has shape {marginal.shape}, emb_{name} "
-                f"has {len(emb)} rows"
-            )
     search = NeighbourSearch() if search is None else search
     options = {"k0": min(k0, len(emb_y)), "settings": search.settings}
     valid_x, valid_y = marginal_x > 0, marginal_y > 0

@@ -37,7 +37,9 @@ from jfsf.types import Neighbours, NeighboursBothWays
 
 # A squared distance above all others; `with_index` needs it finite.
 UNREACHABLE = 1e30
-BINS = 8  # for each neighbour, at least; twice as many at most
+# Bins for each neighbour, at least; twice as many at most. On two surfaces of 6890
+# points some 2 % of the rows, with k0 = 20, are searched again.
+BINS = 8
 # Scores are told apart if they differ by this share: an index is in their last bits.
 TOLD_APART = 2.0**-12
 

@@ -28,8 +28,9 @@ class NeighbourSettings:
         precision ranks them again.
     bins: None finds all neighbours. A number asks for an approximate search: of so many
         bins of points for each neighbour, or up to twice as many, one point each is
-        found. With 12 some 3 % of the neighbours on a mesh are replaced by others
-        nearly as near, in two thirds of the time. The nearest is always found.
+        found. With 12 up to 4 % of the neighbours are missed (tests/test_mutual.py),
+        never the nearest, and a filter takes two thirds of the time
+        (experiments/bench/bench_filter.py).
 
     Tiles:
 
