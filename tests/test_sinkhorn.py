@@ -15,7 +15,14 @@ from precisions import FLOATS
 from problems import N_X, N_Y, WIDTH, dense, draw, weights
 
 from jfsf import testing
-from jfsf.convert import authors_sinkhorn, nearest, plan, pull_back, sinkhorn
+from jfsf.convert import (
+    algorithm_2,
+    authors_sinkhorn,
+    nearest,
+    plan,
+    pull_back,
+    sinkhorn,
+)
 from jfsf.convert._kernel import length
 from jfsf.convert._scaling import plan_entries, scale_kernel
 from jfsf.convert._variants import quick_sinkhorn
@@ -404,6 +411,22 @@ def test_traced_values_out_of_range_are_told_by_the_marginal_error(wrong):
     found = jax.jit(run)(jax.tree.map(jnp.asarray, wrong))
     assert np.isnan(found.marginal_error) and not found.converged
     assert (found.T_xy < N_Y).all() and (found.T_yx < N_X).all()
+
+
+@pytest.mark.parametrize("lam", [-1.0, np.nan])
+def test_so_are_those_of_algorithm_2(lam):
+    run = lambda value: algorithm_2(*draw(), lam=value, k0=4, num_iters=3)
+    found = jax.jit(run)(jnp.asarray(lam))
+    assert np.isnan(found.marginal_error) and not found.converged
+
+
+@pytest.mark.parametrize("wrong", [{"relax": 2.5}, {"marginal_y": -np.ones(N_Y)}])
+def test_so_are_those_of_scale_kernel(wrong):
+    found = small_sinkhorn(*draw())
+    given = {"marginal_x": np.full(N_X, 1 / N_X), "marginal_y": np.full(N_Y, 1 / N_Y)}
+    run = lambda values: scale_kernel(found.kernel, num_iters=3, **values)
+    found = jax.jit(run)(jax.tree.map(jnp.asarray, given | wrong))
+    assert np.isnan(found.marginal_error) and not found.converged
 
 
 @pytest.mark.parametrize("dtype", FLOATS)

@@ -135,7 +135,10 @@ RUN = {
 # Their programs are small. All others are for the slow tests.
 SMALL = "embeddings", "polar", "pull_back", "plan", "orthogonality", "coverage"
 # These take seconds to trace.
-LONG = "precise", "arap", "fit, huber", "sinkhorn, tiles", "nearest, tiles"
+LONG = (
+    *("precise", "arap", "fit, huber", "sinkhorn, tiles", "nearest, tiles"),
+    "match_spectra",
+)
 
 
 def cells():

@@ -11,9 +11,20 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from jfsf import convert, evaluate, geometry, initial, neighbours, refine, spectral
+from jfsf import (
+    Settings,
+    convert,
+    evaluate,
+    geometry,
+    initial,
+    match_spectra,
+    neighbours,
+    refine,
+    spectral,
+)
 from jfsf.convert._variants import quick_sinkhorn
 from jfsf.geometry._surface import surface
+from jfsf.initial import SearchSettings
 from jfsf.neighbours import NeighbourSearch, spectral_tiles
 from jfsf.runtime._sizes import pad
 from jfsf.testing import blob, cast
@@ -31,7 +42,10 @@ LINEAX = "lineax describes arrays without the axes that they vary over"
 
 
 class Problem(NamedTuple):
-    """Two shapes, and what the stages make of them."""
+    """Two shapes, and what the stages make of them.
+
+    whole: two others with as many eigenpairs as `match_spectra` needs.
+    """
 
     x: Spectrum
     y: Spectrum
@@ -52,6 +66,7 @@ class Problem(NamedTuple):
     reach: Any
     lam: Any
     tol: Any
+    whole: tuple[Spectrum, Spectrum]
 
 
 class Case(NamedTuple):
@@ -103,9 +118,20 @@ def problem(dtype, seed=0) -> Problem:
         jnp.asarray(1, dtype),
         jnp.asarray(4, dtype),
         jnp.asarray(1e-3, dtype),
+        whole_of(dtype, seed),
     )
 
 
+def whole_of(dtype, seed) -> tuple[Spectrum, Spectrum]:
+    """Spectra of two shapes; that of Y is padded."""
+    x, y = (spectral.spectrum(blob(seed + i), 40, cache=False) for i in (0, 1))
+    return cast(x, dtype), cast(pad(y, 162 + PADDING, 320 + 6), dtype)
+
+
+# Every stage of `match_spectra`, in short.
+SHORT = Settings(
+    ks=(30, 40), k=40, bend_rounds=1, search=SearchSettings(final_ks=(30, 30))
+)
 small = partial(convert.sinkhorn, k0=4, num_iters=6)
 soft = partial(small, relax=1.0)
 
@@ -225,4 +251,5 @@ CASES = {
         lambda p: evaluate.spectral_chamfer(p.emb_x, p.emb_y, mass_y=p.mass_y)
     ),
     "coverage": Case(lambda p: evaluate.coverage(p.maps.T_xy, p.y.mass)),
+    "match_spectra": Case(lambda p: match_spectra(*p.whole, settings=SHORT)),
 }

@@ -3,11 +3,12 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array
+from jaxtyping import Array, Bool
 
 from jfsf.neighbours._exhaustive import check_point_sets
-from jfsf.types import ArrayLike
+from jfsf.types import ArrayLike, Filtered
 
 # How far the sum of a marginal may be from 1: rounding of a million in float32.
 SUM_SLACK = 1e-3
@@ -89,3 +90,12 @@ def check_values(
     for message, holds in facts.items():
         if not holds:
             raise ValueError(f"{function}: {message}")
+
+
+def flagged(filtered: Filtered, right: Bool[Array, ""]) -> Filtered:
+    """The same where values are in range; else its marginal error is nan.
+
+    Values that are traced cannot be refused, so the result says it.
+    """
+    error = jnp.where(right, filtered.marginal_error, jnp.nan)
+    return filtered._replace(marginal_error=error, converged=filtered.converged & right)

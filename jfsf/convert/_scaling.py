@@ -15,7 +15,7 @@ from jfsf.array._precision import safe_divide
 from jfsf.array._sides import map_sides
 from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
-from jfsf.convert._checks import check_values
+from jfsf.convert._checks import check_values, flagged
 from jfsf.convert._updates import (
     ABSORB_EVERY,
     Problem,
@@ -62,7 +62,8 @@ def scale_kernel(
         As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
 
     Raises:
-        ValueError: a value that is not traced is out of range.
+        ValueError: a value is out of range. Values that are traced cannot be checked
+            so: the marginal error is nan then.
     """
     problem = problem_of(kernel, marginal_x, marginal_y, slack)
     if tol is None:
@@ -80,7 +81,10 @@ def scale_kernel(
     )
     error = error_of(problem, f, g)
     wanted = jnp.asarray(jnp.inf if tol is None else tol, error.dtype)
-    return Filtered(
+    relax = jnp.asarray(relax)
+    right = (relax > 0) & (relax < 2)
+    right &= jnp.all(marginal_x >= 0) & jnp.all(marginal_y >= 0)
+    filtered = Filtered(
         T_xy.astype(jnp.int32),
         T_yx.astype(jnp.int32),
         kernel,
@@ -93,6 +97,7 @@ def scale_kernel(
         made,
         jnp.full((), jnp.nan, error.dtype),
     )
+    return flagged(filtered, right)
 
 
 def _fixed_number(

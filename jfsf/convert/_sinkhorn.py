@@ -15,7 +15,7 @@ from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._between import kernel_between
-from jfsf.convert._checks import check_counts, check_shapes, check_values
+from jfsf.convert._checks import check_counts, check_shapes, check_values, flagged
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._updates import sums
 from jfsf.neighbours import NeighbourSearch
@@ -167,16 +167,7 @@ def sinkhorn(
         tol=tol,
         max_iters=max_iters,
     )
-    # Where values are traced and out of range, this says so.
-    right = (
-        (jnp.asarray(lam) >= 0) & (jnp.asarray(relax) > 0) & (jnp.asarray(relax) < 2)
-    )
-    right &= jnp.all(marginal_x >= 0) & jnp.all(marginal_y >= 0)
-    filtered = filtered._replace(
-        recall=recall,
-        marginal_error=jnp.where(right, filtered.marginal_error, jnp.nan),
-        converged=filtered.converged & right,
-    )
+    filtered = flagged(filtered._replace(recall=recall), jnp.asarray(lam) >= 0)
     if reach is None:
         return filtered
     kept_x, kept_y = sums(kernel, filtered.f, filtered.g)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 from jfsf.array._jit import jit
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._between import uniform_marginals
-from jfsf.convert._checks import check_counts, check_shapes, check_values
+from jfsf.convert._checks import check_counts, check_shapes, check_values, flagged
 from jfsf.convert._scaling import scale_kernel
 from jfsf.convert._sinkhorn import sinkhorn
 from jfsf.neighbours import NeighbourSearch
@@ -86,7 +86,8 @@ def algorithm_2(
         As `sinkhorn`, without memberships.
 
     Raises:
-        ValueError: shapes do not fit, or a value that is not traced is out of range.
+        ValueError: shapes do not fit, or a value is out of range. Values that are
+            traced cannot be checked so: the marginal error is nan then.
     """
     check_shapes("algorithm_2", emb_x, emb_y, marginal_x, marginal_y)
     check_counts("algorithm_2", k0=k0, num_iters=num_iters)
@@ -102,7 +103,7 @@ def algorithm_2(
         near, recall, _ = tiled_one_way(*there, min_recall=search.min_recall, **options)
     kernel = build_kernel(near, lam, n_y=len(emb_y), power=2.0)
     found = scale_kernel(kernel, marginal_x, marginal_y, num_iters=num_iters, relax=1.0)
-    return found._replace(recall=recall)
+    return flagged(found._replace(recall=recall), jnp.asarray(lam) >= 0)
 
 
 @jit(static_argnames=("n_y", "power", "unilateral_weight"))
