@@ -45,9 +45,10 @@ _COLUMNS = f"x, y, {', '.join(PairOptions._fields)}"
 class Pair(NamedTuple):
     """Two meshes to match.
 
-    x, y: the files.
-    name: made of both paths, relative to the list's folder; unique in its list.
-    options: what its line says beside.
+    x: the mesh file of X.
+    y: the mesh file of Y.
+    name: both paths, relative to the list's folder, joined; unique in the list.
+    options: what the further columns of its line say.
     """
 
     x: Path

@@ -46,9 +46,9 @@ def map_pairs(
         function: pure; the same object in each call, or it compiles anew.
         inputs: tuples of records of arrays. Numbers among them, which are no arrays,
             are not stacked: inputs that differ in them do not share a call.
-        devices: those that share the work; all of this process when absent.
-        pairs: inputs a call of the program, rounded up to fill the devices; memory
-            grows with them.
+        devices: devices that share the work; all of this process when absent.
+        pairs: how many inputs one call of the program takes, rounded up to fill the
+            devices; memory grows with it.
         batch_size: inputs vmapped at a time on a device. When absent, the whole shard
             on an accelerator, and one on a CPU, where several compete for the cache.
         fast_compile: compile in less time a program that may run a little longer

@@ -131,7 +131,7 @@ def truncate(spec: Spectrum, k: int) -> Spectrum:
 
 
 def truncate_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
-    """Both spectra with equally many eigenpairs: the number of the shorter one."""
+    """Cut both spectra to the number of eigenpairs of the shorter one."""
     k = min(len(spec_x.evals), len(spec_y.evals))
     return truncate(spec_x, k), truncate(spec_y, k)
 

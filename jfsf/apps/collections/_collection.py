@@ -25,10 +25,11 @@ from jfsf.types import ArrayLike, Mesh
 class Collection(NamedTuple):
     """Many shapes with one topology.
 
-    names: of the shapes.
-    meshes: as they were given; mirror images that were mirrored back are so here.
-    graph: the pairs that were matched, and what is trusted.
-    members: of each shape; None for one that is left out.
+    names: a name for each shape.
+    meshes: the mesh of each shape as it was given; a mirror image that was mirrored
+        back is stored mirrored.
+    graph: the pairs that were matched, and the probability of each map.
+    members: for each shape, the template on it; None for a shape that was left out.
     """
 
     names: tuple[str, ...]

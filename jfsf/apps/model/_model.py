@@ -24,17 +24,19 @@ from jfsf.types import ArrayLike
 class ShapeModel(NamedTuple):
     """Linear modes of positions: a shape is mean + sum_k score_k mode_k.
 
-    mean: positions, in the unit of the shapes and the pose of the first.
+    mean: positions of the mean shape, in the unit of the shapes and the pose of the
+        first.
     modes: orthonormal under the weights, sum_v w_v mode_k(v) . mode_l(v) = [k = l]; the
         number of largest size in each is positive.
-    variance: of the scores, with s - 1 for s shapes, in squared units; the largest
-        first. Its root is how far one standard deviation moves the surface, as a root
-        mean square.
-    scores: of the shapes that it was fitted to.
-    faces: of all shapes.
-    weights: of the vertices; they sum to 1.
-    total_variance: of all modes, kept or not.
-    size: what shapes are scaled to (`AlignedShapes.size`); 0 if they keep their scale.
+    variance: variance of the scores of each mode, over s - 1 for s shapes, in squared
+        units of the shapes; the largest first. Its root is how far one standard
+        deviation moves the surface, as a root mean square.
+    scores: scores of the shapes that the model was fitted to, one row for each.
+    faces: the faces that all shapes share, vertices from 0.
+    weights: weights of the vertices; they sum to 1.
+    total_variance: variance of all modes together, kept or not.
+    size: the size that shapes are scaled to (`AlignedShapes.size`); 0 if they keep
+        their scale.
     """
 
     mean: Float[Array, "n 3"]

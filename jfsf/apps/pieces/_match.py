@@ -57,14 +57,15 @@ class MatchedComponents(NamedTuple):
 
     T_xy: the vertex of Y for each vertex of X, -1 where a vertex belongs to no piece
         that has a partner. As an index of numpy, -1 is the last vertex: ask first.
-    T_yx: the vertex of X for each vertex of Y; -1 as in T_xy.
-    pair_x: the number in `pairs` for each vertex of X; -1 as in T_xy.
-    pair_y: the number in `pairs` for each vertex of Y; -1 as in T_xy.
-    pairs: of pieces, the largest piece of X first.
-    alone_x: pieces of X that could be matched, and have no partner.
-    alone_y: pieces of Y that could be matched, and have no partner.
-    left_out_x: what of X could not be matched.
-    left_out_y: what of Y could not be matched.
+    T_yx: the vertex of X for each vertex of Y, -1 where a vertex belongs to no piece
+        that has a partner.
+    pair_x: the number in `pairs` of the pair of each vertex of X, -1 without a partner.
+    pair_y: the number in `pairs` of the pair of each vertex of Y, -1 without a partner.
+    pairs: the pairs of pieces, the largest piece of X first.
+    alone_x: pieces of X that could be matched, but have no partner.
+    alone_y: pieces of Y that could be matched, but have no partner.
+    left_out_x: pieces of X that could not be matched.
+    left_out_y: pieces of Y that could not be matched.
     """
 
     T_xy: Int[ArrayLike, " n_x"]

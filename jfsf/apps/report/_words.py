@@ -188,7 +188,7 @@ def findings(
         ),
         (
             covered < MIN_COVERAGE,
-            f"only {covered:.0%} of the area within reach is hit: the shapes may "
+            f"only {covered:.0%} of the area that could be hit is hit: the shapes may "
             "differ too much",
             "See whether both shapes are whole, and whether they have the same parts.",
         ),
@@ -299,7 +299,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
     sentences.append(
         f"There and back again ends {back:.3f} away, where 1 is the distance of two "
-        f"random points; {covered:.0%} of the area within reach or more is hit."
+        f"random points; {covered:.0%} of the area that could be hit is hit, or more."
     )
     gap = figure["gap"]
     if _of_parts(certificate):
