@@ -133,7 +133,7 @@ def pull_back_precise(
 
 @jit
 def to_vertex(pmap: PreciseMap) -> Int[Array, " n_x"]:
-    """T_xy of a vertex-to-point map: the corner of the largest weight, first of ties."""
+    """T_xy of a vertex-to-point map: the corner of most weight, ties to the first."""
     at = jnp.argmax(pmap.bary, 1, keepdims=True)
     return jnp.take_along_axis(pmap.corners, at, 1)[:, 0]
 
