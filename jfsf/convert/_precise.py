@@ -145,7 +145,7 @@ def functional_map_precise(
     """C_yx of a vertex-to-point map P: Phi_X^+ P Phi_Y.
 
     Raises:
-        ValueError: pmap does not have one row a vertex of X.
+        ValueError: pmap does not have one row for each vertex of X.
     """
     if len(pmap.corners) != len(spec_x.evecs):
         raise ValueError(

@@ -23,8 +23,8 @@ class Figures(NamedTuple):
 
     Distances are geodesic and relative to sqrt(area of the shape they are measured on).
 
-    error: (p,) float64, one a point of the ground truth; see `geodesic_error`. Measured
-        on Y. (0,) without ground truth.
+    error: (p,) float64, one for each point of the ground truth; see `geodesic_error`.
+        Measured on Y. (0,) without ground truth.
     error_mean: mean of `error` over the points whose error is not nan.
     error_median: median of `error` over the points whose error is not nan.
     error_max: largest `error` of the points whose error is not nan.

@@ -48,8 +48,8 @@ def match_spectra(
     Args:
         spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
             mass 0 is padding.
-        landmarks, descriptors: as `jfsf.match`, one row a vertex, padding included. The
-            search reads the landmarks.
+        landmarks, descriptors: as `jfsf.match`, one row for each vertex, padding
+            included. The search reads the landmarks.
         initial: C_yx, T_xy, or a record with T_xy, in place of the search.
         orientation, self_map: as `jfsf.match`; neither compiles anew.
         settings: of all stages; those of further attempts are not read.

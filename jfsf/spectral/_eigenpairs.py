@@ -58,7 +58,7 @@ def spectrum(
 
     Args:
         mesh: one connected component, every vertex used; any unit of length.
-        k: number of eigenpairs, the constant included; at most one a vertex.
+        k: number of eigenpairs, the constant included; at most one for each vertex.
         laplacian: "auto" takes "cotan" for a clean manifold and "robust" otherwise
             (non-manifold, degenerate or repeated faces, point clouds).
         mass: lumped areas for "cotan"; "robust" brings its own.

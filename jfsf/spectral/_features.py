@@ -113,7 +113,7 @@ def features(
         settings: see `FeatureSettings`.
 
     Raises:
-        ValueError: descriptors without one row a vertex.
+        ValueError: descriptors without one row for each vertex.
     """
     if descriptors is not None and (
         descriptors.ndim != 2 or len(descriptors) != len(spec.mass)

@@ -124,9 +124,9 @@ def export_mesh(
             colours.
 
     Raises:
-        ValueError: another suffix; colours, uv or values that are not one
-            row a vertex; uv of PLY or of a point cloud; a value with a name that the
-            formats use.
+        ValueError: another suffix; colours, uv or values that are not one row for each
+            vertex; uv of PLY or of a point cloud; a value with a name that the formats
+            use.
         MeshError: no mesh.
         OSError: the folder cannot be written.
     """

@@ -80,7 +80,9 @@ def read_ground_truth(
     n_y: int | None = None,
     base: int | None = None,
 ) -> GroundTruth:
-    """Read the ground truth of a pair: one file a shape, one line a template point.
+    """Read the ground truth of a pair from a file for each shape.
+
+    Line i of each file is the vertex of that shape at template point i.
 
     Args:
         path_x, path_y: as for `read_map`, usually `.vts`.

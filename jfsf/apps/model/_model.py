@@ -1,8 +1,8 @@
 """Shapes in correspondence -> a model -> shapes: principal components of positions.
 
-The components are those of the thin singular value decomposition of the rows
-sqrt(w_v) (x_iv - m_v), one a shape: as exact as the numbers are, where the eigenvectors
-of the small matrix of products have half their digits.
+The components are those of the thin singular value decomposition of the rows sqrt(w_v)
+(x_iv - m_v), one for each shape: as exact as the numbers are, where the eigenvectors of
+the small matrix of products have half their digits.
 """
 
 from typing import NamedTuple

@@ -86,7 +86,8 @@ def generality(
         positions: of vertices that correspond, in one unit, as for `fit_model`.
         faces: of all shapes.
         scale: take away differences of size too, as `fit_model` does.
-        counts: numbers of modes; if None 1 to s - 2, all that s - 1 shapes have.
+        counts: numbers of modes to measure; 1 to s - 2, all that s - 1 shapes have, if
+            None.
 
     Raises:
         ValueError: fewer than three shapes, or numbers of modes that models of s - 1
