@@ -25,7 +25,7 @@ from jfsf.types import Filtered, Spectrum
 soft_sinkhorn: partial[Filtered] = partial(
     sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0
 )
-soft_sinkhorn.__doc__ = """`sinkhorn` with a kernel so soft that the plan has useful derivatives.
+soft_sinkhorn.__doc__ = """`sinkhorn` with a kernel soft enough for derivatives.
 
 It uses ten neighbours and twelve plain updates.
 Arguments and result are those of `jfsf.convert.sinkhorn`.
