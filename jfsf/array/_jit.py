@@ -75,7 +75,7 @@ def jit(function: Any = None, /, **options: Any) -> Any:
         check: called before the function, with those arguments, by name, that are given
             and are not tracers. It raises errors about values, which a compiled
             function cannot.
-        options: of `jax.jit`.
+        options: options of `jax.jit`.
     """
     if function is None:
         return lambda function: Jitted(function, **options)

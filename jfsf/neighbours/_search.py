@@ -84,8 +84,8 @@ class NeighbourSearch:
     A pytree: tiles are traced, the rest is static. So jit and vmap take it as they take
     an array, and equal static fields share a program.
 
-    tiles: of X and of Y (`spectral_tiles`), to search among candidates at a cost that
-        grows like n. None: all points are compared.
+    tiles: the tiles of X and of Y (`spectral_tiles`), to search among candidates at a
+        cost that grows like n. None: all points are compared.
     min_recall: estimated recall among tiles below which all points are compared. 0
         leaves the comparison out of the program: for rounds of a refinement, where
         later rounds correct what is missed, and for shapes that are too large for it.

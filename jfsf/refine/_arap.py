@@ -90,7 +90,7 @@ def arap(
             two rounds, and before the first if `start` is not maps.
         converter: any `jfsf.convert.Converter`.
         search: how neighbours are searched, handed to the converter.
-        settings: of the deformation.
+        settings: parameters of the deformation.
 
     Returns:
         Aligned embeddings (emb_x, emb_y) in units of sqrt(area). A row of emb_x holds
@@ -194,9 +194,9 @@ def deform(
         surface: the shape at rest.
         target: the position that each vertex is drawn to.
         start: positions to begin with.
-        spec: of the same shape, with the masses of `surface`. Each solve then begins
-            with what its eigenfunctions can express of the solution: conjugate
-            gradients take long for what is smooth.
+        spec: the spectrum of the same shape, with the masses of `surface`. Each solve
+            then begins with what its eigenfunctions can express of the solution:
+            conjugate gradients take long for what is smooth.
         settings: see `ArapSettings`.
 
     Returns:

@@ -55,7 +55,7 @@ def map_pairs(
             (`large_jit`).
         called: what an input is called, with its number, before the message of an
             error; None leaves the message as it is.
-        options: of `function`, hashable; they are static.
+        options: hashable options of `function`; they are static.
 
     Returns:
         The results in the order of the inputs, as numpy arrays.

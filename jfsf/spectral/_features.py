@@ -56,8 +56,8 @@ class Features(NamedTuple):
     """A shape, and columns that tell its points apart beside the eigenfunctions.
 
     spec: the spectrum, whole or restricted to samples.
-    descriptors: as they were given; column i corresponds to column i of the other
-        shape. They rank maps.
+    descriptors: descriptors as they were given; column i corresponds to column i of the
+        other shape. They rank maps.
     curvature: standardised columns of curvature; like descriptors, they rank maps.
     columns: what refinement appends to the eigenfunctions: standardised descriptors and
         weighted curvature. 0 for a self map, since a shape resembles itself most under
@@ -106,7 +106,8 @@ def features(
 
     Args:
         spec: faces wound outward, or none: then nothing is known of orientation.
-        descriptors: of any unit and sign; the wave kernel signature when absent.
+        descriptors: one row for each vertex, in any unit and sign; the wave kernel
+            signature when absent.
         landmarks: vertices, in range (not checked), in the order of the other shape's.
             Heat kernel signatures seen from them are appended to the descriptors.
         self_map: whether the shape will be matched with itself; may be traced.

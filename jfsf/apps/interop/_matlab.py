@@ -111,8 +111,9 @@ def write_matlab(
     Args:
         path: ends in `.mat`.
         mesh: in any unit of length.
-        spectrum: of this mesh, in its order of vertices. Of a noisy mesh `jfsf.basis`
-            gives that of `jfsf.mesh.denoised(mesh)`, which is to be passed then.
+        spectrum: eigenpairs of this mesh, in its order of vertices. Of a noisy mesh
+            `jfsf.basis` gives that of `jfsf.mesh.denoised(mesh)`, which is to be passed
+            then.
         key: the name of a struct to put all of this in; None writes variables.
 
     Raises:

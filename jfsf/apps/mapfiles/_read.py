@@ -87,7 +87,7 @@ def read_ground_truth(
     Args:
         path_x, path_y: as for `read_map`, usually `.vts`.
         n_x, n_y: vertices of the shapes; None skips the check.
-        base: of both files; None takes the format's convention.
+        base: 0 or 1, the first index in both files; None takes the format's convention.
 
     Raises:
         MapFileError: as `read_map`, or the two do not have the same number of points.

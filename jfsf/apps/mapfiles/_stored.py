@@ -45,7 +45,7 @@ def read_stored(
     Args:
         path: as for `read_map`.
         n_x, n_y: vertices of the meshes, all of them.
-        base: of text files; None takes their convention.
+        base: 0 or 1, the first index in text files; None takes their convention.
 
     Raises:
         MapFileError: as `read_map`; or an array is damaged or does not fit the meshes

@@ -69,8 +69,8 @@ def write_scores(
 
     Args:
         path: `.csv`.
-        names: of the shapes that the model was fitted to, in that order.
-        model: of shapes.
+        names: a name for each shape that the model was fitted to, in that order.
+        model: a shape model.
 
     Raises:
         ValueError: another suffix, or more or fewer names than shapes.
@@ -100,7 +100,7 @@ def write_modes(
 
     Args:
         folder: is made if need be.
-        model: of shapes.
+        model: a shape model.
         modes: how many; all that there are, if these are fewer.
 
     Returns:

@@ -68,13 +68,13 @@ def fit_model(
     hangs and one that is raised, positions give an arm that is too short.
 
     Args:
-        positions: of vertices that correspond, in one unit. Far from the origin
-            subtract the mean of each shape first, in float64.
-        faces: of all shapes.
+        positions: (s, n, 3) positions of vertices that correspond, in one unit. Far
+            from the origin subtract the mean of each shape first, in float64.
+        faces: the faces that all shapes share.
         modes: how many are kept; all s - 1 if None.
         scale: take away differences of size too.
-        weights: of the vertices. If None a third of the area of a vertex's faces, as a
-            share of the shape's area, in the mean over the shapes.
+        weights: weights of the vertices. If None, a third of the area of a vertex's
+            faces, as a share of the shape's area, in the mean over the shapes.
         missing: vertices that a shape does not have; they are put at the mean.
 
     Raises:
@@ -129,8 +129,9 @@ def shape_at(model: ShapeModel, scores: Float[Array, " k"]) -> Float[Array, "n 3
     deviations of mode k is that of scores 3 sqrt(model.variance[k]) at k, 0 elsewhere.
 
     Args:
-        model: of shapes.
-        scores: of the first modes, as many as there are or fewer; the rest are 0.
+        model: a shape model.
+        scores: scores of the first modes, as many as there are or fewer; the rest are
+            0.
 
     Raises:
         ValueError: more scores than modes.
@@ -153,8 +154,8 @@ def scores_of(
     fitted to, they are `model.scores`.
 
     Args:
-        model: of shapes.
-        positions: of the vertices of the model.
+        model: a shape model.
+        positions: (n, 3) positions of the model's vertices.
         aligned: whether it lies there already, and is to stay.
 
     Raises:

@@ -102,7 +102,7 @@ def findings(
     """Each figure of the certificate that makes the map doubtful, gravest first.
 
     Args:
-        certificate: of one map.
+        certificate: the certificate of one map.
         orientation: "preserve", "reverse" or "any", as the map was asked for.
         landmarks: their names, in the order of the rows, where they have any.
     """
@@ -245,8 +245,8 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     """Sentences on what the confidence rests on, each with its number.
 
     Args:
-        certificate: of one map.
-        info: of its match, for a sentence on the starts that were attempted.
+        certificate: the certificate of one map.
+        info: how the match was found, for a sentence on the starts that were attempted.
     """
     figure = _numbers(certificate)
     sentences = []
