@@ -25,7 +25,7 @@ def info(
         ),
     ] = None,
 ) -> None:
-    """Examine a mesh file, say whether it can be matched, and what would mend it.
+    """Examine a mesh file: whether it can be matched, and what would mend it.
 
     A repair removes vertices whose coordinates are not finite; merges vertices with
     equal coordinates; removes duplicate faces, small components and vertices without a

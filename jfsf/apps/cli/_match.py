@@ -87,7 +87,7 @@ def match(
     no_cache: opt.NoCacheOption = False,
     up: opt.UpOption = opt.Up.y,
 ) -> None:
-    """Map two meshes to each other, both ways.
+    """Compute point-to-point maps between two meshes, in both directions.
 
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the vertex of X for each
     vertex of Y; both int32, from 0), C_yx (the functional map), certificate_* (evidence
