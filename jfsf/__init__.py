@@ -2,9 +2,9 @@
 
 New here? Begin with `jfsf/apps/guide/start.md`; `jfsf.apps.guide` lists all guides.
 
-`match` goes the whole way from two meshes, and `Settings` changes any stage of it. The
-folders are its parts, in the order in which data goes through them. A file imports
-only from rooms above its own, and no other from `apps`:
+`match` computes maps from two meshes, and `Settings` changes any stage of it. The
+folders are the parts of the method, in the order in which data passes through them. A
+file imports only from those above its own, and no other from `apps`:
 
 - `_moved`: names of before version 0.3.0, and what to use instead
 - `_figures`: what each figure of a certificate means

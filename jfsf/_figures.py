@@ -43,12 +43,12 @@ FIGURES: dict[str, Figure] = {
     ),
     "empty": Figure("vertices of either shape that no mass reached"),
     "coverage_xy": Figure(
-        "share that is hit of Y's area within reach of n_x vertices",
-        "Within reach is the share of Y's vertices that as many as X has can hit.",
+        "share that T_xy hits of the area of Y that n_x vertices could hit",
+        "If X has fewer vertices than Y, they could hit no more than n_x / n_y of Y.",
     ),
     "coverage_yx": Figure(
-        "share that is hit of X's area within reach of n_y vertices",
-        "Within reach is the share of X's vertices that as many as Y has can hit.",
+        "share that T_yx hits of the area of X that n_y vertices could hit",
+        "If Y has fewer vertices than X, they could hit no more than n_y / n_x of X.",
     ),
     "bijectivity_x": Figure(
         "mean distance, X to Y and back; 1 for random vertices",

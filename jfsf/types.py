@@ -21,8 +21,8 @@ ArrayLike = Any
 class Mesh(NamedTuple):
     """A triangle mesh, or a point cloud when it has no faces. Host side (numpy).
 
-    vertices: (n, 3) float64, in the file's own units and order.
-    faces: (m, 3) int32, 0-based; (0, 3) for a point cloud.
+    vertices: (n, 3) float64 positions, in the units and the order of the file.
+    faces: (m, 3) int32, vertices from 0; (0, 3) for a point cloud.
     """
 
     vertices: ArrayLike
@@ -33,13 +33,14 @@ class Mesh(NamedTuple):
 class Spectrum(NamedTuple):
     """The first k eigenpairs of the Laplace-Beltrami operator of a shape of area 1.
 
-    evals: ascending, the first 0; on the shape scaled to unit area.
-    evecs: mass-orthonormal, evecs.T @ diag(mass) @ evecs = I; the first is constant.
-    mass: lumped vertex areas, they sum to 1; 0 marks padding.
+    evals: ascending eigenvalues of the shape scaled to area 1; the first is 0.
+    evecs: mass-orthonormal eigenvectors, one a column: evecs.T @ diag(mass) @ evecs =
+        I. The first is constant.
+    mass: lumped areas of the vertices, which sum to 1; 0 marks padding.
     faces: wound outward, for orientation, curvature and `refine.arap`. (0, 3) for a
         point cloud; `jfsf.basis` gives one the faces found by `jfsf.mesh.reconstruct`.
         A padding face is (0, 0, 0).
-    vertices: positions, centred, of the shape scaled to unit area, for curvature and
+    vertices: centred positions on the shape scaled to area 1, for curvature and
         `refine.arap`. 0 on padding.
     """
 
@@ -52,10 +53,10 @@ class Spectrum(NamedTuple):
 
 @exported
 class Maps(NamedTuple):
-    """A point-to-point map and one the other way.
+    """Point-to-point maps between X and Y, one in each direction.
 
-    T_xy: the vertex of Y for each vertex of X.
-    T_yx: the vertex of X for each vertex of Y.
+    T_xy: the vertex of Y, from 0, for each vertex of X.
+    T_yx: the vertex of X, from 0, for each vertex of Y.
     """
 
     T_xy: Int[Array, " n_x"]
@@ -66,8 +67,9 @@ class Maps(NamedTuple):
 class Neighbours(NamedTuple):
     """The k0 nearest points of the other set for each point, nearest first.
 
-    idx: their indices; 0 where there are fewer than k0 valid points.
-    dist: Euclidean distances; inf there.
+    idx: indices of the neighbours; 0 where there are fewer than k0 valid points.
+    dist: Euclidean distances to the neighbours; inf where there are fewer than k0
+        valid points.
     """
 
     idx: Int[Array, "n k0"]
@@ -79,8 +81,8 @@ class Tiles(NamedTuple):
     """Compact groups of points, all of one size; consecutive groups are close in space.
 
     member: index of the point in each slot.
-    valid: whether the slot counts. Every point that takes part has one such slot, every
-        other point none. The slots that do not count repeat points.
+    valid: whether each slot counts. Every point that takes part has one slot that
+        counts, every other point none. Slots that do not count repeat points.
     """
 
     member: Int[Array, "t s"]
@@ -91,12 +93,14 @@ class Tiles(NamedTuple):
 class NeighboursBothWays(NamedTuple):
     """Neighbours in both directions, and how reliable the search for them was.
 
-    near_xy, near_yx: neighbours in Y of each point of X, and in X of each point of Y.
-    recall: among tiles the share of points whose nearest neighbour was found, or one at
-        most 0.1 % farther (`NeighbourSettings.tolerance`); the smaller of both
-        directions. 1 for a direction in which all points were compared, else estimated
-        on a sample, by exhaustive search. With `NeighbourSettings.bins` the share of
-        all neighbours, estimated so. nan if no point of the samples takes part.
+    near_xy: the neighbours in Y of each point of X.
+    near_yx: the neighbours in X of each point of Y.
+    recall: the share of neighbours that the search found, the smaller of both
+        directions, estimated by exhaustive search of a sample. Among tiles it counts
+        the points whose nearest neighbour was found, or one at most 0.1 % farther
+        (`NeighbourSettings.tolerance`); with `NeighbourSettings.bins` it counts all
+        neighbours. 1 where all points were compared and all neighbours found. nan if no
+        point of the sample takes part.
     searched_all: whether all points were compared in at least one direction, because
         its recall among tiles was too small or there were no tiles.
     """
@@ -111,9 +115,13 @@ class NeighboursBothWays(NamedTuple):
 class Kernel(NamedTuple):
     """Sparse kernel K (n_x, n_y) in the log domain, each entry stored once.
 
-    Row i holds its own k0 neighbours in Y (`idx_xy`); the entries that only a vertex
-    of Y asked for stand in the other half (`idx_yx`). An absent entry has log weight
-    -inf and index 0.
+    An entry is absent where its log weight is -inf and its index 0.
+
+    idx_xy: the k0 neighbours in Y of each vertex of X, the columns of its entries.
+    log_xy: log K of the entries of `idx_xy`.
+    idx_yx: for each vertex of Y, the vertices of X that are its neighbours, the rows of
+        its entries. An entry that is also in `idx_xy` is absent here.
+    log_yx: log K of the entries of `idx_yx`.
     """
 
     idx_xy: Int[Array, "n_x k0"]
@@ -126,8 +134,13 @@ class Kernel(NamedTuple):
 class Plan(NamedTuple):
     """Sparse transport plan S = diag(exp f) K diag(exp g), laid out as its kernel K.
 
-    idx_xy, idx_yx: as in `Kernel`.
-    weight_xy, weight_yx: mass of each entry, 0 where it is absent.
+    idx_xy: the vertices of Y to which each vertex of X sends mass, as `Kernel.idx_xy`.
+    weight_xy: the mass that is sent from X to Y by each entry of `idx_xy`; 0 where it
+        is absent.
+    idx_yx: the vertices of X from which each vertex of Y receives the rest, as
+        `Kernel.idx_yx`.
+    weight_yx: the mass that is sent from X to Y by each entry of `idx_yx`; 0 where it
+        is absent.
     """
 
     idx_xy: Int[Array, "n_x k0"]
@@ -141,22 +154,28 @@ class Filtered(NamedTuple):
     """What the Fast Sinkhorn Filter returns: both maps and the plan they come from.
 
     The plan is S = diag(exp f) K diag(exp g) (`jfsf.convert.plan`). Its row and column
-    sums are the marginals, or with a `reach` what of these has a partner.
+    sums are the marginals or, with a `reach`, the part of them that has a partner.
 
-    T_xy, T_yx: row and column argmax of the plan.
+    T_xy: the argmax of each row of the plan: the vertex of Y for each vertex of X.
+    T_yx: the argmax of each column of the plan: the vertex of X for each vertex of Y.
     kernel: K, sparse.
-    f, g: log scalings; 0 on padding.
-    marginal_error: l1 gap of the plan's row and column sums, as a fraction of all mass;
-        0 is exact, 2 the most.
-    empty_x, empty_y: number of vertices that no mass can reach.
+    f: logarithms of the row scalings; 0 on padding.
+    g: logarithms of the column scalings; 0 on padding.
+    marginal_error: l1 distance of the plan's row and column sums from those asked for,
+        as a fraction of all mass: 0 is exact, 2 the most.
+    empty_x: number of vertices of X that no mass can reach.
+    empty_y: number of vertices of Y that no mass can reach.
     converged: whether the marginal error is at most the tolerance asked for; True where
         a fixed number of updates was asked for.
     num_iters: updates of each side that were made.
-    recall: of the search for neighbours (`NeighboursBothWays.recall`); nan where the
-        kernel came from elsewhere.
-    membership_x, membership_y: the mass that each point keeps, as a share of its
-        marginal, at most 1; 0 on padding, and for a point that no mass can reach. None
-        where all mass must arrive, without `reach`.
+    recall: share of neighbours that the search found (`NeighboursBothWays.recall`); nan
+        if the kernel came from elsewhere.
+    membership_x: the mass that each vertex of X keeps, as a share of its marginal, at
+        most 1; 0 on padding, and for a vertex that no mass can reach. None without
+        `reach`, where all mass must arrive.
+    membership_y: the mass that each vertex of Y keeps, as a share of its marginal, at
+        most 1; 0 on padding, and for a vertex that no mass can reach. None without
+        `reach`, where all mass must arrive.
     """
 
     T_xy: Int[Array, " n_x"]
@@ -178,7 +197,8 @@ class Filtered(NamedTuple):
 class Aligned(NamedTuple):
     """Embeddings of both shapes in one Euclidean space, which a converter compares.
 
-    emb_x, emb_y: a row a vertex.
+    emb_x: one row for each vertex of X.
+    emb_y: one row for each vertex of Y, in the same space.
     moved_x: where the vertices of X lie when it is deformed onto Y, in sqrt(area); None
         if the shapes were not deformed.
     moved_y: where the vertices of Y lie when it is deformed onto X, in sqrt(area); None
@@ -207,8 +227,8 @@ class Bent(NamedTuple):
 class PreciseMap(NamedTuple):
     """A vertex-to-point map: each vertex of X goes to a point on a triangle of Y.
 
-    corners: the triangle's vertices in Y.
-    bary: barycentric coordinates, non-negative, rows sum to 1.
+    corners: the vertices of Y at the corners of the triangle for each vertex of X.
+    bary: barycentric coordinates on that triangle, non-negative; rows sum to 1.
     """
 
     corners: Int[Array, "n_x 3"]
@@ -255,18 +275,18 @@ class Certificate(NamedTuple):
     landmarks: Float[Array, " l"]
 
     def figures(self) -> dict[str, Any]:
-        """What is a single number, by name: all but the landmarks.
+        """The figures that are single numbers, by name: all fields but `landmarks`.
 
-        Plain numbers of Python, as `json.dumps` takes; the arrays themselves of many
-        matches at once, and while they are traced.
+        They are plain Python numbers, which `json.dumps` takes. Figures of a batch of
+        matches, and traced ones, stay arrays.
         """
         return {name: _plain(getattr(self, name)) for name in FIGURES}
 
     @classmethod
     def unknown(cls, dtype: Any = float) -> "Certificate":
-        """A certificate that says nothing, to be filled by `_replace`.
+        """A certificate without evidence, to be filled by `_replace`.
 
-        All numbers are nan, no vertex is empty, all is finite, without landmarks.
+        All numbers are nan, but `empty` is 0 and `finite` True; there are no landmarks.
         """
         figures: dict[str, Any] = dict.fromkeys(FIGURES, np.full((), np.nan, dtype))
         figures |= {"empty": np.zeros((), np.int32), "finite": np.ones((), bool)}
@@ -303,11 +323,13 @@ STAGES = (
 class MatchInfo(NamedTuple):
     """How a match was found, on the host.
 
-    source: for each attempt, in their order, the number in `SOURCES` of its start's.
-    confidence: of each attempt; in [0, 1], or nan.
-    won: the number of the attempt that is the match.
-    seconds: that each of `STAGES` took, compiling included; nan for one that was not
-        run. Where a stage was run for several pairs at a time, a pair's share of them.
+    source: for each attempt, in order, where its start came from: its number in
+        `SOURCES`.
+    confidence: the confidence of each attempt's map, in [0, 1] or nan.
+    won: the number, from 0, of the attempt that is the match.
+    seconds: what each of `STAGES` took, in seconds, compiling included; nan for a stage
+        that was not run. For a stage that was run for several pairs at a time, this
+        pair's share.
     """
 
     source: Int[ArrayLike, " a"]
@@ -330,28 +352,38 @@ class MatchInfo(NamedTuple):
 class Match(NamedTuple):
     """Two shapes matched: maps both ways, the functional map, and the evidence.
 
-    T_xy: the vertex of Y for each vertex of X.
-    T_yx: the vertex of X for each vertex of Y.
-    C_yx: functions on Y pulled back to X, in the eigenbases of `jfsf.basis`.
-    certificate: evidence of how good the maps are.
-    matched_x, matched_y: the vertices of each shape that the other has too; None if the
-        shapes were matched as wholes.
-    confidence_x, confidence_y: for each vertex, the probability that its image is
-        within 0.05 of its true partner, geodesically, in sqrt(area)
-        (`jfsf.matching.vertex_confidence`); nan where the shapes were not bent onto
-        each other, 0 on padding. None for parts.
-    membership_x, membership_y: of parts, how clearly each vertex is in the region that
-        both share, in [0, 1]; matched_x and matched_y are where it is above one half.
-        It falls with the distance of the surfaces after bending, and across their
-        rims. It is no probability. None if the shapes were matched as wholes.
-    overlap_x, overlap_y: the share of the area of each shape that is matched; None if
-        the shapes were matched as wholes.
-    info: which starts were attempted, and how long it took; None for a single attempt
-        (`jfsf.match_spectra`) and for parts. Matches differ in how many there were: to
-        stack matches, leave it out (`_replace(info=None)`).
+    Fields "of parts" are those of `match(partial=True)`, and None if the shapes were
+    matched as wholes. Two closed surfaces given as parts share everything: all of their
+    vertices are matched, with membership 1.
 
-    Two closed surfaces given as parts share all: they are matched as wholes, and their
-    membership is 1 throughout.
+    T_xy: the vertex of Y, from 0, for each vertex of X.
+    T_yx: the vertex of X, from 0, for each vertex of Y.
+    C_yx: the functional map: functions on Y pulled back to X, in the eigenbases of
+        `jfsf.basis`.
+    certificate: evidence of how good the maps are.
+    matched_x: of parts, whether each vertex of X is in the region that both share.
+    matched_y: of parts, whether each vertex of Y is in the region that both share.
+    confidence_x: for each vertex of X, the probability that its image is within 0.05 of
+        its true partner, in geodesic distance over sqrt(area)
+        (`jfsf.matching.vertex_confidence`); nan where the shapes were not deformed onto
+        each other, 0 on padding. None for parts.
+    confidence_y: for each vertex of Y, the probability that its image is within 0.05 of
+        its true partner, in geodesic distance over sqrt(area)
+        (`jfsf.matching.vertex_confidence`); nan where the shapes were not deformed onto
+        each other, 0 on padding. None for parts.
+    membership_x: of parts, how clearly each vertex of X is in the region that both
+        share, in [0, 1]; `matched_x` is where it is above one half. It falls with the
+        distance of the surfaces after the deformation, and across their boundaries. It
+        is not a probability.
+    membership_y: of parts, how clearly each vertex of Y is in the region that both
+        share, in [0, 1]; `matched_y` is where it is above one half. It falls with the
+        distance of the surfaces after the deformation, and across their boundaries. It
+        is not a probability.
+    overlap_x: of parts, the share of X's area that is matched.
+    overlap_y: of parts, the share of Y's area that is matched.
+    info: which starts were attempted, and how long it took; None for a single attempt
+        (`jfsf.match_spectra`) and for parts. The number of attempts differs between
+        matches: to stack matches, leave it out (`_replace(info=None)`).
     """
 
     T_xy: Int[Array, " n_x"]
@@ -369,7 +401,7 @@ class Match(NamedTuple):
     info: MatchInfo | None = None
 
     def without_padding(self, n_x: int, n_y: int) -> "Match":
-        """That of the first n_x vertices of X and n_y of Y."""
+        """The match of the first n_x vertices of X and the first n_y of Y."""
         sizes = {
             **dict.fromkeys(("T_xy", "matched_x", "confidence_x", "membership_x"), n_x),
             **dict.fromkeys(("T_yx", "matched_y", "confidence_y", "membership_y"), n_y),

@@ -307,6 +307,8 @@ def test_the_table_of_slicer_is_read(tmp_path):
         (".stl", "solid", "unknown format of landmarks"),
         (".json", "[" * 100_000, "is not JSON"),
         (".json", "[]", "no list of markups"),
+        # As Scalismo writes them.
+        (".json", '[{"id": "a", "coordinates": [0, 1, 2]}]', "as a table (.csv)"),
         (".json", '{"markups": []}', "no landmark with a position"),
         (".json", MARKUPS.replace("-73.33572796934868", "NaN"), "'Nasion' is"),
         (".json", MARKUPS.replace("-73.33572796934868", "1" + "0" * 400), "'Nasion'"),

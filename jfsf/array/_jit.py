@@ -71,11 +71,11 @@ def jit(function: Any = None, /, **options: Any) -> Any:
     """Decorate a function of a module: `@jit`, or `@jit(static_argnames="k")`.
 
     Args:
-        function: at the top of its module, so that it is found by its name.
-        check: called with the arguments that are given and are no tracers, by their
-            names, before the function: it raises errors about values, which a compiled
+        function: defined at the top of its module, so that its name finds it.
+        check: called before the function, with those arguments, by name, that are given
+            and are not tracers. It raises errors about values, which a compiled
             function cannot.
-        options: of `jax.jit`.
+        options: options of `jax.jit`.
     """
     if function is None:
         return lambda function: Jitted(function, **options)

@@ -14,7 +14,9 @@ from jaxtyping import Array, Float
 HIGHEST = jax.lax.Precision.HIGHEST
 
 matmul = partial(jnp.matmul, precision=HIGHEST)
+matmul.__doc__ = "`jax.numpy.matmul` in full float32 precision on every device."
 einsum = partial(jnp.einsum, optimize="optimal", precision=HIGHEST)
+einsum.__doc__ = "`jax.numpy.einsum` in full float32 precision, in the best order."
 
 
 def safe_divide(

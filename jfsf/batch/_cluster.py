@@ -24,7 +24,7 @@ def connect(
         scheduler: "host:port" of a dask scheduler; when absent a local cluster is
             started.
         workers: processes of the local cluster, each with one task at a time. When
-            absent one a core, but no more than memory allows.
+            absent one for each core, but no more than memory allows.
         timeout: seconds to wait for the scheduler.
 
     Raises:

@@ -35,9 +35,9 @@ class Job(NamedTuple):
 class Outcome(NamedTuple):
     """The result of a job.
 
-    reason: why it failed; None when it succeeded.
-    earlier: it was done before this run.
-    seconds: time that the work took; nan when none was done.
+    reason: why the job failed; None if it succeeded.
+    earlier: whether it was done before this run.
+    seconds: seconds that the work took; nan if none was done.
     """
 
     job: Job

@@ -1,4 +1,4 @@
-"""Lists of pairs: a CSV file with two mesh paths a line, and options of the pair."""
+"""Lists of pairs: CSV files with two mesh paths, and options of the pair, on a line."""
 
 import csv
 import os
@@ -21,10 +21,14 @@ class PairOptions(NamedTuple):
     """Options of one pair, as of `jfsf match`; None where its line says nothing.
 
     orientation: "preserve", "reverse" or "any".
-    largest_component, partial, repair: yes or no.
-    landmarks: the file of pairs of vertices.
-    landmarks_x, landmarks_y: the files of landmarks of each shape.
-    gt_x, gt_y: the files of ground truth, for the page of the pair.
+    largest_component: whether only the component with the largest area is matched.
+    partial: whether one shape is a part of the other, or both overlap.
+    repair: whether the meshes are repaired first.
+    landmarks: the file of landmarks as pairs of vertices.
+    landmarks_x: the file of landmarks of X.
+    landmarks_y: the file of landmarks of Y.
+    gt_x: the file of ground truth of X, for the report of the pair.
+    gt_y: the file of ground truth of Y, for the report of the pair.
     """
 
     orientation: str | None = None
@@ -45,9 +49,10 @@ _COLUMNS = f"x, y, {', '.join(PairOptions._fields)}"
 class Pair(NamedTuple):
     """Two meshes to match.
 
-    x, y: the files.
-    name: made of both paths, relative to the list's folder; unique in its list.
-    options: what its line says beside.
+    x: the mesh file of X.
+    y: the mesh file of Y.
+    name: both paths, relative to the list's folder, joined; unique in the list.
+    options: what the further columns of its line say.
     """
 
     x: Path
@@ -60,14 +65,14 @@ def read_pairs(path: Path) -> list[Pair]:
     """The pairs of a CSV file, in order, each once.
 
     Args:
-        path: two mesh paths a line, relative to its own folder or absolute, with a
-            comma, a semicolon or a tab between; a first line such as `sep=;` may say
-            which. It is UTF-8, or UTF-16 with its mark. Blank lines and those that
-            begin with # are skipped. The first line may hold titles: x and y, mesh_x
-            and mesh_y, source and target, from and to, or a and b, in any order, and
-            those of further columns, the fields of `PairOptions`. Paths in these are
-            relative to the folder too; yes and no may be true and false or 1 and 0; an
-            empty cell says nothing.
+        path: two mesh paths on each line, relative to its own folder or absolute, with
+            a comma, a semicolon or a tab between; a first line such as `sep=;` may say
+            which. It is UTF-8, or UTF-16 with a byte order mark. Blank lines and lines
+            that begin with # are skipped. The first line may hold titles: x and y,
+            mesh_x and mesh_y, source and target, from and to, or a and b, in any order,
+            and titles of further columns, the fields of `PairOptions`. Paths in these
+            are relative to the folder too; yes and no may be true and false, or 1 and
+            0; an empty cell leaves the choice to the options.
 
     Raises:
         OSError: the file cannot be read.

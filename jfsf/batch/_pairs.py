@@ -39,8 +39,8 @@ def convert(
     """Both point-to-point maps of each pair of aligned embeddings.
 
     Args:
-        embs_x, embs_y: one of each a pair (`jfsf.spectral.embeddings`); n_x, n_y and k
-            are any.
+        embs_x, embs_y: lists with the embeddings of each pair
+            (`jfsf.spectral.embeddings`), of any sizes.
         converter: any `jfsf.convert.Converter`, hashable; every vertex has the same
             marginal, and all points are compared.
         sharding: `devices`, `pairs` and `batch_size` of `map_pairs`.
@@ -75,8 +75,9 @@ def refine(
     """`zoomout` of each pair: C_yx at ks[-1].
 
     Args:
-        specs_x, specs_y, Cs_yx: one of each a pair; each pair is cut to equal numbers
-            of eigenpairs, and pairs with equal numbers share programs.
+        specs_x, specs_y, Cs_yx: lists with the spectra and the functional map of each
+            pair. Each pair is cut to equal numbers of eigenpairs; pairs with equal
+            numbers share programs.
         ks, converter: as `zoomout`.
         options: the static options of `zoomout`, such as `bidirectional`; `devices`,
             `pairs` and `batch_size` of `map_pairs`.
@@ -102,7 +103,8 @@ def search(
     """The initial functional maps of each pair: `jfsf.initial.search`.
 
     Args:
-        specs_x, specs_y, descs_x, descs_y: one of each a pair.
+        specs_x, specs_y, descs_x, descs_y: lists with the spectra and the descriptors
+            of each pair.
         options: the static options of `jfsf.initial.search`, such as `orientation`;
             `devices`, `pairs` and `batch_size` of `map_pairs`.
 
@@ -134,8 +136,9 @@ def match_spectra(
     """`jfsf.match` of each pair, from the spectra on, doubtful pairs tried again.
 
     Args:
-        specs_x, specs_y: one of each a pair, from `jfsf.basis`. Each pair is cut to
-            equal numbers of eigenpairs; pairs with equal numbers share programs.
+        specs_x, specs_y: lists with the spectra of each pair, from `jfsf.basis`. Each
+            pair is cut to equal numbers of eigenpairs; pairs with equal numbers share
+            programs.
         orientation, settings: as `jfsf.match`.
         devices, pairs, batch_size: as `map_pairs`. One pair at a time on one CPU shares
             its programs with `jfsf.match`. Of more pairs, the first attempts of `pairs`

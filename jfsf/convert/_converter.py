@@ -55,5 +55,5 @@ class Converter(Protocol):
 
 
 def maps_of(record: HasMaps) -> Maps:
-    """The maps of a converter's record, as int32."""
+    """T_xy and T_yx of the record that a converter returned, as int32."""
     return Maps(record.T_xy.astype(jnp.int32), record.T_yx.astype(jnp.int32))

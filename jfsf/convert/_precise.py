@@ -58,7 +58,8 @@ def precise(
         faces_y: triangles of Y; (0, 0, 0) is padding.
         k0: vertices whose triangles are tried first. More or fewer change the time,
             not the result.
-        degree: triangles a vertex among them; likewise.
+        degree: triangles of each of these vertices that are tried first. More or fewer
+            change the time, not the result.
 
     Returns:
         Triangles and barycentric coordinates; nan for a row that is not finite. Between
@@ -116,7 +117,9 @@ def precise(
 def pull_back_precise(
     pmap: PreciseMap, values_y: Float[Array, "n_y c"]
 ) -> Float[Array, "n_x c"]:
-    """Functions on Y as seen from X, linear on triangles; Y's coordinates give points.
+    """Functions on Y pulled back to X by a vertex-to-point map, linear on triangles.
+
+    Pulled back, the coordinates of Y's vertices are the image points of X's vertices.
 
     Raises:
         ValueError: values_y is not a matrix.
@@ -130,7 +133,7 @@ def pull_back_precise(
 
 @jit
 def to_vertex(pmap: PreciseMap) -> Int[Array, " n_x"]:
-    """T_xy: the corner with the largest weight; ties to the first."""
+    """T_xy of a vertex-to-point map: the corner of most weight, ties to the first."""
     at = jnp.argmax(pmap.bary, 1, keepdims=True)
     return jnp.take_along_axis(pmap.corners, at, 1)[:, 0]
 
@@ -142,7 +145,7 @@ def functional_map_precise(
     """C_yx of a vertex-to-point map P: Phi_X^+ P Phi_Y.
 
     Raises:
-        ValueError: pmap does not have one row a vertex of X.
+        ValueError: pmap does not have one row for each vertex of X.
     """
     if len(pmap.corners) != len(spec_x.evecs):
         raise ValueError(

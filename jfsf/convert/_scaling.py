@@ -59,7 +59,7 @@ def scale_kernel(
         relax, tol, max_iters: as in `sinkhorn`.
 
     Returns:
-        As `sinkhorn`, but that the recall is nan: who made the kernel knows it.
+        As `sinkhorn`, but with a recall of nan, since the kernel comes from elsewhere.
 
     Raises:
         ValueError: a value is out of range. Values that are traced cannot be checked
@@ -132,7 +132,15 @@ def _fixed_number(
 def pull_back(
     filtered: Filtered, values_y: Float[Array, "n_y c"]
 ) -> Float[Array, "n_x c"]:
-    """Functions on Y as seen from X: each vertex averages over its row of the plan."""
+    """Functions on Y pulled back to X: the mean over each vertex's row of the plan.
+
+    Args:
+        filtered: the result of a filter.
+        values_y: one row for each vertex of Y, in any unit.
+
+    Returns:
+        One row for each vertex of X, in that unit.
+    """
     plan = kernels.scaled(filtered.kernel, filtered.f, filtered.g)
     rows = kernels.matvec(plan, jnp.ones_like(filtered.g))
     return safe_divide(kernels.matvec(plan, values_y), rows[:, None])
@@ -140,7 +148,7 @@ def pull_back(
 
 @jit
 def plan(filtered: Filtered) -> Plan:
-    """The transport plan that the maps of `filtered` are the argmax of."""
+    """The transport plan whose row and column argmax are the maps of `filtered`."""
     return kernels.scaled(filtered.kernel, filtered.f, filtered.g)
 
 

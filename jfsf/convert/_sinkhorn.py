@@ -83,45 +83,48 @@ def sinkhorn(
 
     Args:
         emb_x, emb_y: rows of one Euclidean space (`jfsf.spectral.embeddings`).
-        marginal_x, marginal_y: mass to send from each vertex of X, to receive at each
-            of Y; each sums to 1, 0 marks padding. Uniform when absent. With `reach`
-            their sums may differ: where Y is half of X, give both the same mass a unit
-            of area, as a point keeps all of its mass only if its partners have as much.
+        marginal_x, marginal_y: the mass that each vertex of X sends, and that each
+            vertex of Y receives. Each sums to 1, and 0 marks padding; uniform when
+            absent. With `reach` their sums may differ: if Y is half of X, give both the
+            same mass per unit of area, since a vertex keeps all of its mass only if its
+            partners have as much.
         search: how neighbours are searched; when absent, all points are compared.
-        reach: None for plans that meet the marginals. Else a distance, in units of the
-            length, above 0; 3 is a good start. Of two points of mass m at distance d
-            that have only each other, each keeps the share
+        reach: None for plans that meet the marginals; otherwise a distance above 0, in
+            units of the length, beyond which mass is dropped. 3 is a good start. If two
+            points of mass m at distance d have only each other, each keeps the share
 
             exp(-(d^power + log(1 / m) / lam) / (2 reach^power + 1 / lam)),
 
             61 % at the distance `reach` if lam is large. inf is the same as None.
         lam: sharpness; the kernel is exp(-lam (d / length)^power).
-        k0: neighbours a vertex, both ways. With 10 accuracy is some percent lower. More
-            than 20 change little, and above 32 the search takes twice as long.
+        k0: neighbours of each vertex, in both directions. With 10 the error is some
+            per cent larger; more than 20 change little, and above 32 the search takes
+            twice as long.
         num_iters: updates of each side. More updates lower the marginal error. On
-            shapes that are sampled differently uniform marginals are not quite true,
-            and ten updates may do better.
+            shapes that are sampled differently, uniform marginals are not quite right,
+            and ten updates may give better maps.
         relax: factor of each update of a log scaling, in (0, 2); 1 is the plain
             algorithm. The last update is plain.
         tol: marginal error to reach, in place of a fixed number of updates, by at most
             `max_iters` of them; see `Filtered.converged`. Derivatives are then those of
             the plan that meets the marginals exactly (the implicit function theorem),
             and take memory that does not depend on the number of updates.
-        max_iters: updates of each side with `tol`, at most, but for two and what fills
-            the last round of four. They end before where the error no longer falls: k0
-            neighbours may be too few to hold the mass, above all with marginals other
-            than uniform.
+        max_iters: with `tol`, the most updates of each side, beside two more and those
+            that complete the last round of four. Updates end earlier if the error no
+            longer falls: k0 neighbours may be too few to carry the mass, above all with
+            marginals that are not uniform.
         scale: the length that lam is relative to. "nearest" is the median distance to
             the nearest neighbour, one for both directions. It does not depend on
             outliers, nor on the size of the mesh. "max" is the largest neighbour
             distance of each direction, as in the authors' code.
         length_gradient: whether derivatives include that of this length; by default it
             counts as constant. Which vertices are neighbours always does.
-        power: p of d^p.
+        power: the exponent p of the distance.
         unilateral_weight: factor of an entry whose vertices are neighbours in one
             direction only.
 
-    `authors_sinkhorn` has the settings of the authors' code, which is neither.
+    `authors_sinkhorn` has the settings of the authors' code, which follows neither
+    eq. 12 nor algorithm 2.
 
     Returns:
         The maps with the plan that they are the argmax of, and its marginal error. With

@@ -128,8 +128,8 @@ def build_kernel(
             distance. Each is named once in its row; index 0 at distance inf is none.
         lam_xy: factor of d^power, not relative to any length.
         near_yx: (n_y, k0), neighbours in X of each vertex of Y; None for none.
-        lam_yx: of these; that of `near_xy` if None. Two vertices that are each among
-            the other's neighbours have the mean of exp(-lam_xy d^p) and
+        lam_yx: factor of d^power for `near_yx`; `lam_xy` if None. Two vertices that are
+            each among the other's neighbours have the mean of exp(-lam_xy d^p) and
             exp(-lam_yx d^p), with d of `near_xy`.
         n_y: vertices of Y; it has to be given where `near_yx` is not.
         power: p of d^p.

@@ -17,8 +17,9 @@ class Sample(NamedTuple):
     A.template_to_vertex[i] <-> B.template_to_vertex[i] for every template point i.
     Several template points may share a vertex; about 3 vertices in 10 have none.
 
-    mesh: closed, manifold, one component, wound outward; metres, y up, facing +z.
-    template_to_vertex: the vertex of `mesh` for each template point, 0-based.
+    mesh: the shape: closed, manifold, one component, wound outward; in metres, y up,
+        facing +z.
+    template_to_vertex: the vertex of `mesh`, from 0, for each template point.
     """
 
     mesh: Mesh

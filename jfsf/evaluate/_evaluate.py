@@ -23,8 +23,8 @@ class Figures(NamedTuple):
 
     Distances are geodesic and relative to sqrt(area of the shape they are measured on).
 
-    error: (p,) float64, one a point of the ground truth; see `geodesic_error`. Measured
-        on Y. (0,) without ground truth.
+    error: (p,) float64, one for each point of the ground truth; see `geodesic_error`.
+        Measured on Y. (0,) without ground truth.
     error_mean: mean of `error` over the points whose error is not nan.
     error_median: median of `error` over the points whose error is not nan.
     error_max: largest `error` of the points whose error is not nan.
@@ -55,8 +55,8 @@ class Figures(NamedTuple):
     zoomout_energy: float = np.nan
 
 
-# The figures that can be asked for; the others are summaries of "error".
 MEASURED = tuple(name for name in Figures._fields if not name.startswith("error_"))
+"""The figures that can be asked for; the others are summaries of "error"."""
 
 
 def evaluate(
@@ -79,15 +79,17 @@ def evaluate(
             or `Match`. If it has T_yx, the other way, or C_yx, the functional map, the
             figures of these are measured too.
         mesh_x, mesh_y: the shapes, in any units; point clouds have no faces.
-        truth: (gt_x, gt_y), (p,) each, 0-based: vertices that correspond.
+        truth: (gt_x, gt_y), (p,) vertices each, from 0: point i of the ground truth is
+            gt_x[i] on X and gt_y[i] on Y.
         every: measure the error at every Nth point of `truth` and the bijectivity at
             every Nth vertex, from 0 on.
         exact: exact geodesics, as for `jfsf.geometry.geodesics`.
         only: the figures to measure, of `MEASURED`; geodesics take nearly all the time.
-        operators_x, operators_y: (stiffness, mass) as `operators` of the meshes gives
-            them, for callers that measure several maps; the mass in any unit.
-        progress: called with the name of the figure, and the sources of geodesics done
-            and in all.
+        operators_x, operators_y: (stiffness, mass) of the meshes, as `operators`
+            returns them, for callers that measure several maps; the mass is in any
+            unit.
+        progress: called with the name of the figure, the number of geodesic sources
+            done, and their total number.
 
     Returns:
         The figures; nan for those that are not in `only` or that lack their input.

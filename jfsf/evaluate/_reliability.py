@@ -11,11 +11,11 @@ BINS = 10
 
 
 class Reliability(NamedTuple):
-    """Probabilities in bins of equal width; a bin without any is nan, its weight 0.
+    """How often what has each probability is true, in bins of equal width.
 
-    probability: mean of a bin.
-    share: of those that are right.
-    weight: of a bin, they sum to 1.
+    probability: the mean probability in each bin; nan in an empty bin.
+    share: the share, in each bin, that came true; nan in an empty bin.
+    weight: the weight of each bin; the weights sum to 1, and an empty bin has 0.
     """
 
     probability: Float[np.ndarray, " b"]
@@ -39,10 +39,10 @@ def reliability(
     """Compare probabilities (p,) with what came of them.
 
     Args:
-        probability: in [0, 1].
-        right: whether each came true.
-        weights: of each, not negative; equal ones when absent.
-        bins: of equal width, from 0 to 1.
+        probability: (p,) predicted probabilities, in [0, 1].
+        right: (p,) whether each prediction came true.
+        weights: (p,) weights of the predictions, not negative; equal when absent.
+        bins: number of bins of equal width from 0 to 1.
 
     Raises:
         ValueError: no vectors of one length, numbers outside [0, 1], nan, weights that

@@ -34,14 +34,16 @@ def fit(
     Args:
         spec_x, spec_y: spectra with k eigenpairs or more, faces wound outward. Without
             faces on either side the orientation term says nothing.
-        desc_x, desc_y: column i of one corresponds to column i of the other. Each is
-            centred and scaled to variance 1, both shapes with the same factor.
-        weights: of the four terms; traced, so a sweep compiles once.
-        k: size of the map.
+        desc_x, desc_y: descriptors, a row for each vertex; column i of one corresponds
+            to column i of the other. Each is centred and scaled to variance 1, both
+            shapes by the same factor.
+        weights: weights of the four terms; traced, so a sweep compiles once.
+        k: number of rows and of columns of C_yx.
         solver: conjugate gradients by "jaxopt", or the same by "lineax".
         gamma: exponent of the resolvent mask.
-        column_weights: of the descriptors relative to each other; None for equal ones.
-        loss, scale: of descriptors that do not agree, see `solve_nonlinear`.
+        column_weights: weights of the descriptors relative to each other; equal if
+            None.
+        loss, scale: how descriptors that do not agree count, see `solve_nonlinear`.
         orthogonality: weight of |C^T C - I|_F^2, with the squared norms of the other
             terms of the order of k; None leaves the term out.
 

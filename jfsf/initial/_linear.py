@@ -41,10 +41,13 @@ class Entries(NamedTuple):
 
 @exported
 class Fit(NamedTuple):
-    """C_yx: the functional map, constants to constants.
+    """A functional map fitted to descriptors.
 
-    residual: norm of the energy's gradient in C, entries scaled by its curvature,
-        relative to that at C = (constant to constant, 0 elsewhere); 0 is exact.
+    C_yx: the functional map, functions on Y pulled back to X; constants go to
+        constants.
+    residual: how far the solver stopped from the minimum: the norm of the energy's
+        gradient in C, each entry scaled by the energy's curvature, relative to that
+        norm at the C that maps only constants. 0 is exact.
     """
 
     C_yx: Float[Array, "k_x k_y"]

@@ -57,7 +57,10 @@ def nonisometric_candidates(
     *,
     settings: SearchSettings = SearchSettings(),
 ) -> Candidates:
-    """Maps that bring extremities to extremities; even ones, to similar ones, first.
+    """Maps that send extremities to extremities, for shapes of different proportions.
+
+    Those that stretch the shape evenly and send similar extremities to each other come
+    first.
 
     Args:
         x, y, sign, self_map: as `candidates`.

@@ -50,6 +50,7 @@ from jfsf.spectral._orientation import orientation_score
 from jfsf.types import Spectrum
 
 Orientation = Literal["preserve", "reverse", "any"]
+"""Maps that are asked for: those that keep left and right, reverse them, or both."""
 # Energy of a map that keeps orientation on half of the shape and mirrors the rest.
 HALF_MIRRORED_ENERGY = 0.2
 # Added for a map of the wrong orientation: more than any other energy.
@@ -60,14 +61,16 @@ WRONG_ORIENTATION_ENERGY = 100.0
 class Candidates(NamedTuple):
     """Functional maps that really differ, the best first.
 
-    C_yx: functions on Y pulled back to X.
-    energy: departure from an isometry that keeps the descriptors; lower is better.
-        Where an orientation is asked for, that of a wrong one is added
-        (`with_orientation`). A near copy of a better map has inf.
-    orientation: score in [-1, 1]; nan for clouds without a surface.
-    mirror_gap: the least energy of all maps of the wrong orientation over that of the
-        right one, minus 1, before the last refinement. Below 0 the mirror image fits
-        better. nan if no orientation was asked for or is known, and of a self map.
+    C_yx: each candidate: functions on Y pulled back to X.
+    energy: departure of each candidate from an isometry that keeps the descriptors;
+        lower is better. If an orientation is asked for, candidates of the other one get
+        a penalty (`with_orientation`). A near copy of a better candidate has inf.
+    orientation: score of each candidate in [-1, 1], near 1 if it preserves orientation
+        and near -1 if it mirrors; nan for point clouds without a surface.
+    mirror_gap: the least energy of all maps of the other orientation over the least of
+        those of the orientation asked for, minus 1, before the last refinement. Below 0
+        the mirror image fits better. nan if no orientation was asked for or is known,
+        and for a self map.
     """
 
     C_yx: Float[Array, "c k k"]
@@ -152,15 +155,16 @@ def candidates(
     """The `num` best and different functional maps between two shapes.
 
     Args:
-        x, y: both shapes at samples, made with the same settings.
-        sign: 1 puts maps that keep orientation first, -1 those that mirror; the others
-            rank behind all of them. 0 asks for none. `orientation_sign` makes it of a
+        x, y: X and Y at samples, made with the same settings.
+        sign: 1 puts maps that preserve orientation first, -1 maps that mirror; all
+            others rank behind these. 0 asks for neither. `orientation_sign` converts a
             word.
-        self_map: X and Y are one shape. With sign -1 its symmetries are found: a map
-            costs energy as it resembles the identity. Descriptors and curvature, which
-            are most alike under the identity, take part in the energy only.
-        num: candidates to return.
-        settings: of the search.
+        self_map: whether X and Y are one shape. With sign -1 its symmetries are found:
+            the more a map resembles the identity, the more energy it has. Descriptors
+            and curvature, which agree best under the identity, then count in the energy
+            only.
+        num: number of candidates to return.
+        settings: parameters of the search.
     """
     search_pair = sample_pair(x.search_points, y.search_points, sign, self_map)
     ranking_pair = sample_pair(x.ranking_points, y.ranking_points, sign, self_map)

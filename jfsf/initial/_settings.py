@@ -33,17 +33,18 @@ FLIPS = 1 + FLIP_RANGE[1] - FLIP_RANGE[0]
 class SearchSettings:
     """How much `candidates` tries. Hashable, for static arguments.
 
-    hypotheses: functional maps that are tried, at most; time grows with them. The
-        default is all starts, the best ten of them, and these with each flip.
-    descriptor_weight: of the columns beside the eigenfunctions, once the starts are
-        refined. More exchanges hands even from a right start.
-    samples: farthest points on which hypotheses are refined.
-    final_samples: farthest points on which the last candidates are refined and ranked.
-    final_ks: sizes of the basis for the last candidates.
-    assignments: starts of `nonisometric_candidates`, which bring extremities to
-        extremities.
-    nonisometric_candidates: maps kept of these. Later ones are right where the first is
-        not.
+    hypotheses: most functional maps that are tried; time grows with their number. The
+        default allows all starts, the best ten of them again, and these with each flip.
+    descriptor_weight: weight of the columns beside the eigenfunctions, once the starts
+        are refined. With a larger one, hands are exchanged even from a right start.
+    samples: number of farthest points on which hypotheses are refined.
+    final_samples: number of farthest points on which the last candidates are refined
+        and ranked.
+    final_ks: sizes of the basis in the refinement of the last candidates.
+    assignments: number of starts of `nonisometric_candidates`, assignments of
+        extremities to extremities.
+    nonisometric_candidates: number of maps that `nonisometric_candidates` returns.
+        Later ones are right on some pairs where the first is not.
     """
 
     hypotheses: int = 160

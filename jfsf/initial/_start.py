@@ -17,11 +17,15 @@ from jfsf.initial._settings import SearchSettings
 class Start(NamedTuple):
     """Where the refinement starts.
 
-    C_yx: functions on Y pulled back to X.
-    orientation: score in [-1, 1]; nan for clouds without a surface.
-    gap: the second candidate's energy over the first's, minus 1; nan for any other map.
-    descriptor_weight: of the columns beside the eigenfunctions in its refinement.
-    mirror_gap: of the search (`Candidates.mirror_gap`); nan for any other map.
+    C_yx: the functional map to begin with: functions on Y pulled back to X.
+    orientation: its orientation score in [-1, 1]; nan for point clouds without a
+        surface.
+    gap: the energy of the search's second candidate over that of its first, minus 1;
+        nan if the start is not the first candidate of the search.
+    descriptor_weight: weight of the columns beside the eigenfunctions in the
+        refinement.
+    mirror_gap: how the mirror image compares in the search (`Candidates.mirror_gap`);
+        nan if the start does not come from the search.
     """
 
     C_yx: Float[Array, "k_x k_y"]
@@ -48,14 +52,14 @@ def search_starts(
     """The first of `candidates` with its gap to the second, and all the others.
 
     Args:
-        x, y: both shapes at samples, made with the same settings.
-        sign: of the wanted orientation (`orientation_sign`).
-        self_map: X and Y are one shape.
-        settings: of the search.
+        x, y: X and Y at samples, made with the same settings.
+        sign: sign of the wanted orientation (`orientation_sign`).
+        self_map: whether X and Y are one shape.
+        settings: parameters of the search.
 
     Returns:
-        The first, and the others along the leading axis. The gap of one of these is
-        its own energy minus that of the first: inf for a copy of a better one.
+        The first candidate, and the others along a leading axis. The gap of each other
+        one is its own energy minus that of the first: inf for a copy of a better one.
     """
     best = candidates(x, y, sign, self_map, settings=settings)
     gap = best.energy[1] / best.energy[0] - 1

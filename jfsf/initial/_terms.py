@@ -25,9 +25,13 @@ GAMMA = 0.5  # exponent of the resolvent mask, as in Ren et al. (SGP 2019)
 
 @exported
 class Weights(NamedTuple):
-    """Weights of the four terms, each of which is normalised to order 1 first.
+    """Weights of the four terms of the energy, each of which has order 1 before.
 
-    Signs count for orientation alone: negative asks for a mirrored map.
+    descriptors: weight of the term that preserves descriptors.
+    laplacian: weight of the term that commutes with the Laplacians.
+    multiplication: weight of the term that commutes with multiplication by descriptors.
+    orientation: weight of the term that preserves orientation; negative asks for a
+        mirrored map. The sign of the other weights does not matter.
     """
 
     descriptors: Float[Array, ""] | float = 1.0

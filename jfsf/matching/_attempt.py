@@ -48,11 +48,11 @@ def match_spectra(
     Args:
         spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
             mass 0 is padding.
-        landmarks, descriptors: as `jfsf.match`, one row a vertex, padding included. The
-            search reads the landmarks.
+        landmarks, descriptors: as `jfsf.match`, one row for each vertex, padding
+            included. The search reads the landmarks.
         initial: C_yx, T_xy, or a record with T_xy, in place of the search.
         orientation, self_map: as `jfsf.match`; neither compiles anew.
-        settings: of all stages; those of further attempts are not read.
+        settings: parameters of all stages; those of further attempts are not read.
 
     Raises:
         ValueError: too few eigenpairs, or arrays that do not fit the spectra.
@@ -106,9 +106,9 @@ def attempt(
         samples: `shape_samples` of both: for the refinement made with these landmarks,
             for the search without.
         start: the map to begin with.
-        sign: of the wanted orientation, see `jfsf.initial.orientation_sign`.
+        sign: sign of the wanted orientation, see `jfsf.initial.orientation_sign`.
         landmarks: vertices of X, and their partners.
-        settings: of all stages.
+        settings: parameters of all stages.
     """
     work = begin(pair, samples, start, sign, landmarks)
     for step in steps_of(landmarks):

@@ -56,10 +56,10 @@ def certify(
         maps: both maps, with their plan if there is one.
         aligned: the embeddings that were converted, and the deformed shapes.
         C_yx: the functional map of maps.T_xy.
-        pair: the spectra of X and Y; faces wound outward, or none.
-        samples: both shapes at samples, for energy and log_stretch_std.
-        sign: of the wanted orientation, 0 for any; for the confidence.
-        landmarks: vertices of X and their partners on Y; for the confidence.
+        pair: the spectra of X and Y, with faces wound outward, or without faces.
+        samples: both shapes at samples, for `energy` and `log_stretch_std`.
+        sign: sign of the wanted orientation, 0 for any; the confidence reads it.
+        landmarks: vertices of X and their partners on Y; the confidence reads them.
         settings: `features` is read.
 
     Returns:

@@ -52,46 +52,50 @@ def match(
         mesh_x, mesh_y: one connected component each (`jfsf.match_components` takes
             several), any units and sizes, 160 vertices or more
             (`Settings.min_vertices`); a mesh without faces is a point cloud.
-        orientation: "preserve" asks for the map that keeps left and right (faces are
-            wound outward first), "reverse" for its mirror image, "any" for the best of
-            both. Of a point cloud the surface is found first (`jfsf.mesh.reconstruct`);
-            where it has no clear outside, it is always "any".
-        landmarks: rows (vertex of X, vertex of Y) known to correspond; one row decides
-            a flip. One that does not fit the others is not obeyed, see
-            `Certificate.landmarks`. No rows are as None.
-        descriptors: one matrix a shape, column i of X's corresponding to column i of
-            Y's, any unit and sign. They replace the wave kernel signature, or stand
-            beside it with `FeatureSettings(keep_wks=True)`; curvature stays.
+        orientation: "preserve" asks for the map that preserves left and right (faces
+            are wound outward first), "reverse" for the map that mirrors, "any" for the
+            better of both. Of a point cloud the surface is reconstructed first
+            (`jfsf.mesh.reconstruct`); if it has no clear outside, "any" is used.
+        landmarks: (l, 2) integers, rows of a vertex of X and a vertex of Y, from 0,
+            that are known to correspond; one row decides a flip. A landmark that does
+            not fit the others is not obeyed, see `Certificate.landmarks`. No rows are
+            as None.
+        descriptors: two matrices, one row for each vertex of X and of Y. Column i of
+            one corresponds to column i of the other, in any unit and sign. They replace
+            the wave kernel signature, or are used beside it with
+            `FeatureSettings(keep_wks=True)`; curvature is always used.
         initial: a functional map C_yx in the eigenbases of `basis`, a point-to-point
             map T_xy, or a record with T_xy such as `Maps` or `Match`. It replaces the
-            search. Its own orientation is kept, whatever `orientation` says. Of C_yx
-            the leading block of `Settings.ks[0]` functions counts: 30 by default. The
-            map is kept, but others are tried on coarse copies: one that fits as well
-            makes it less sure. `Settings(retry_below=0)` leaves that out.
-        partial: one shape is a part of the other, or both overlap. Both are meshes;
-            see `same_unit` for their sizes. Landmarks and descriptors guide the search
-            for the region; the map within it is refined without the descriptors. An
-            initial map replaces that search: it is turned into a T_xy, its scale is
-            read from it, as far as `same_unit` lets it, and no other is tried. Cuts
-            change the sizes of arrays, so it runs on the host, with `match` of the cuts
-            inside: it cannot be traced. It takes one to three and a half times as long.
-            Two closed surfaces share all.
-        same_unit: with `partial`, whether both are in one unit. Then bodies may differ
-            in size by a factor of 1.5. Else sizes are not read: X is made as long as Y,
-            and 0.4 to 2.5 times that is tried, which takes longer and is less certain.
-            Sizes of whole shapes never matter.
-        settings: how each stage works, converters included.
+            search, and its own orientation is kept, whatever `orientation` says. Of
+            C_yx only the leading block of `Settings.ks[0]` functions is read, 30 by
+            default. The map is kept, but others are tried on coarse copies, and one
+            that fits as well lowers the confidence. `Settings(retry_below=0)` tries no
+            others.
+        partial: whether one shape is a part of the other, or both overlap. Both must be
+            meshes; see `same_unit` for their sizes. Landmarks and descriptors guide the
+            search for the region; the refinement within it does not use descriptors. An
+            initial map replaces that search: it is converted to T_xy, the ratio of
+                sizes
+            is read from it, as far as `same_unit` allows, and no other start is tried.
+            Cuts change the sizes of arrays, so this runs on the host and cannot be
+            traced. It takes one to three and a half times as long. Two closed surfaces
+            share everything.
+        same_unit: with `partial`, whether both shapes are in one unit. If so, bodies
+            may differ in size by a factor of 1.5. If not, sizes are ignored: X is
+            scaled to the length of Y, and 0.4 to 2.5 times that is tried, which takes
+            longer and is less reliable. Sizes of whole shapes never matter.
+        settings: parameters of each stage, and its functions, converters included.
         cache: keep spectra and compiled programs on disk (`jfsf.storage.folder`).
         progress: called with the name of each stage as it begins.
 
     Returns:
-        T_xy, T_yx, C_yx, the certificate and the confidence of each vertex, in jax's
+        T_xy, T_yx, C_yx, the certificate, the confidence of each vertex, in jax's
         default precision, and which starts were attempted (`jfsf.types.MatchInfo`).
-        With `partial` membership_x, membership_y, matched_x and matched_y of each
-        vertex in place of the last two, and the shares of the areas that are matched;
-        the certificate is that of the overlap, its gap the log odds beside those of the
-        next map that was refined, and its confidence nan unless `same_unit`. A vertex
-        that is not matched has the image nearest to it after bending.
+        With `partial` there are memberships, matched vertices and the matched shares of
+        both areas, in place of the confidence of vertices and the starts. The
+        certificate is then that of the overlap; its gap is the log odds minus those of
+        the next map that was refined, and its confidence is nan unless `same_unit`. A
+        vertex that is not matched has the image nearest to it after the deformation.
 
     Raises:
         MeshError: a mesh that cannot be matched, with the reason.
@@ -138,9 +142,9 @@ def alternatives(
             all attempts.
 
     Returns:
-        The match of each attempt, as `match` returns it, that of `match` itself first.
-        `Match.info` says of each which attempt it is (`won`) and where its start came
-        from (`start`).
+        The match of each attempt, in the form that `match` returns; the first is the
+        match that `match` itself returns. `Match.info` says which attempt each is
+        (`won`) and where its start came from (`start`).
 
     Raises:
         MeshError, ValueError: as `match`.
@@ -201,13 +205,13 @@ def attempted_pair(
     settings: Settings = Settings(),
     cache: bool = True,
 ) -> PairState:
-    """All that `match` tries: for studies of the starts and of the evidence.
+    """Every attempt of `match` on a pair, for studies of starts and of evidence.
 
     Args:
         mesh_x, mesh_y, settings, cache: as `match`.
 
     Returns:
-        Attempts on the padded shapes, and those on their coarse copies.
+        The attempts on the padded shapes, and those on their coarse copies.
 
     Raises:
         MeshError: as `match`.

@@ -130,14 +130,14 @@ def map_distances(
     *,
     distance_pairs: int = DISTANCE_PAIRS,
 ) -> np.ndarray:
-    """Mean distance of the images of X under each two maps, (m, m).
+    """Mean distance between the images of X under each two of m maps, (m, m).
 
     It is the biharmonic distance on Y, relative to that of two random vertices.
 
     Args:
         matches: of one pair.
         pair: the spectra of X and Y; mass 0 is padding.
-        distance_pairs: eigenpairs of the distance.
+        distance_pairs: number of eigenpairs that the distance is computed from.
     """
     spec_x, spec_y = pair
     points = biharmonic(spec_y, distance_pairs)

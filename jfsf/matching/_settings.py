@@ -31,61 +31,64 @@ class Settings:
     Lengths are relative to sqrt(area). Values were chosen by the mean error on FAUST
     000-079, TOSCA and the embedded shapes.
 
-    k: eigenpairs a shape, fewer for fewer than 4 k vertices: the higher ones then say
-        more of the triangles than of the shape. More than 128 make a better map before
-        the bending, hardly after it.
-    describe: makes the features of a shape: a `jfsf.matching.Describe`.
-    features: descriptors, curvature and oriented products.
-    search: the search for the initial map.
-    retry_below: where the map is less confident by its own evidence
-        (`Certificate.confidence`), other starts are tried on coarse copies
-        (`nonisometric_starts`). What ranks highest is bent on the
-        whole shapes, and kept if it is more confident. A map that is given is kept in
-        any case, but ranked. 0 leaves it out.
-    coarse_vertices: vertices of the coarse copies (`jfsf.matching`), on which all
-        further starts are tried, and which are bent first where shapes are large.
-    copies_above: vertices of the larger shape, padding included, above which `match`
-        bends coarse copies first, for `bend_rounds`. The whole shapes follow them, and
-        are bent for `last_rounds`. It takes less time, and the mean errors are smaller
-        (`experiments/fit/choose_copies.py`). Not with a `deform` of one's own.
-    nonisometric_attempts: maps of the copies that are attempted on the whole shapes,
-        those that differ and rank highest. The map so far is one of them, if it ranks
-        first: so with 1 nothing more is attempted then. With two the mean error of
-        creatures is smaller than with one, and with three no smaller; of SHREC'07 it
-        is the same (`experiments/fit/fit_attempts.py`).
-    rigid_below: where a similarity fitted to the map lays the shapes so near to each
-        other, in the mean and both ways, the nearest points after it are the start of
-        a last map, which is kept: of faces and teeth it slides less. Two disks may lie
-        twice as far apart. 0 leaves it out. Not with landmarks or a map that is given.
-        Chosen by `experiments/fit/fit_rigid.py`.
-    ks: sizes of the basis in the refinement, see `zoomout`, from that of the start to
-        the last. A larger `k` alone lengthens C_yx, not the refinement. Rounds of equal
-        size, where descriptors weigh most, correct the start. Finer schedules slide
-        away from it further; coarser ones are as good if the bending follows.
-    refine: refines a functional map: a `jfsf.matching.Refine`. That of the package
-        reads `ks`, `refine_converter` and `zoomout`.
-    refine_converter: the converter of the rounds of the refinement.
+    k: eigenpairs of each shape; fewer for a shape of fewer than 4 k vertices, whose
+        higher ones say more of the triangles than of the shape. More than 128 improve
+        the map before the deformation, but hardly after it.
+    describe: the function that makes the features of a shape: a
+        `jfsf.matching.Describe`.
+    features: parameters of the features: descriptors, curvature, oriented products.
+    search: parameters of the search for the initial map.
+    retry_below: confidence of a map, by its own evidence (`Certificate.confidence`),
+        below which further starts are tried on coarse copies. The best of these are
+        attempted on the whole shapes, and the most confident map is kept. A map that is
+        given is kept in any case, but compared with them. 0 tries no further starts.
+    coarse_vertices: number of vertices of the coarse copies (`jfsf.matching`), on which
+        all further starts are tried, and which are deformed first if shapes are large.
+    copies_above: number of vertices of the larger shape, padding included, above which
+        `match` deforms coarse copies first, for `bend_rounds`; the whole shapes follow
+        them and are deformed for `last_rounds`. It takes less time, and the mean errors
+        are smaller (`experiments/fit/choose_copies.py`). Not with a `deform` of your
+        own.
+    nonisometric_attempts: number of maps of the coarse copies that are attempted on the
+        whole shapes: those that differ and rank highest. If the map so far ranks first
+        it is one of them, so with 1 nothing more is attempted then. With two the mean
+        error of creatures is smaller than with one, and with three no smaller; on
+        SHREC'07 it is the same (`experiments/fit/fit_attempts.py`).
+    rigid_below: mean distance in sqrt(area), of both shapes to each other after a
+        similarity fitted to the map, below which the nearest points after it are the
+        start of a last map, which is kept: on faces and teeth it slides less. For two
+        disks the limit is twice as large. 0 makes no such map, nor do landmarks or a
+        map that is given. Chosen by `experiments/fit/fit_rigid.py`.
+    ks: sizes of the basis in the refinement, from that of the start to the last; see
+        `zoomout`. A larger `k` alone lengthens C_yx, not the refinement. Rounds of
+        equal size, where descriptors weigh most, correct the start. Finer schedules
+        slide further away from it; coarser ones are as good if the shapes are deformed
+        after.
+    refine: the function that refines a functional map: a `jfsf.matching.Refine`. The
+        package's own reads `ks`, `refine_converter` and `zoomout`.
+    refine_converter: the converter in the rounds of the refinement.
     zoomout: how ZoomOut weighs columns in the refinement.
-    deform: deforms both shapes: a `jfsf.matching.Deform`. That of the package reads
-        `bend_rounds`, `last_rounds` and `bend`.
-    bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
-        leaves it out. Two point clouds without surfaces (`jfsf.mesh.reconstruct`) are
-        not bent. Beside a mesh, the points of such a cloud move freely.
-    last_rounds: times that whole shapes are deformed after their coarse copies.
-    bend: how shapes are deformed.
-    converter: the last converter. The certificate needs its plan for three of its
-        figures; they are nan without one.
-    neighbours: how neighbours are searched, for all converters. Where there are no
-        tiles the search is approximate, as when the other numbers were chosen.
-    tiles_above: vertices of the larger shape, padding included, above which neighbours
-        are searched among tiles, at a cost that grows like n
+    deform: the function that deforms both shapes: a `jfsf.matching.Deform`. The
+        package's own reads `bend_rounds`, `last_rounds` and `bend`.
+    bend_rounds: number of times that both shapes are deformed onto each other, see
+        `arap`; 0 for none. Two point clouds without surfaces (`jfsf.mesh.reconstruct`)
+        are not deformed. Beside a mesh, the points of such a cloud move freely.
+    last_rounds: number of times that whole shapes are deformed after their coarse
+        copies.
+    bend: parameters of each deformation.
+    converter: the last converter. Three figures of the certificate need its plan, and
+        are nan if it returns none.
+    neighbours: how neighbours are searched, for all converters. Without tiles the
+        search is approximate, as it was when the other numbers were chosen.
+    tiles_above: number of vertices of the larger shape, padding included, above which
+        neighbours are searched among tiles, at a cost that grows like n
         (`experiments/bench/bench_large.py`).
-    samples: vertices at which the functional map of a shape is refined that has more,
-        padding included; a power of two.
-    exhaustive_up_to: vertices of the larger shape, padding included, above which all
-        points are never compared with all, and farthest points of a shape are chosen
-        among its `samples`.
-    parts: how the region is found that two shapes share, with `match(partial=True)`.
+    samples: number of samples, a power of two, at which the functional map is refined
+        if a shape has more vertices, padding included.
+    exhaustive_up_to: number of vertices of the larger shape, padding included, above
+        which all points are never compared with all, and the farthest points of a shape
+        are chosen among its `samples`.
+    parts: how `match(partial=True)` finds the region that two shapes share.
     """
 
     k: int = 128

@@ -28,10 +28,10 @@ def basis(
     """The spectrum that `match` gives a shape, whatever it is matched with.
 
     Args:
-        mesh: as `match` takes it; its faces are wound outward first. Of a point cloud
-            these are the faces that `jfsf.mesh.reconstruct` finds.
+        mesh: as `match` takes it. Its faces are wound outward first; a point cloud gets
+            those that `jfsf.mesh.reconstruct` finds.
         name, cache: as `jfsf.spectral.spectrum`.
-        settings: `k` counts, and what the search needs.
+        settings: `k` is read, and the number of eigenpairs that the search needs.
 
     Returns:
         As `jfsf.spectral.spectrum`, with `Settings.k` eigenpairs, fewer for fewer than

@@ -24,17 +24,25 @@ from jfsf.refine import arap, zoomout
 from jfsf.spectral import Features, embeddings, uniform
 from jfsf.types import Aligned, Bent, Spectrum
 
-# (spec, descriptors, landmarks, *, self_map, settings: FeatureSettings), as
-# `jfsf.spectral.features`, which explains what features are. The descriptors of
-# landmarks are the last, `FeatureSettings.landmark_times` of them for each: those of
-# landmarks that a map misses are left out of its refinement.
 Describe = Callable[..., Features]
-# (x, y, C_yx, orientation, descriptor_weight, *, settings), as `refine_by_zoomout`.
+"""(spec, descriptors, landmarks, *, self_map, settings: FeatureSettings) -> `Features`.
+
+As `jfsf.spectral.features`, which explains what features are. The descriptors of
+landmarks come last, `FeatureSettings.landmark_times` of them for each landmark: those
+of landmarks that a map misses are left out of its refinement.
+"""
 Refine = Callable[..., Float[Array, "k l"]]
-# (spec_x, spec_y, C_yx, orientation, search, *, settings), as `deform_by_arap`. One of
-# one's own is handed the functional map of whole shapes, however large they are.
-# Where it returns `moved_x` and `moved_y`, the confidence reads how well they coincide.
+"""(x, y, C_yx, orientation, descriptor_weight, *, settings) -> C_yx, refined.
+
+As `refine_by_zoomout`.
+"""
 Deform = Callable[..., Aligned]
+"""(spec_x, spec_y, C_yx, orientation, search, *, settings) -> `Aligned` embeddings.
+
+As `deform_by_arap`. A function of your own is handed the functional map of the whole
+shapes, however large they are. If it returns `moved_x` and `moved_y`, the confidence
+reads how well they coincide.
+"""
 # Recall among tiles below which the last conversion compares all points. Rounds of the
 # refinement and the bending do not check it: later ones correct what is missed.
 MIN_RECALL = 0.95
@@ -55,8 +63,9 @@ def refine_by_zoomout(
         x, y: features, whole or at samples.
         C_yx: the start; its leading block of `ks[0]` functions, if it has more.
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
-        descriptor_weight: of all these beside the eigenfunctions. Where proportions
-            differ so do descriptors: there a tenth is better.
+        descriptor_weight: weight of descriptors, curvature and oriented products
+            relative to the eigenfunctions. Where proportions differ, descriptors do
+            too: there a tenth is better.
         settings: `jfsf.Settings`: `ks`, `refine_converter`, `zoomout`. Sizes beyond the
             eigenpairs there are are cut; a smaller start adds its own size in front.
     """
@@ -95,10 +104,10 @@ def deform_by_arap(
 
     Args:
         spec_x, spec_y: with their vertices and faces.
-        C_yx: the functional map, refined. Rows of zeros are left out. Or shapes with
-            faces that are bent already, for the last rounds.
+        C_yx: the refined functional map, whose rows of zeros are left out; or, for the
+            last rounds, shapes with faces that are already deformed.
         orientation: -1 for a map that mirrors.
-        search: for neighbours.
+        search: how neighbours are searched.
         settings: `jfsf.Settings`: `bend_rounds`, `last_rounds`, `bend`. Without rounds,
             or if neither shape has faces, the embeddings are those of C_yx, in the
             direct space.

@@ -27,16 +27,17 @@ def warm_up(
     jax's same precision, on the same kind of processor.
 
     Args:
-        vertices: of the meshes. Shapes are padded, so each number stands for a range:
-            5000 for 2561 to 5120 (`common_size`). A mesh has at most twice
-            as many faces. A pair takes the size of its larger shape. Shapes of fewer
-            than 4 `Settings.k` vertices have fewer eigenpairs, and most numbers of
-            vertices programs of their own.
-        settings: as `match` is to be called with.
+        vertices: numbers of vertices of the meshes. Shapes are padded, so each number
+            stands for a range: 5000 for 2561 to 5120 (`common_size`). A mesh has at
+                most
+            twice as many faces. A pair takes the size of its larger shape. Shapes with
+            fewer than 4 `Settings.k` vertices have fewer eigenpairs, and programs for
+            most numbers of vertices.
+        settings: those that `match` will be called with.
         progress: called with a line as each step begins.
 
     Returns:
-        How many programs there are; those that were there already count.
+        The number of programs, including those that were there already.
 
     Raises:
         ValueError: fewer vertices than `match` takes, or devices other than one CPU,

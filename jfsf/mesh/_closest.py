@@ -20,12 +20,13 @@ PAIRS = 1_000_000  # of a point and a face, at a time
 
 
 class OnSurface(NamedTuple):
-    """A point on the surface for each of q points.
+    """The nearest allowed point of a surface for each of q points.
 
-    face: (q,) the face it lies on; -1 where none was allowed.
-    barycentric: (q, 3) its weights of the corners of that face; nan there.
-    position: (q, 3), where the nearest point lies.
-    distance: (q,) from the point, >= 0; inf there.
+    face: (q,) the face that the nearest point lies on; -1 where none was allowed.
+    barycentric: (q, 3) barycentric coordinates on that face; nan where none was
+        allowed.
+    position: (q, 3) coordinates of the nearest point.
+    distance: (q,) distance to it, in the unit of the mesh; inf where none was allowed.
     """
 
     face: ArrayLike
@@ -119,11 +120,11 @@ def closest(surface: SurfaceTree, points: ArrayLike) -> OnSurface:
     """The nearest point of the surface for each point, exactly.
 
     Args:
-        surface: `surface_tree`.
-        points: (q, 3), finite.
+        surface: what `surface_tree` makes of a mesh.
+        points: (q, 3) finite coordinates, in the unit of that mesh.
 
     Returns:
-        Where it lies, and how far away. Between equal distances the choice is
+        The nearest points and their distances. Between equal distances the choice is
         arbitrary.
     """
     points = np.asarray(points, float)

@@ -12,11 +12,12 @@ from jfsf.types import ArrayLike, Mesh
 class Repaired(NamedTuple):
     """A mended mesh, and where its vertices come from.
 
-    mesh: the vertices that are left, in their old order, and the faces likewise.
-    index: (n_left,) int32, the original vertex of each vertex.
-    partner: (n,) int32, the vertex that each original one became, -1 if it was removed.
-        `partner[index]` counts from 0 on.
-    done: what was done, one phrase each, with numbers; empty if nothing was wrong.
+    mesh: the vertices and faces that are left, each in their old order.
+    index: (n_left,) int32, the original number of each vertex that is left.
+    partner: (n,) int32, the number that each original vertex has in `mesh`, -1 if it
+        was removed. `partner[index]` counts from 0 on.
+    done: what was done, a phrase with numbers for each step; empty if nothing was
+        wrong.
     """
 
     mesh: Mesh

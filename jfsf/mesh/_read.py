@@ -35,8 +35,9 @@ COMPRESSED = (".gz", ".bz2", ".xz")
 class Reading(NamedTuple):
     """What `read_noted` finds.
 
-    mesh: of the file.
-    notes: what was passed over that the format does not allow, a sentence each.
+    mesh: the mesh of the file.
+    notes: a sentence for each thing that the format does not allow and that was
+        skipped.
     """
 
     mesh: Mesh
@@ -51,7 +52,8 @@ def read(path: str | os.PathLike[str], *, finite: bool = True) -> Mesh:
     arrays of numpy (.npy); and all of them compressed (.gz, .bz2, .xz), as scan.ply.gz.
     Polygons become triangles in their place, see `triangulate`; colours, normals and
     the like are dropped. STL has no vertex numbers, so exactly equal points become one
-    vertex there. Each of the notes of `read_noted` is a UserWarning.
+    vertex there. Each note of `read_noted` becomes a UserWarning. Text is UTF-8, or
+    UTF-16 with a byte order mark.
 
     Args:
         path: the suffix says the format. A file without faces is a point cloud.
@@ -61,9 +63,10 @@ def read(path: str | os.PathLike[str], *, finite: bool = True) -> Mesh:
         The mesh, as the file winds it: see `orient`, and `validate` before matching.
 
     Raises:
-        MeshError: no such file, unknown or broken format, cut short, a library that is
-            not installed, a face with fewer than three vertices or with one out of
-            range, no vertices, or some that are not finite.
+        MeshError: no such file; an unknown format; a broken or truncated file, or a
+            stand-in (a pointer of Git LFS, a web page); a library that is not
+            installed; a face with fewer than three vertices or with one out of range;
+            no vertices, or some that are not finite.
     """
     found = read_noted(path, finite=finite)
     for note in found.notes:
@@ -72,7 +75,15 @@ def read(path: str | os.PathLike[str], *, finite: bool = True) -> Mesh:
 
 
 def read_noted(path: str | os.PathLike[str], *, finite: bool = True) -> Reading:
-    """As `read`, with what was passed over as notes instead of warnings."""
+    """Read a mesh as `read` does, with notes on what was skipped instead of warnings.
+
+    Args:
+        path: the file; its suffix gives the format.
+        finite: False lets vertices pass whose coordinates are not finite.
+
+    Raises:
+        MeshError: as `read`.
+    """
     path = Path(path)
     suffix, _ = _format(path)
     if not path.is_file():

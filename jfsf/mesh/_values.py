@@ -39,7 +39,7 @@ class MeshError(InputError):
 
     what: what is wrong with it.
     advice: what to do; "" if that is plain.
-    name: of the mesh: its file or argument; "" if it is not known.
+    name: the mesh's file or argument; "" if it is not known.
     """
 
 

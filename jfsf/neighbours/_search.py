@@ -24,28 +24,29 @@ class NeighbourSettings:
 
     Exhaustive search:
 
-    margin: candidates beyond k0 of `neighbours`. float32 selects them, and the input's
-        precision ranks them again.
-    bins: None finds all neighbours. A number asks for an approximate search: of so many
-        bins of points for each neighbour, or up to twice as many, one point each is
-        found. With 12 up to 4 % of the neighbours are missed (tests/test_mutual.py),
-        never the nearest, and a filter takes two thirds of the time
-        (experiments/bench/bench_filter.py).
+    margin: candidates beyond k0 that `neighbours` selects in float32, before it ranks
+        them in the precision of the input.
+    bins: None finds all neighbours. A number asks for an approximate search, which
+        divides the points into that many bins for each neighbour, or up to twice as
+        many, and finds the nearest point of each bin. With 12, up to 4 % of the
+        neighbours are missed (tests/test_mutual.py), never the nearest, and a filter
+        takes two thirds of the time (experiments/bench/bench_filter.py).
 
     Tiles:
 
-    tile_size: points of a tile, at most.
+    tile_size: number of points in a tile, at most.
 
     Search among tiles:
 
-    tiles: tiles whose points are compared with a block of queries; even. More are
-        taken where 6 candidates for each of the k0 neighbours need them.
-    checked: queries of each direction that are compared with the exhaustive search to
-        estimate the recall. The standard error is 0.5 / sqrt(checked) at most.
-    tolerance: relative difference between a distance and the smallest that still counts
+    tiles: number of tiles whose points are compared with a block of queries; even. More
+        are taken if there would be fewer than 6 candidates for each of k0 neighbours.
+    checked: number of queries, in each direction, that are compared with the exhaustive
+        search to estimate the recall. Its standard error is at most 0.5 /
+        sqrt(checked).
+    tolerance: relative excess over the smallest distance up to which a neighbour counts
         as found. On a mesh of 300 000 vertices the second nearest neighbour is 0.1 %
-        farther than the nearest, which is less than the error of the map. It is no
-        reason to compare all points.
+        farther than the nearest, less than the error of the map: no reason to compare
+        all points.
     """
 
     margin: int = 3
@@ -83,12 +84,12 @@ class NeighbourSearch:
     A pytree: tiles are traced, the rest is static. So jit and vmap take it as they take
     an array, and equal static fields share a program.
 
-    tiles: of X and of Y (`spectral_tiles`), to search among candidates at a cost that
-        grows like n. None: all points are compared.
+    tiles: the tiles of X and of Y (`spectral_tiles`), to search among candidates at a
+        cost that grows like n. None: all points are compared.
     min_recall: estimated recall among tiles below which all points are compared. 0
         leaves the comparison out of the program: for rounds of a refinement, where
         later rounds correct what is missed, and for shapes that are too large for it.
-    settings: the tuned numbers of the search.
+    settings: the parameters of the search.
     """
 
     tiles: tuple[Tiles, Tiles] | None = None

@@ -39,15 +39,18 @@ SQUARINGS = 8  # of a 4 x 4 matrix: its 256th power is the leading eigenvector's
 
 @dataclass(frozen=True)
 class ArapSettings:
-    """How shapes are deformed. Hashable, for static arguments. sqrt(area) is 1.
+    """How shapes are deformed. Hashable, for static arguments.
 
-    reach: length in sqrt(area) below which the motion of a map is smoothed.
-    normal_weight: half the distance that opposite normals count for, in sqrt(area).
-    rotation_updates: rotations, each followed by a linear solve, in one deformation.
-    max_steps: steps of conjugate gradients in a solve, at most.
-    tolerance: relative residual at which they stop.
-    stiffness_range: least and greatest cotangent. That of an obtuse corner is negative,
-        that of a degenerate triangle infinite.
+    reach: length, in sqrt(area), below which the motion that a map asks for is
+        smoothed.
+    normal_weight: half the distance, in sqrt(area), that opposite normals count for.
+    rotation_updates: updates of the rotations in one deformation, each followed by a
+        linear solve.
+    max_steps: most steps of conjugate gradients in a linear solve.
+    tolerance: relative residual at which conjugate gradients stop.
+    stiffness_range: smallest and largest cotangent; others are clipped. Without it the
+        cotangent of an obtuse corner is negative, that of a degenerate triangle
+        infinite.
     """
 
     reach: float = 0.04
@@ -79,15 +82,15 @@ def arap(
     """Refine maps that are nearly right; convert what it returns for the final ones.
 
     Args:
-        spec_x, spec_y: with vertices and faces, wound outward; mass 0 is padding. The
-            eigenpairs only make the solves shorter.
-        start: maps both ways, or shapes that lie near to each other already.
-        orientation_sign: -1 for maps that mirror, else 1.
-        rounds: deformations of both shapes, with a conversion between two, and one
-            before the first if the start is no maps.
+        spec_x, spec_y: spectra with vertices, and with faces wound outward; mass 0 is
+            padding. The eigenpairs only shorten the linear solves.
+        start: maps in both directions, or shapes already deformed near to each other.
+        orientation_sign: -1 for maps that mirror, 1 otherwise.
+        rounds: how often both shapes are deformed. The maps are converted again between
+            two rounds, and before the first if `start` is not maps.
         converter: any `jfsf.convert.Converter`.
         search: how neighbours are searched, handed to the converter.
-        settings: of the deformation.
+        settings: parameters of the deformation.
 
     Returns:
         Aligned embeddings (emb_x, emb_y) in units of sqrt(area). A row of emb_x holds
@@ -191,9 +194,9 @@ def deform(
         surface: the shape at rest.
         target: the position that each vertex is drawn to.
         start: positions to begin with.
-        spec: of the same shape, with the masses of `surface`. Each solve then begins
-            with what its eigenfunctions can express of the solution: conjugate
-            gradients take long for what is smooth.
+        spec: the spectrum of the same shape, with the masses of `surface`. Each solve
+            then begins with what its eigenfunctions can express of the solution:
+            conjugate gradients take long for what is smooth.
         settings: see `ArapSettings`.
 
     Returns:

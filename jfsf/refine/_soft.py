@@ -25,9 +25,9 @@ from jfsf.types import Filtered, Spectrum
 soft_sinkhorn: partial[Filtered] = partial(
     sinkhorn, k0=10, lam=10.0, num_iters=12, relax=1.0
 )
-soft_sinkhorn.__doc__ = """`sinkhorn` so soft that a row of the plan has a slope.
+soft_sinkhorn.__doc__ = """`sinkhorn` with a kernel soft enough for derivatives.
 
-With ten neighbours and twelve plain updates.
+It uses ten neighbours and twelve plain updates.
 Arguments and result are those of `jfsf.convert.sinkhorn`.
 """
 
@@ -65,7 +65,12 @@ def soft_map(
 def soft_functional_map(
     filtered: Filtered, spec_x: Spectrum, spec_y: Spectrum
 ) -> Float[Array, "k_x k_y"]:
-    """C_yx of a plan: Phi_X^+ S Phi_Y, the rows of S divided by their sums."""
+    """The functional map C_yx = Phi_X^+ S Phi_Y of a plan S, its rows scaled to sum 1.
+
+    Args:
+        filtered: the result of a filter between the vertices of X and Y.
+        spec_x, spec_y: the spectra, whose eigenpairs give the size of C_yx.
+    """
     return coefficients(pull_back(filtered, spec_y.evecs), spec_x)
 
 

@@ -35,10 +35,10 @@ MIN_SCAN_STEPS = 6
 class ZoomOutSettings:
     """How ZoomOut weighs the columns that it compares. Hashable, for static arguments.
 
-    slack: mean square by which a column may differ under the map so far before it loses
-        weight; an eigenfunction's own mean square is 1.
-    pulled_back: eigenfunctions of Y whose oriented products are compared.
-    oriented_weight: root mean square of such a column over Y.
+    slack: mean square by which a column may differ between the shapes, under the map so
+        far, before it loses weight; an eigenfunction's own mean square is 1.
+    pulled_back: number of eigenfunctions of Y whose oriented products are compared.
+    oriented_weight: root mean square over Y of a column of oriented products.
     """
 
     slack: float = 0.05

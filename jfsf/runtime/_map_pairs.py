@@ -46,16 +46,16 @@ def map_pairs(
         function: pure; the same object in each call, or it compiles anew.
         inputs: tuples of records of arrays. Numbers among them, which are no arrays,
             are not stacked: inputs that differ in them do not share a call.
-        devices: those that share the work; all of this process when absent.
-        pairs: inputs a call of the program, rounded up to fill the devices; memory
-            grows with them.
+        devices: devices that share the work; all of this process when absent.
+        pairs: how many inputs one call of the program takes, rounded up to fill the
+            devices; memory grows with it.
         batch_size: inputs vmapped at a time on a device. When absent, the whole shard
             on an accelerator, and one on a CPU, where several compete for the cache.
         fast_compile: compile in less time a program that may run a little longer
             (`large_jit`).
         called: what an input is called, with its number, before the message of an
             error; None leaves the message as it is.
-        options: of `function`, hashable; they are static.
+        options: hashable options of `function`; they are static.
 
     Returns:
         The results in the order of the inputs, as numpy arrays.

@@ -63,7 +63,8 @@ def hks(
     """Heat kernel signature at `num` log-spaced times, long to short.
 
     Times run from 4 ln 10 / evals[1] to 4 ln 10 / evals[-1]; each column is divided by
-    the heat trace. Arguments, result and errors as `wks`, the constant included.
+    the heat trace. Arguments, result and errors are those of `wks`, but the constant
+    eigenfunction takes part too.
     """
     _check("hks", spec, num)
     dtype = spec.evals.dtype

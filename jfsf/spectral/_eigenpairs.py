@@ -58,14 +58,15 @@ def spectrum(
 
     Args:
         mesh: one connected component, every vertex used; any unit of length.
-        k: number of eigenpairs, the constant included; at most one a vertex.
+        k: number of eigenpairs, the constant included; at most one for each vertex.
         laplacian: "auto" takes "cotan" for a clean manifold and "robust" otherwise
             (non-manifold, degenerate or repeated faces, point clouds).
         mass: lumped areas for "cotan"; "robust" brings its own.
-        tol: of the residuals, see `largest_eigenpairs`. With the default, eigenvalues
-            are right to 1e-4, and so is the space of all eigenvectors but the last
-            tenth; maps are as good as with more digits. 1e-9 gives eight of them, in
-            more time; below 1e-4 meshes of more than 50 000 vertices take more memory.
+        tol: tolerance of the residuals, see `largest_eigenpairs`. With the default,
+            eigenvalues are right to 1e-4, and so is the space of all eigenvectors but
+            the last tenth; maps are as good as with more digits. 1e-9 gives eight of
+            them, in more time; below 1e-4 meshes of more than 50 000 vertices take more
+            memory.
         cache: keep the result in the user's cache folder (`cache.folder`), keyed by the
             mesh's content and the settings.
         name: opens the message of a MeshError: the file, or the argument.

@@ -25,15 +25,17 @@ from jfsf.types import Spectrum
 class FeatureSettings:
     """How the features of a shape are made. Hashable, for static arguments.
 
-    wks_energies: energies of the wave kernel signature.
-    wks_step: one energy in so many is kept, as neighbouring ones are nearly equal.
-    keep_wks: keep these columns beside descriptors of the user's.
-    landmark_times: heat kernel signatures a landmark.
-    curvature_times: heat times of the curvature on the shape of area 1, no unit; see
-        `curvature`.
-    curvature_weight: of a standardised curvature column beside a standardised
-        descriptor column.
-    oriented_functions: eigenfunctions of the oriented products; see `brackets`.
+    wks_energies: number of energies of the wave kernel signature.
+    wks_step: every so many energies of the wave kernel signature one is kept, as
+        neighbouring ones are nearly equal.
+    keep_wks: whether the wave kernel signature is kept beside descriptors that are
+        given.
+    landmark_times: number of heat kernel signatures made of each landmark.
+    curvature_times: heat times of the curvature on the shape of area 1, without a unit;
+        see `curvature`.
+    curvature_weight: weight of a standardised curvature column relative to a
+        standardised descriptor column.
+    oriented_functions: number of eigenfunctions in the oriented products of gradients.
     """
 
     wks_energies: int = 100
@@ -54,13 +56,14 @@ class Features(NamedTuple):
     """A shape, and columns that tell its points apart beside the eigenfunctions.
 
     spec: the spectrum, whole or restricted to samples.
-    descriptors: as they were given; column i corresponds to column i of the other
-        shape. They rank maps.
-    curvature: standardised columns; they rank maps too.
+    descriptors: descriptors as they were given; column i corresponds to column i of the
+        other shape. They rank maps.
+    curvature: standardised columns of curvature; like descriptors, they rank maps.
     columns: what refinement appends to the eigenfunctions: standardised descriptors and
         weighted curvature. 0 for a self map, since a shape resembles itself most under
         the identity.
-    brackets: `brackets`; they do not know how many vertices there are.
+    brackets: oriented products of eigenfunctions (`brackets`), whose size does not
+        depend on the number of vertices.
     """
 
     spec: Spectrum
@@ -103,14 +106,15 @@ def features(
 
     Args:
         spec: faces wound outward, or none: then nothing is known of orientation.
-        descriptors: of any unit and sign; the wave kernel signature when absent.
+        descriptors: one row for each vertex, in any unit and sign; the wave kernel
+            signature when absent.
         landmarks: vertices, in range (not checked), in the order of the other shape's.
             Heat kernel signatures seen from them are appended to the descriptors.
         self_map: whether the shape will be matched with itself; may be traced.
         settings: see `FeatureSettings`.
 
     Raises:
-        ValueError: descriptors without one row a vertex.
+        ValueError: descriptors without one row for each vertex.
     """
     if descriptors is not None and (
         descriptors.ndim != 2 or len(descriptors) != len(spec.mass)

@@ -31,8 +31,8 @@ def functional_map(
             least squares one. X needs as many vertices as eigenpairs, or more.
 
     Raises:
-        ValueError: T_xy does not have one entry a vertex of X, or X has fewer vertices
-            than eigenpairs.
+        ValueError: T_xy does not have one entry for each vertex of X, or X has fewer
+            vertices than eigenpairs.
     """
     if T_xy.shape != (len(spec_x.evecs),):
         raise ValueError(
@@ -96,7 +96,7 @@ def embeddings(
 def polar(C_yx: Float[Array, "k_x k_y"]) -> Float[Array, "k_x k_y"]:
     """The nearest matrix with orthonormal columns (or rows): U V^T of the SVD.
 
-    Of a matrix without full rank there are many, and it is one of them.
+    A matrix without full rank has many such; one of them is returned.
     """
     return _polar(C_yx)
 
@@ -124,14 +124,14 @@ def _polar_slope(primals, tangents):
 
 
 def truncate(spec: Spectrum, k: int) -> Spectrum:
-    """The first k eigenpairs of `spec`."""
+    """The spectrum with its first k eigenpairs only."""
     if not 1 <= k <= len(spec.evals):
         raise ValueError(f"truncate: k is {k}, there are {len(spec.evals)} eigenpairs")
     return spec._replace(evals=spec.evals[:k], evecs=spec.evecs[:, :k])
 
 
 def truncate_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Spectrum, Spectrum]:
-    """Both spectra with equally many eigenpairs: the number of the shorter one."""
+    """Cut both spectra to the number of eigenpairs of the shorter one."""
     k = min(len(spec_x.evals), len(spec_y.evals))
     return truncate(spec_x, k), truncate(spec_y, k)
 

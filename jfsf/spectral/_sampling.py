@@ -38,7 +38,7 @@ def farthest_points(
         among: the vertices to choose from; all when absent. Of a large shape, some that
             are spread evenly (`even_points`) save time.
         num: how many.
-        distance_pairs: eigenpairs of the distance.
+        distance_pairs: number of eigenpairs of the distance.
 
     Raises:
         ValueError: `num` is not in 1..n, or above the length of `among`.
@@ -123,8 +123,13 @@ def restrict(
     """The spectrum at the vertices `at`, each with the mass of the cell around it.
 
     Eigenvectors are rows of the full ones, so they are orthonormal only roughly. The
-    faces, which belong to the full mesh, are dropped. A sample that is padding, or one
-    again, has mass 0.
+    faces, which belong to the full mesh, are dropped. A sample that is padding, or that
+    repeats another, has mass 0.
+
+    Args:
+        spec: n vertices.
+        at: (s,) vertices, in range (not checked).
+        distance_pairs: number of eigenpairs of the distance that defines the cells.
     """
     points = biharmonic(spec, distance_pairs)
     cell = neighbours(points, points[at], spec.mass[at] > 0, k0=1).idx[:, 0]

@@ -78,7 +78,10 @@ def _options(
     version: Annotated[
         bool,
         typer.Option(
-            "--version", callback=_version, is_eager=True, help="Print it and stop."
+            "--version",
+            callback=_version,
+            is_eager=True,
+            help="Print the version and exit.",
         ),
     ] = False,
 ) -> None:
@@ -94,10 +97,10 @@ def demo(
         "jfsf-demo"
     ),
     report: Annotated[
-        bool, typer.Option("--report", help="Write a page to look at, too.")
+        bool, typer.Option("--report", help="Also write a report (.html).")
     ] = False,
 ) -> None:
-    """Match two embedded shapes; compare nearest neighbour and Sinkhorn.
+    """Match two embedded shapes; compare nearest neighbours with Sinkhorn.
 
     Example: jfsf demo --pair man_walk woman_up --out results --report
     """
@@ -132,10 +135,10 @@ def warm_up(
 ) -> None:
     """Compile what jfsf match needs, and keep it in the cache folder.
 
-    Then the first match on this machine takes no longer than later ones: for the image
-    of a container, or the nodes of a cluster. Meshes are padded to common sizes, so one
-    number stands for a range, 5000 for 2561 to 5120 vertices. Programs serve one kind
-    of processor, and one version of jfsf and jax.
+    Then the first match on this machine takes no longer than later ones: for container
+    images, or the nodes of a cluster. Meshes are padded to common sizes, so one number
+    stands for a range, 5000 for 2561 to 5120 vertices. Programs serve one kind of
+    processor, and one version of jfsf and jax.
 
     Example: jfsf warm-up 1000 5000 20000
     """
@@ -152,7 +155,10 @@ def warm_up(
 @app.command()
 def shapes(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="For the files; made if need be.")
+        Path,
+        typer.Argument(
+            metavar="FOLDER", help="Folder for the files; created if needed."
+        ),
     ],
 ) -> None:
     """Write the embedded shapes as mesh files: twelve posed people, under CC0.
@@ -185,10 +191,10 @@ def cache(
         bool, typer.Option("--clear", help="Remove all spectra and programs.")
     ] = False,
 ) -> None:
-    """Show the cache folder: how much it holds, and what it may hold.
+    """Show the cache folder: how much it holds, and its limit.
 
     JFSF_CACHE names the folder and JFSF_CACHE_LIMIT its limit in gigabytes; beyond it
-    the files that were not used for longest are removed. Other files are left alone.
+    the least recently used files are removed. Other files are left alone.
 
     Example: jfsf cache --clear
     """

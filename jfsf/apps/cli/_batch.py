@@ -44,11 +44,10 @@ def batch(
         Path,
         typer.Argument(
             metavar="PAIRS.csv",
-            help="Two mesh paths a line, relative to this file, with a comma, a "
-            "semicolon or a tab between. Titles in the first line name further "
-            "columns: orientation, "
-            "largest_component, partial, repair, landmarks, landmarks_x, landmarks_y, "
-            "gt_x, gt_y. What a line says goes before the options.",
+            help="Two mesh paths on each line, relative to this file, separated by a "
+            "comma, a semicolon or a tab. Titles in the first line name further "
+            "columns: orientation, largest_component, partial, repair, landmarks, "
+            "landmarks_x, landmarks_y, gt_x, gt_y. A line overrides the options.",
         ),
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")],
@@ -63,15 +62,16 @@ def batch(
     any_unit: opt.AnyUnitOption = False,
     repair: opt.RepairOption = False,
     png: Annotated[
-        bool, typer.Option("--png", help="A picture of each map (needs matplotlib).")
+        bool,
+        typer.Option("--png", help="Write a picture of each map (needs matplotlib)."),
     ] = False,
     exports: Annotated[
         list[Format] | None,
         typer.Option(
             "--export",
             metavar="FORMAT",
-            help="X in the colours of Y, a file a pair: ply, obj or glb. May be given "
-            "several times.",
+            help="Write, for each pair, X in the colours of Y: ply, obj or glb. May be "
+            "given several times.",
         ),
     ] = None,
     checker: opt.CheckerOption = False,
@@ -79,7 +79,8 @@ def batch(
     report: Annotated[
         bool,
         typer.Option(
-            "--report", help="A page a pair, and index.html with links to all."
+            "--report",
+            help="Write a report of each pair, and index.html with links to all.",
         ),
     ] = False,
     base: opt.BaseOption = None,
@@ -88,10 +89,10 @@ def batch(
 ) -> None:
     """Match many pairs of meshes, as match does each; needs dask.distributed.
 
-    Writes X__Y.npz a pair, and summary.csv and summary.json of all, the least
-    confident first. Run it again to continue a stopped run, or to add pairs: results
-    that are not older than their files, and whose line says the same, are kept. Exit
-    code 1 if a pair failed; the others are matched all the same.
+    Writes X__Y.npz for each pair, and summary.csv and summary.json of all pairs, the
+    least confident first. Run it again to continue a stopped run, or to add pairs:
+    results are kept if they are not older than their files and their line is the same.
+    Exit code 1 if a pair failed; the others are matched.
 
     Example: jfsf batch pairs.csv --out maps --report
     """

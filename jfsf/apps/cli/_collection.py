@@ -56,30 +56,32 @@ def collection(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="The mesh whose topology all get; the most central one if absent.",
+            help="The mesh whose topology all shapes get; by default the most central "
+            "one.",
         ),
     ] = None,
     landmarks: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Landmarks of --template, to be carried to all: .mrk.json, .fcsv, "
-            ".pp, .csv or .txt.",
+            help="Landmarks of --template, which are carried to all shapes: .mrk.json, "
+            ".fcsv, .pp, .csv or .txt.",
         ),
     ] = None,
     labels: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Labels of --template, one a vertex or one a face, to be carried to "
-            "all: .npy, .csv, .txt or .seg, or .json of parts.",
+            help="Labels of --template, one for each vertex or each face, which are "
+            "carried to all shapes: .npy, .csv, .txt or .seg, or .json of parts.",
         ),
     ] = None,
     values: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Numbers of the vertices of --template, likewise: .npy, .csv or .txt.",
+            help="Numbers of the vertices of --template, which are carried to all "
+            "shapes: .npy, .csv or .txt.",
         ),
     ] = None,
     scheduler: opt.SchedulerOption = None,
@@ -88,41 +90,45 @@ def collection(
     mirror: Annotated[
         Mirrored,
         typer.Option(
-            help="Shapes that are mirror images of the template, such as left bones "
-            "among right ones: name them and leave them out, or mirror them back, in "
-            "x (auto). Looked for with --orientation preserve.",
+            help="What to do with shapes that are mirror images of the template, such "
+            "as left bones among right ones: name them and leave them out (name), or "
+            "mirror them back in x (auto). Only with --orientation preserve.",
         ),
     ] = Mirrored.named,
     scale: Annotated[
         bool,
-        typer.Option("--scale", help="Take differences of size out of the model."),
+        typer.Option("--scale", help="Remove differences of size from the model."),
     ] = False,
     largest_component: Annotated[
         bool,
         typer.Option(
-            "--largest-component", help="Take the largest pieces only; see match."
+            "--largest-component",
+            help="Use only the component with the largest area of each shape.",
         ),
     ] = False,
     repair: Annotated[
-        bool, typer.Option("--repair", help="Repair all meshes first, see info.")
+        bool,
+        typer.Option(
+            "--repair", help="Repair all meshes first, as jfsf info --help says."
+        ),
     ] = False,
     report: Annotated[
         bool,
         typer.Option(
             "--report",
-            help="index.html with all shapes and pairs, a page a shape, and model.html "
-            "with sliders for the modes.",
+            help="Write index.html with all shapes and pairs, a report of each shape, "
+            "and model.html with sliders for the modes.",
         ),
     ] = False,
 ) -> None:
     """Give all meshes of a folder one topology, and fit a shape model.
 
     Matches a sparse graph of pairs, leaves out maps that disagree with the others, and
-    puts the most central shape, the template, onto every other. Writes registered/*.ply
-    (the template's faces on each shape), maps/*.npz, summary.csv, model.npz (mean,
-    modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that fit none
-    are named and left out. Run it again to continue a stopped run, or to add shapes.
-    Exit code 1 if a shape was left out.
+    deforms the most central shape, the template, onto every other. Writes
+    registered/*.ply (the template on each shape), maps/*.npz, summary.csv, model.npz
+    (mean, modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that
+    no trusted map reaches are named and left out. Run it again to continue a stopped
+    run, or to add shapes. Exit code 1 if a shape was left out.
 
     Example: jfsf collection scans --out model --report
     """

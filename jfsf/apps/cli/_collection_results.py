@@ -1,4 +1,4 @@
-"""The results of `jfsf collection`: a row a shape, the model, and an index.
+"""The results of `jfsf collection`: a row for each shape, the model, and an index.
 
 Carried to each shape are landmarks, labels and values of the template.
 """
@@ -89,7 +89,7 @@ def write_model_of(
 
 
 def table(rows, title: str) -> Table:
-    """A line a shape, those to be looked at first."""
+    """A line for each shape, those to be looked at first."""
     joined = sum(not row["reason"] for row in rows)
     shown = Table(title=f"{len(rows)} shapes, {joined} joined; {escape(title)}")
     shown.add_column("shape")

@@ -20,17 +20,17 @@ def info(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Write the repaired mesh: .ply, .obj or .glb. Its vertices have other "
-            "numbers; jfsf.mesh.repair tells which.",
+            help="Write the repaired mesh: .ply, .obj or .glb. Its vertices are "
+            "renumbered; in Python jfsf.mesh.repair returns both numberings.",
         ),
     ] = None,
 ) -> None:
-    """Examine a mesh file, say whether it can be matched, and what would mend it.
+    """Examine a mesh file: whether it can be matched, and what would mend it.
 
-    A repair removes vertices whose coordinates are not finite; merges those with equal
-    ones; removes duplicate faces, small pieces and vertices without a face; mends faces
-    without area and spikes; and winds the faces outward. Exit code 0 if the mesh can be
-    matched, repaired if a file for it is named, and 1 if not.
+    A repair removes vertices whose coordinates are not finite; merges vertices with
+    equal coordinates; removes duplicate faces, small components and vertices without a
+    face; mends spikes and faces without area; and winds the faces outward. Exit code 0
+    if the mesh can be matched (after the repair, if --repair is given), 1 if not.
 
     Example: jfsf info scan.obj --repair scan.ply
     """

@@ -34,16 +34,16 @@ def match(
     y: opt.MeshY,
     out: Annotated[Path, typer.Option(help="The .npz to write.")],
     png: Annotated[
-        Path | None, typer.Option(help="A picture of the map (needs matplotlib).")
+        Path | None, typer.Option(help="Write a picture of the map (needs matplotlib).")
     ] = None,
     export: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="X in the colours of Y, those of its file if it has any, for MeshLab, "
-            "Blender and the like: .ply, .obj or .glb. PLY and GLB hold the confidence "
-            "of each vertex too, or of parts the membership. May be given several "
-            "times.",
+            help="Write X in the colours of Y's file, or of Y coloured by place, for "
+            "MeshLab, Blender and the like: .ply, .obj or .glb. PLY and GLB also hold "
+            "the confidence of each vertex, or for parts its membership. May be given "
+            "several times.",
         ),
     ] = None,
     checker: opt.CheckerOption = False,
@@ -53,13 +53,15 @@ def match(
         typer.Option(
             "--register",
             metavar="FILE",
-            help="X deformed onto Y by the map, as jfsf register does: .ply, .obj or "
-            ".glb.",
+            help="Write X deformed onto Y by the map, as jfsf register does: .ply, "
+            ".obj or .glb.",
         ),
     ] = None,
     report: Annotated[
         Path | None,
-        typer.Option(help="A page (.html) to turn both shapes in and judge the map."),
+        typer.Option(
+            help="Write a report (.html) to turn both shapes and judge the map."
+        ),
     ] = None,
     gt_x: opt.GroundTruthX = None,
     gt_y: opt.GroundTruthY = None,
@@ -73,9 +75,10 @@ def match(
         bool,
         typer.Option(
             "--components",
-            help="Match all pieces of X to those of Y, the best assignment. Maps count "
-            "the vertices of the files, -1 where a vertex belongs to no piece with a "
-            "partner; the file has the pair and its confidence for each vertex.",
+            help="Match all pieces (connected components) of X to those of Y. Maps "
+            "count the vertices of the files, and are -1 where a vertex belongs to "
+            "no piece with a partner. The file has the pair of each vertex, and the "
+            "confidence of each pair.",
         ),
     ] = False,
     partial: opt.PartialOption = False,
@@ -84,12 +87,12 @@ def match(
     no_cache: opt.NoCacheOption = False,
     up: opt.UpOption = opt.Up.y,
 ) -> None:
-    """Map two meshes to each other, both ways.
+    """Compute point-to-point maps between two meshes, in both directions.
 
-    Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
-    counted from 0), C_yx (the functional map), certificate_* (evidence of quality),
-    confidence_x and confidence_y (how likely each vertex is mapped right) and info_*
-    (which starts were attempted, and how long it took).
+    Writes T_xy (the vertex of Y for each vertex of X), T_yx (the vertex of X for each
+    vertex of Y; both int32, from 0), C_yx (the functional map), certificate_* (evidence
+    of quality), confidence_x and confidence_y (the probability that each vertex is
+    mapped right) and info_* (which starts were attempted, and how long it took).
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """

@@ -31,7 +31,7 @@ class Up(StrEnum):
     minus_z = "-z"
 
 
-FORMATS = f"{', '.join(SUFFIXES)}; also packed, {', '.join(COMPRESSED)}."
+FORMATS = f"{', '.join(SUFFIXES)}; also compressed, {', '.join(COMPRESSED)}."
 MeshX = Annotated[Path, typer.Argument(metavar="X", help=FORMATS)]
 MeshY = Annotated[Path, typer.Argument(metavar="Y", help=FORMATS)]
 MapFile = Annotated[
@@ -42,14 +42,16 @@ MapFile = Annotated[
 ]
 OrientationOption = Annotated[
     Orientation,
-    typer.Option(help="Keep left and right, swap them, or take the better map."),
+    typer.Option(
+        help="Preserve left and right, exchange them, or take the better map."
+    ),
 ]
 LandmarksOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="Text file of known pairs: a line holds a vertex of X and one of Y, "
-        "counted from 0.",
+        help="Text file of known pairs: each line holds a vertex of X and a vertex of "
+        "Y, counted from 0.",
     ),
 ]
 LandmarksXOption = Annotated[
@@ -58,23 +60,25 @@ LandmarksXOption = Annotated[
         metavar="FILE",
         help="Landmarks of X: .mrk.json or .fcsv (3D Slicer), .pp (MeshLab), "
         ".particles (ShapeWorks), or a table of name,x,y,z or name,vertex (.csv, "
-        ".tsv, .txt). Goes with those of Y, of --landmarks-y or of a line of a batch; "
-        "they are paired by name, or by order.",
+        ".tsv, .txt). They are paired with those of Y (--landmarks-y, or a column of a "
+        "batch) by name, or by order.",
     ),
 ]
 LandmarksYOption = Annotated[
     Path | None,
     typer.Option(
         metavar="FILE",
-        help="The same for Y; in a batch, those of one template for all pairs.",
+        help="Landmarks of Y, in any format of --landmarks-x; in a batch, those of one "
+        "template for all pairs.",
     ),
 ]
 LargestOption = Annotated[
     bool,
     typer.Option(
         "--largest-component",
-        help="Match the largest pieces only. Maps then count kept vertices; "
-        "index_x and index_y in the file hold their numbers in X and Y.",
+        help="Match only the connected component with the largest area of each shape. "
+        "Maps then count the kept vertices; index_x and index_y in the file hold their "
+        "numbers in the files of X and Y.",
     ),
 ]
 PartialOption = Annotated[
@@ -82,72 +86,85 @@ PartialOption = Annotated[
     typer.Option(
         "--partial",
         help="One shape is a part of the other, or both overlap. "
-        "The file then has matched_x and matched_y, the vertices that both have, "
-        "membership_x and membership_y, how clearly, and the shares of the areas. "
-        "Pictures, pages and exported meshes show the others in grey.",
+        "The file then also has matched_x and matched_y (whether a vertex is in the "
+        "shared region), membership_x and membership_y (how clearly it is) and the "
+        "shares of the areas. Pictures, reports and exported meshes show all other "
+        "vertices in grey.",
     ),
 ]
 AnyUnitOption = Annotated[
     bool,
     typer.Option(
         "--any-unit/--same-unit",
-        help="With --partial: the files may have different units. The first is made as "
-        "long as the second, and 0.4 to 2.5 times that is tried.",
+        help="With --partial: the files may have different units. X is scaled to the "
+        "length of Y, and 0.4 to 2.5 times that is tried.",
     ),
 ]
 RepairOption = Annotated[
     bool,
     typer.Option(
         "--repair",
-        help="Repair the meshes first, see info. Maps still count the vertices of "
-        "the files: one that was removed goes where the nearest goes. With "
-        "--largest-component all other pieces are removed.",
+        help="Repair the meshes first, as jfsf info --help says. Maps still count the "
+        "vertices of the files: a removed vertex maps where the nearest one left does. "
+        "With --largest-component all other components are removed.",
     ),
 ]
 MapRepairOption = Annotated[
     bool,
     typer.Option(
         "--repair",
-        help="Repair the meshes first, for a map of match --repair. What transfer "
-        "carries is that of the files all the same.",
+        help="Repair the meshes first, for a map of match --repair. Data and results "
+        "of jfsf transfer still count the vertices and faces of the files.",
     ),
 ]
 CheckerOption = Annotated[
     bool,
     typer.Option(
-        "--checker", help="Export a checker carried from Y too (.obj and .glb)."
+        "--checker",
+        help="Add to the exported mesh a checker that is carried from Y (.obj, .glb).",
     ),
 ]
 ByPlaceOption = Annotated[
     bool,
     typer.Option(
         "--by-place",
-        help="Export Y coloured by place, even if its file has colours of vertices.",
+        help="Colour Y by place, even if its file has vertex colours.",
     ),
 ]
 GroundTruthX = Annotated[
     Path | None,
-    typer.Option(help="Ground truth: line i is the vertex of X at point i."),
+    typer.Option(
+        help="Ground truth of X: line i is the vertex of X at point i, counted from 1 "
+        "in text files."
+    ),
 ]
 GroundTruthY = Annotated[
-    Path | None, typer.Option(help="The same for Y; text files count from 1.")
+    Path | None,
+    typer.Option(
+        help="Ground truth of Y: line i is the vertex of Y at point i, counted from 1 "
+        "in text files."
+    ),
 ]
 BaseOption = Annotated[
     int | None,
     typer.Option(
-        min=0, max=1, help="First index in text files that break the convention."
+        min=0,
+        max=1,
+        help="First index in text files of maps and ground truth, if it is not 1.",
     ),
 ]
 UpOption = Annotated[
     Up,
     typer.Option(
-        help="Axis of the file of X that points up, for pictures, the page and colours."
+        help="Axis that points up in the file of X, for pictures, the report and "
+        "colours."
     ),
 ]
 NoCacheOption = Annotated[
     bool,
     typer.Option(
-        "--no-cache", help="Leave the cache folder alone: spectra are made anew."
+        "--no-cache",
+        help="Neither read nor write the cache folder: spectra are computed again.",
     ),
 ]
 SchedulerOption = Annotated[
@@ -161,7 +178,9 @@ SchedulerOption = Annotated[
 WorkersOption = Annotated[
     int | None,
     typer.Option(
-        min=1, help="Local processes, one a core by default. Give 1 for one GPU."
+        min=1,
+        help="Local processes, by default one for each core, as far as memory allows. "
+        "Give 1 for one GPU.",
     ),
 ]
 

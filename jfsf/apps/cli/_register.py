@@ -26,9 +26,9 @@ def register(
         Path,
         typer.Option(
             metavar="FILE",
-            help="The template on the scan: .ply, .obj or .glb. PLY and GLB hold the "
-            "distance to the scan (quality) and whether a vertex bridges a hole "
-            "(bridged) too.",
+            help="The file to write, the template on the scan: .ply, .obj or .glb. PLY "
+            "and GLB also hold the distance of each vertex to the scan (quality) and "
+            "whether it bridges a hole (bridged).",
         ),
     ],
     map_file: Annotated[
@@ -36,8 +36,8 @@ def register(
         typer.Option(
             "--map",
             metavar="MAP",
-            help="The map, if there is one: a file of jfsf match TEMPLATE SCAN, or "
-            "T_xy as .npz, .mat, .map or .vts. Found when absent.",
+            help="The map from the template to the scan: a file of jfsf match TEMPLATE "
+            "SCAN, or T_xy as .npz, .mat, .map or .vts. Computed when absent.",
         ),
     ] = None,
     base: opt.BaseOption = None,
@@ -45,15 +45,16 @@ def register(
     largest_component: Annotated[
         bool,
         typer.Option(
-            "--largest-component", help="Take the largest pieces of both files only."
+            "--largest-component",
+            help="Use only the component with the largest area of each file.",
         ),
     ] = False,
     repair: Annotated[
         bool,
         typer.Option(
             "--repair",
-            help="Repair both meshes first, see info. The file that is written then "
-            "has the vertices and faces of the repaired template.",
+            help="Repair both meshes first, as jfsf info --help says. The file written "
+            "then has the vertices and faces of the repaired template.",
         ),
     ] = False,
     no_cache: opt.NoCacheOption = False,

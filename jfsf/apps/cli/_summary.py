@@ -110,7 +110,7 @@ def doubtful_first(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def write_summary(
     folder: Path, rows: list[dict[str, Any]], settings: dict[str, Any]
 ) -> tuple[Path, Path]:
-    """Write summary.csv, a line a pair, and summary.json, with the settings too."""
+    """Write summary.csv, a line for each pair, and summary.json, also with settings."""
     from jfsf import __version__
     from jfsf.storage._atomic import write_text
 

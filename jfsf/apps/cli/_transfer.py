@@ -24,7 +24,7 @@ class Source(StrEnum):
 
 
 class To(StrEnum):
-    """What of the other shape gets labels, likewise."""
+    """What of the other shape gets labels, as choices of an option."""
 
     vertices = "vertices"
     faces = "faces"
@@ -53,16 +53,16 @@ def transfer(
         Path,
         typer.Option(
             metavar="FILE",
-            help="Values and labels: .npy, .csv or .txt; labels also .seg, or .json of "
-            "vertices. Landmarks: any format that is read. A texture: .obj (with "
-            ".mtl and .png beside it) or .glb.",
+            help="The file to write. Values and labels: .npy, .csv or .txt; labels "
+            "also .seg, or .json of vertices. Landmarks: any format that is read. A "
+            "texture: .obj (with .mtl and .png beside it) or .glb.",
         ),
     ],
     values: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Numbers of Y's vertices, a row each: .npy, .csv or .txt.",
+            help="A row of numbers for each vertex of Y: .npy, .csv or .txt.",
         ),
     ] = None,
     labels: Annotated[
@@ -70,7 +70,7 @@ def transfer(
         typer.Option(
             metavar="FILE",
             help="Whole numbers or names, one for each vertex or each face of Y: .npy, "
-            ".csv, .txt or .seg; or .json, the vertices of each part, as SMPL's.",
+            ".csv, .txt or .seg; or .json with the vertices of each part, like SMPL's.",
         ),
     ] = None,
     landmarks: Annotated[
@@ -91,12 +91,14 @@ def transfer(
     ] = None,
     source: Annotated[
         Source,
-        typer.Option("--from", help="The shape that has these: they go to the other."),
+        typer.Option(
+            "--from", help="The shape that data are carried from, to the other one."
+        ),
     ] = Source.y,
     to: Annotated[
         To | None,
         typer.Option(
-            help="Whether vertices or faces get the labels; as they came if absent."
+            help="Whether vertices or faces get labels; by default as in the input."
         ),
     ] = None,
     size: Annotated[

@@ -40,15 +40,15 @@ def agreed_map(
     *,
     within: float = WITHIN,
 ) -> Int[np.ndarray, " n"]:
-    """The vertex of a shape for each vertex of the template, agreed on by several ways.
+    """The vertex of a shape for each vertex of the template, agreed on by all paths.
 
     Args:
-        template: where its vertices lie on the shape by its own map: one way.
-        others: a way each, from the template to the other shape and on by the map of
-            that pair.
+        template: where the template's vertices lie on the shape by its own map.
+        others: for each other path, where the template's vertices lie on the shape:
+            from the template to another shape, and on by the map of that pair.
         mesh: the shape.
-        within: distance from the median of all ways, in sqrt(area) of the shape, from
-            which on a way counts little in the mean: weights are those of Geman and
+        within: distance from the median of all paths, in sqrt(area) of the shape, from
+            which on a path counts little in the mean: weights are those of Geman and
             McClure (1985), 1 / (1 + (d / within)^2)^2.
 
     Returns:

@@ -25,10 +25,11 @@ from jfsf.types import ArrayLike, Mesh
 class Collection(NamedTuple):
     """Many shapes with one topology.
 
-    names: of the shapes.
-    meshes: as they were given; mirror images that were mirrored back are so here.
-    graph: the pairs that were matched, and what is trusted.
-    members: of each shape; None for one that is left out.
+    names: a name for each shape.
+    meshes: the mesh of each shape as it was given; a mirror image that was mirrored
+        back is stored mirrored.
+    graph: the pairs that were matched, and the probability of each map.
+    members: for each shape, the template on it; None for a shape that was left out.
     """
 
     names: tuple[str, ...]
@@ -120,26 +121,26 @@ def collection(
 
     A sparse graph of pairs is matched (`first_pairs`); maps that disagree round
     triangles are not trusted (`trust`), and more pairs are matched until trusted maps
-    reach every shape or there are `pairs_a_shape`. The maps on the way from the
-    template to a shape make the start of the map between both, which is refined, and by
-    which the template is deformed onto the shape (`jfsf.register`). Once more it is
-    deformed by the mean of all trusted ways that lead there (`agreed_map`).
+    reach every shape or there are `pairs_a_shape`. The maps along the path from the
+    template to a shape, composed, are the start of a map between the two. It is
+    refined, and the template is deformed onto the shape by it (`jfsf.register`), and
+    then once more by the mean of all trusted paths that lead there (`agreed_map`).
 
     Args:
         meshes: two or more, each as `match` takes it, any units and poses.
-        names: of the shapes; numbers if None.
-        template: the number of the shape that the others are registered with; the most
-            central one if None.
+        names: a name for each shape; numbers if None.
+        template: the number, from 0, of the shape that is deformed onto all others; the
+            most central one if None.
         orientation, cache: as `match`.
-        mirror: what is done with shapes that are mirror images of the template, such as
+        mirror: what to do with shapes that are mirror images of the template, such as
             left bones among right ones (`grow_with_mirrors`): "name" leaves them out,
-            and `reason` says so; "auto" mirrors them back, in x. They are looked for
-            if orientation is "preserve".
-        settings: the numbers of all steps.
+            and `reason` says so; "auto" mirrors them back in x. Only if orientation is
+            "preserve".
+        settings: parameters of all steps.
         progress: called with the name of each step as it begins.
 
     Returns:
-        The members, those left out being None: `reason` says why.
+        The collection; a member that was left out is None, and `reason` says why.
 
     Raises:
         MeshError: a mesh that cannot be matched; the message begins with its name.

@@ -87,13 +87,14 @@ def trust(
     limit: float = AGREE_BELOW,
     agree: Float[ArrayLike, " 4"] = AGREE,
 ) -> dict[Edge, float]:
-    """The probability of each map to be right, given all triangles.
+    """The probability that each map is right, given all triangles.
 
     Args:
-        confidence: of each map alone; nan where there is none, which counts as 0.5.
-        found: `triangles`.
-        limit: the maps round a triangle agree if they are less than this apart.
-        agree: probability that they do, if 0, 1, 2 or 3 of them are wrong.
+        confidence: confidence of each map alone; nan, where there is none, counts as
+            0.5.
+        found: the triangles (`triangles`).
+        limit: distance below which the maps round a triangle agree.
+        agree: probabilities that they agree if 0, 1, 2 or 3 of them are wrong.
 
     Returns:
         Sum-product belief propagation, damped; exact where no two triangles share more

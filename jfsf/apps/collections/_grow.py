@@ -125,14 +125,14 @@ def grow(
     template: int | None = None,
     pairs_a_shape: float = PAIRS_A_SHAPE,
 ) -> Graph:
-    """Match a sparse graph of pairs, and more pairs for shapes that are not sure.
+    """Match a sparse graph of pairs, and more pairs for shapes that are in doubt.
 
     Args:
-        sketches: of each shape.
-        match: matches pairs of the numbers of two shapes, in their order; None for one
-            that cannot be matched.
-        template: the number of a shape; None for the most central one.
-        pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
+        sketches: what is kept of each shape.
+        match: a function that matches pairs of shape numbers and returns the matches in
+            the order of the pairs; None for a pair that cannot be matched.
+        template: the number, from 0, of the template; the most central shape if None.
+        pairs_a_shape: most pairs that are matched, for each shape on average.
 
     Raises:
         ValueError: fewer than two shapes.

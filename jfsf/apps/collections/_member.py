@@ -18,9 +18,9 @@ from jfsf.types import ArrayLike, Maps, Match, Mesh
 class CollectionSettings:
     """How a collection is matched.
 
-    pairs_a_shape: pairs that are matched, at most, for each shape in the mean.
-    match: of each pair.
-    registration: of the template onto each shape.
+    pairs_a_shape: most pairs that are matched, for each shape on average.
+    match: settings of the match of each pair.
+    registration: settings of the registration of the template onto each shape.
     """
 
     pairs_a_shape: float = PAIRS_A_SHAPE

@@ -19,7 +19,7 @@ Edge = tuple[int, int]  # numbers of two shapes, the smaller one first
 def unlikeness(
     signatures: Sequence[Float[ArrayLike, " f"]],
 ) -> Float[np.ndarray, "s s"]:
-    """Root mean square difference of each two signatures."""
+    """Unlikeness of each two shapes: root mean square difference of signatures."""
     rows = np.stack([np.asarray(row) for row in signatures])
     return cdist(rows, rows) / np.sqrt(rows.shape[1])
 

@@ -9,9 +9,9 @@ def reason(graph: Graph, names: Sequence[str], shape: int) -> str:
     """Why a shape was left out, in a sentence.
 
     Args:
-        graph: of the collection.
-        names: of its shapes.
-        shape: the number of one that was left out.
+        graph: the graph of the collection.
+        names: the names of its shapes.
+        shape: the number, from 0, of a shape that was left out.
     """
     tests = [test for test in graph.tests if test.shape == shape]
     if shape in graph.mirrored:

@@ -58,7 +58,7 @@ def export_map(
             multiply it with the colours, or show it alone.
         uv_y: texture coordinates of Y for it; by default a projection from the front,
             with `TILES` squares along the longer side.
-        matched_x: of a match of parts, `Match.matched_x`; all other vertices are grey.
+        matched_x: for a match of parts, `Match.matched_x`; all other vertices are grey.
         colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
             (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
             place.
@@ -124,9 +124,9 @@ def export_mesh(
             colours.
 
     Raises:
-        ValueError: another suffix; colours, uv or values that are not one
-            row a vertex; uv of PLY or of a point cloud; a value with a name that the
-            formats use.
+        ValueError: another suffix; colours, uv or values that are not one row for each
+            vertex; uv of PLY or of a point cloud; a value with a name that the formats
+            use.
         MeshError: no mesh.
         OSError: the folder cannot be written.
     """

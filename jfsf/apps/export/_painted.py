@@ -41,7 +41,7 @@ def painted(
     """Check a mesh and what is painted on it.
 
     Raises:
-        ValueError: these are not one row a vertex, or not finite, or colours are
+        ValueError: these are not one row for each vertex, or not finite, or colours are
             outside [0, 1]; texture coordinates without faces; a value of another name
             than `NAME`, or of a `TAKEN` one.
         MeshError: no mesh.

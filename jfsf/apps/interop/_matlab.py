@@ -27,10 +27,10 @@ MOST_BYTES = 1 << 32  # of a variable: MATLAB writes no larger ones with -v7
 class MatlabShape(NamedTuple):
     """A shape of a MATLAB code.
 
-    mesh: in the file's unit; faces count from 0.
-    spectrum: its eigenpairs at area 1; None if the file has none.
+    mesh: the mesh, in the file's unit; faces count vertices from 0.
+    spectrum: the eigenpairs of the shape scaled to area 1; None if the file has none.
     factors: (k,), column j of the file's evecs is factors[j] times column j of
-        `spectrum.evecs`; None if the file has none.
+        `spectrum.evecs`; None if the file has no eigenpairs.
     """
 
     mesh: Mesh
@@ -111,8 +111,9 @@ def write_matlab(
     Args:
         path: ends in `.mat`.
         mesh: in any unit of length.
-        spectrum: of this mesh, in its order of vertices. Of a noisy mesh `jfsf.basis`
-            gives that of `jfsf.mesh.denoised(mesh)`, which is to be passed then.
+        spectrum: eigenpairs of this mesh, in its order of vertices. Of a noisy mesh
+            `jfsf.basis` gives that of `jfsf.mesh.denoised(mesh)`, which is to be passed
+            then.
         key: the name of a struct to put all of this in; None writes variables.
 
     Raises:

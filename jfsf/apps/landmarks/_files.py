@@ -53,8 +53,8 @@ def read_landmarks(path: Path) -> Landmarks:
         path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles, or
             a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or
             a name and a vertex; or a vertex, counted from 0. Its first line may hold
-            titles, and Slicer's l, p, s or r, a, s in place of x, y, z; before it may
-            stand `sep=;`. All are UTF-8, or UTF-16 with its mark.
+            titles, and Slicer's l, p, s or r, a, s in place of x, y, z; a line `sep=;`
+            may come before it. Files are UTF-8, or UTF-16 with a byte order mark.
 
     Returns:
         The landmarks that have a position, in the order and the coordinates of the

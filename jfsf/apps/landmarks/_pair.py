@@ -35,7 +35,7 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
     and from 1 on are paired by their order too.
 
     Args:
-        landmarks_x, landmarks_y: of X and of Y.
+        landmarks_x, landmarks_y: the landmarks of X and of Y.
 
     Raises:
         ValueError: they cannot be paired; it names what was found.

@@ -57,7 +57,8 @@ def read_markups(text: str, path: object) -> Landmarks:
     lists: Any = tree.get("markups") if isinstance(tree, dict) else None
     if not _is_list_of_dicts(lists):
         raise ValueError(
-            f"{path}: has no list of markups; save the points as .mrk.json in Slicer"
+            f"{path}: has no list of markups, as 3D Slicer's .mrk.json has; save "
+            "points of other programs as a table (.csv) with name,x,y,z on each line"
         )
     controls, systems = [], set()
     for markups in lists:

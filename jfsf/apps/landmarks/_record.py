@@ -17,14 +17,14 @@ _WHOLE = re.compile("[0-9]{1,18}")
 class Landmarks(NamedTuple):
     """Named points of one shape: coordinates, or vertices of its mesh.
 
-    names: a string each; "" for one without a name.
-    points: (l, 3) float64 in the coordinates and units of the file; None if the file
-        holds vertices.
-    vertices: (l,) int64, counted from 0 in the file of the mesh; None if the file holds
+    names: the name of each landmark; "" for one without a name.
+    points: (l, 3) float64 positions in the coordinates and units of the file; None if
+        the file holds vertices.
+    vertices: (l,) int64 vertices of the mesh's file, from 0; None if the file holds
         points.
     system: what the file says of its axes: "LPS" (x to the left, y to the back), "RAS"
         (x to the right, y to the front), or None if it says nothing.
-    said: what its reader noticed, a sentence each: points that were skipped.
+    said: sentences on what the reader noticed, such as points that were skipped.
     """
 
     names: tuple[str, ...]

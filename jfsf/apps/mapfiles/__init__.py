@@ -1,8 +1,9 @@
 """Maps, ground truth and matches on disk, checked for base, length and range.
 
-In memory every map is 0-based. On disk `.vts`, `.map` (one index a line) and `.mat` are
-1-based by convention, `.npz` is 0-based. Some files break the convention (pyFM's text
-files are 0-based), so `base` overrides it, and values that contradict it are an error.
+In memory every map is 0-based. On disk `.vts`, `.map` (one index on each line) and
+`.mat` are 1-based by convention, `.npz` is 0-based. Some files break the convention
+(pyFM's text files are 0-based), so `base` overrides it, and values that contradict it
+are an error.
 One mistake cannot be detected: a 0-based file that does not use 0, read as 1-based.
 
 Ground truth (FAUST, SCAPE, TOSCA, remeshed): line i of `NAME.vts` is the vertex of that

@@ -26,7 +26,7 @@ _CONTAINERS = (
 
 
 def read_text(path: Path) -> np.ndarray:
-    """Numbers, (n,) float64, one a line; empty lines are left out.
+    """Numbers, (n,) float64, one on each line; empty lines are left out.
 
     Raises:
         MapFileError: missing, empty, or with lines that are not one number.

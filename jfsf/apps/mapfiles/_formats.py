@@ -43,7 +43,7 @@ class MapFileError(InputError):
 
     what: what is wrong with it.
     advice: what to do; "" if that is plain or said in `what`.
-    name: of the file; "" if `what` names it.
+    name: the name of the file; "" if `what` names it.
     """
 
 

@@ -80,12 +80,14 @@ def read_ground_truth(
     n_y: int | None = None,
     base: int | None = None,
 ) -> GroundTruth:
-    """Read the ground truth of a pair: one file a shape, one line a template point.
+    """Read the ground truth of a pair from a file for each shape.
+
+    Line i of each file is the vertex of that shape at template point i.
 
     Args:
         path_x, path_y: as for `read_map`, usually `.vts`.
         n_x, n_y: vertices of the shapes; None skips the check.
-        base: of both files; None takes the format's convention.
+        base: 0 or 1, the first index in both files; None takes the format's convention.
 
     Raises:
         MapFileError: as `read_map`, or the two do not have the same number of points.

@@ -19,11 +19,15 @@ LARGEST = 1e15  # its square is finite in float32
 class StoredMap(NamedTuple):
     """The arrays of a map file; None where it has none.
 
-    T_xy, T_yx: (n_x,) and (n_y,) int32, 0-based, among the vertices that were matched.
-    C_yx: (k_x, k_y), finite, below `LARGEST`.
-    index_x, index_y: (n_x,) and (n_y,) int32, the vertex of the mesh for each vertex
-        that was matched; None if all were. Of a file with -1 for vertices without a
-        partner, these are the other vertices.
+    T_xy: (n_x,) int32, the vertex of Y for each vertex of X, from 0, among the vertices
+        that were matched.
+    T_yx: (n_y,) int32, the vertex of X for each vertex of Y, from 0, among the vertices
+        that were matched.
+    C_yx: (k_x, k_y), functions on Y pulled back to X; finite, below `LARGEST`.
+    index_x: (n_x,) int32, the number in X's mesh of each vertex that was matched: all
+        but those that are -1 in the file; None if all were matched.
+    index_y: (n_y,) int32, the number in Y's mesh of each vertex that was matched: all
+        but those that are -1 in the file; None if all were matched.
     """
 
     T_xy: np.ndarray
@@ -41,7 +45,7 @@ def read_stored(
     Args:
         path: as for `read_map`.
         n_x, n_y: vertices of the meshes, all of them.
-        base: of text files; None takes their convention.
+        base: 0 or 1, the first index in text files; None takes their convention.
 
     Raises:
         MapFileError: as `read_map`; or an array is damaged or does not fit the meshes

@@ -61,7 +61,7 @@ def align(
     shapes moves all of them together.
 
     Args:
-        shapes: positions of vertices that correspond, in one unit.
+        shapes: (s, n, 3) positions of vertices that correspond, in one unit.
         scale: also make all shapes equally large, as in geometric morphometrics: their
             `AlignedShapes.size` agrees, on the vertices that they have. The geometric
             mean of the scales is 1, so that the unit stays.

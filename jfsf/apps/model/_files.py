@@ -22,7 +22,7 @@ DEVIATIONS = 3  # of the meshes of a mode, to either side
 
 
 def write_model(path: str | os.PathLike[str], model: ShapeModel) -> None:
-    """Write a model as `.npz`: an array a field, and `kind`, which is "positions".
+    """Write a model as `.npz`: an array for each field, and `kind`, "positions".
 
     The file appears complete or not at all.
 
@@ -62,15 +62,15 @@ def read_model(path: str | os.PathLike[str]) -> ShapeModel:
 def write_scores(
     path: str | os.PathLike[str], names: Sequence[str], model: ShapeModel
 ) -> None:
-    """Write the scores of the shapes as CSV: a line a shape, a column a mode.
+    """Write scores as CSV: a line for each shape, a column for each mode.
 
     The first line has the titles `name`, `score_1` and so on. The file appears complete
     or not at all.
 
     Args:
         path: `.csv`.
-        names: of the shapes that the model was fitted to, in that order.
-        model: of shapes.
+        names: a name for each shape that the model was fitted to, in that order.
+        model: a shape model.
 
     Raises:
         ValueError: another suffix, or more or fewer names than shapes.
@@ -100,7 +100,7 @@ def write_modes(
 
     Args:
         folder: is made if need be.
-        model: of shapes.
+        model: a shape model.
         modes: how many; all that there are, if these are fewer.
 
     Returns:

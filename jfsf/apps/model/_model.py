@@ -1,8 +1,8 @@
 """Shapes in correspondence -> a model -> shapes: principal components of positions.
 
-The components are those of the thin singular value decomposition of the rows
-sqrt(w_v) (x_iv - m_v), one a shape: as exact as the numbers are, where the eigenvectors
-of the small matrix of products have half their digits.
+The components are those of the thin singular value decomposition of the rows sqrt(w_v)
+(x_iv - m_v), one for each shape: as exact as the numbers are, where the eigenvectors of
+the small matrix of products have half their digits.
 """
 
 from typing import NamedTuple
@@ -24,17 +24,19 @@ from jfsf.types import ArrayLike
 class ShapeModel(NamedTuple):
     """Linear modes of positions: a shape is mean + sum_k score_k mode_k.
 
-    mean: positions, in the unit of the shapes and the pose of the first.
+    mean: positions of the mean shape, in the unit of the shapes and the pose of the
+        first.
     modes: orthonormal under the weights, sum_v w_v mode_k(v) . mode_l(v) = [k = l]; the
         number of largest size in each is positive.
-    variance: of the scores, with s - 1 for s shapes, in squared units; the largest
-        first. Its root is how far one standard deviation moves the surface, as a root
-        mean square.
-    scores: of the shapes that it was fitted to.
-    faces: of all shapes.
-    weights: of the vertices; they sum to 1.
-    total_variance: of all modes, kept or not.
-    size: what shapes are scaled to (`AlignedShapes.size`); 0 if they keep their scale.
+    variance: variance of the scores of each mode, over s - 1 for s shapes, in squared
+        units of the shapes; the largest first. Its root is how far one standard
+        deviation moves the surface, as a root mean square.
+    scores: scores of the shapes that the model was fitted to, one row for each.
+    faces: the faces that all shapes share, vertices from 0.
+    weights: weights of the vertices; they sum to 1.
+    total_variance: variance of all modes together, kept or not.
+    size: the size that shapes are scaled to (`AlignedShapes.size`); 0 if they keep
+        their scale.
     """
 
     mean: Float[Array, "n 3"]
@@ -66,13 +68,13 @@ def fit_model(
     hangs and one that is raised, positions give an arm that is too short.
 
     Args:
-        positions: of vertices that correspond, in one unit. Far from the origin
-            subtract the mean of each shape first, in float64.
-        faces: of all shapes.
+        positions: (s, n, 3) positions of vertices that correspond, in one unit. Far
+            from the origin subtract the mean of each shape first, in float64.
+        faces: the faces that all shapes share.
         modes: how many are kept; all s - 1 if None.
         scale: take away differences of size too.
-        weights: of the vertices. If None a third of the area of a vertex's faces, as a
-            share of the shape's area, in the mean over the shapes.
+        weights: weights of the vertices. If None, a third of the area of a vertex's
+            faces, as a share of the shape's area, in the mean over the shapes.
         missing: vertices that a shape does not have; they are put at the mean.
 
     Raises:
@@ -127,8 +129,9 @@ def shape_at(model: ShapeModel, scores: Float[Array, " k"]) -> Float[Array, "n 3
     deviations of mode k is that of scores 3 sqrt(model.variance[k]) at k, 0 elsewhere.
 
     Args:
-        model: of shapes.
-        scores: of the first modes, as many as there are or fewer; the rest are 0.
+        model: a shape model.
+        scores: scores of the first modes, as many as there are or fewer; the rest are
+            0.
 
     Raises:
         ValueError: more scores than modes.
@@ -151,8 +154,8 @@ def scores_of(
     fitted to, they are `model.scores`.
 
     Args:
-        model: of shapes.
-        positions: of the vertices of the model.
+        model: a shape model.
+        positions: (n, 3) positions of the model's vertices.
         aligned: whether it lies there already, and is to stay.
 
     Raises:

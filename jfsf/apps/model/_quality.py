@@ -83,10 +83,12 @@ def generality(
     One program for all shapes; it takes as long as fitting s models.
 
     Args:
-        positions: of vertices that correspond, in one unit, as for `fit_model`.
-        faces: of all shapes.
+        positions: (s, n, 3) positions of vertices that correspond, in one unit, as for
+            `fit_model`.
+        faces: the faces that all shapes share.
         scale: take away differences of size too, as `fit_model` does.
-        counts: numbers of modes; if None 1 to s - 2, all that s - 1 shapes have.
+        counts: numbers of modes to measure; 1 to s - 2, all that s - 1 shapes have, if
+            None.
 
     Raises:
         ValueError: fewer than three shapes, or numbers of modes that models of s - 1
@@ -118,9 +120,9 @@ def specificity(
     The error is the standard deviation over j, over sqrt(N) (Styner et al.).
 
     Args:
-        model: of shapes.
+        model: a shape model.
         positions: the shapes that it was fitted to.
-        key: of `jax.random`.
+        key: a key of `jax.random`.
         samples: N.
         counts: numbers of modes; if None 1 to all of them.
 

@@ -57,14 +57,15 @@ class MatchedComponents(NamedTuple):
 
     T_xy: the vertex of Y for each vertex of X, -1 where a vertex belongs to no piece
         that has a partner. As an index of numpy, -1 is the last vertex: ask first.
-    T_yx: the vertex of X for each vertex of Y; -1 as in T_xy.
-    pair_x: the number in `pairs` for each vertex of X; -1 as in T_xy.
-    pair_y: the number in `pairs` for each vertex of Y; -1 as in T_xy.
-    pairs: of pieces, the largest piece of X first.
-    alone_x: pieces of X that could be matched, and have no partner.
-    alone_y: pieces of Y that could be matched, and have no partner.
-    left_out_x: what of X could not be matched.
-    left_out_y: what of Y could not be matched.
+    T_yx: the vertex of X for each vertex of Y, -1 where a vertex belongs to no piece
+        that has a partner.
+    pair_x: the number in `pairs` of the pair of each vertex of X, -1 without a partner.
+    pair_y: the number in `pairs` of the pair of each vertex of Y, -1 without a partner.
+    pairs: the pairs of pieces, the largest piece of X first.
+    alone_x: pieces of X that could be matched, but have no partner.
+    alone_y: pieces of Y that could be matched, but have no partner.
+    left_out_x: pieces of X that could not be matched.
+    left_out_y: pieces of Y that could not be matched.
     """
 
     T_xy: Int[ArrayLike, " n_x"]
@@ -92,27 +93,27 @@ def match_components(
     """Match two shapes of several connected pieces, piece to piece.
 
     Pairs of pieces are matched by `match`, each scaled to area 1 on its own. The
-    assignment of the pieces minimises the sum of `cost`, so pieces need not be in the
-    same order or place. Where assignments are as good, as of equal pieces, the one
-    whose pieces lie more alike is taken, and `PiecePair.tied` says so: axes of both
-    shapes should agree then.
+    assignment of the pieces minimises the sum of `cost`, so their order and place do
+    not matter. If several assignments are equally good, as for equal pieces, the one
+    whose pieces lie in the most similar places is taken, and `PiecePair.tied` says so:
+    the axes of both shapes should then agree.
 
     Args:
-        mesh_x, mesh_y: any number of pieces, with faces. `weld` joins pieces that seams
+        mesh_x, mesh_y: meshes of any number of pieces. `weld` joins pieces that seams
             of equal points have split.
         orientation, settings, cache, progress: as `match`, for each pair of pieces.
             Without the cache a spectrum is computed again for each pair of its piece.
-        min_share: of the area of a shape; smaller pieces are left out, and so are those
-            of fewer than `Settings.min_vertices` vertices.
-        nearest: each piece of the shape that has fewer is matched with so many, those
-            that it is most like by the spectra alone
-            (`jfsf.apps.collections.unlikeness`). All pairs are matched if there are no
-            more than `nearest` squared.
+        min_share: share of the area of a shape below which a piece is left out; so are
+            pieces of fewer than `Settings.min_vertices` vertices.
+        nearest: number of pieces, the most similar by their spectra alone
+            (`jfsf.apps.collections.unlikeness`), with which each piece of the shape
+            with fewer pieces is matched. All pairs are matched if there are at most
+            `nearest` squared.
 
     Returns:
         Maps both ways between all vertices, the pairs of pieces with their matches, and
-        what has no partner. As many pairs as the shape with fewer pieces has; how good
-        each is `PiecePair.confidence` says.
+        what has no partner. There are as many pairs as the shape with fewer pieces has;
+        `PiecePair.confidence` says how good each is.
 
     Raises:
         MeshError: bad values, no faces, or no piece that can be matched.

@@ -23,7 +23,7 @@ def coordinate_colours(
         up: the axis that points up.
 
     Returns:
-        sRGB in [0, 1], one row a vertex.
+        sRGB in [0, 1], one row for each vertex.
 
     Raises:
         ValueError: vertices that are not finite (n, 3), or an unknown axis.
@@ -72,7 +72,7 @@ def matched_colours(
     """Colours of vertices, those that are not matched grey.
 
     Args:
-        colours: sRGB in [0, 1], one row a vertex.
+        colours: sRGB in [0, 1], one row for each vertex.
         matched: `Match.matched_x` or `matched_y`; None greys nothing.
 
     Raises:

@@ -44,7 +44,7 @@ class View(NamedTuple):
 class ShapePanel(NamedTuple):
     """A shape with a label below.
 
-    colours: (n, 3) sRGB in [0, 1], one row a vertex of the view.
+    colours: (n, 3) sRGB in [0, 1], one row for each vertex of the view.
     """
 
     label: str

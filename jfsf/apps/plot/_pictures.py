@@ -84,8 +84,8 @@ def draw_pair(
         T_xy: the vertex of Y for each vertex of X.
         path: the PNG to write, 160 dpi, completely or not at all.
         title: a line above.
-        errors: one number a vertex of X, drawn on X at the right; nan is grey.
-        matched_x, matched_y: of a match of parts, `Match.matched_x` and `matched_y`;
+        errors: one number for each vertex of X, drawn on X at the right; nan is grey.
+        matched_x, matched_y: for a match of parts, `Match.matched_x` and `matched_y`;
             all other vertices are grey.
         up: the axis that points up in X's file, such as "z" or "-y", with the front
             where modelling tools have it. Y is turned onto X by the rotation that fits

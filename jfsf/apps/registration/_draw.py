@@ -48,17 +48,19 @@ MIN_SIDE = 0.2
 class RegistrationSettings:
     """How a template is deformed onto a scan. Lengths are in sqrt(area) of the scan.
 
-    A vertex is drawn with the force of its area over the square of a reach: the larger
-    the reach, the stiffer the template.
+    A vertex is drawn with a force of its area over the square of a reach: the larger
+        the
+    reach, the stiffer the template.
 
-    map_reaches: those of the rounds in which a vertex is drawn to its image.
-    reaches: those of the rounds after these, to the nearest point of the scan.
-    hold: reach with which the images go on to draw in these: the smaller, the less the
-        template slides along the scan. Of 0.03, 0.05, 0.1 and none 0.05 had the least
-        error on pairs of one body and of two.
-    max_distance: no point of the scan farther away draws a vertex.
-    unmatched_distance: no point of the scan farther away draws a vertex whose image
-        does not count.
+    map_reaches: reach in each of the first rounds, which draw a vertex to its image.
+    reaches: reach in each of the later rounds, which draw a vertex to the nearest point
+        of the scan.
+    hold: reach with which the images continue to draw in the later rounds: the smaller,
+        the less the template slides along the scan. Of 0.03, 0.05, 0.1 and none, 0.05
+        had the least error on pairs of one body and of two.
+    max_distance: largest distance from which a point of the scan draws a vertex.
+    unmatched_distance: largest distance from which a point of the scan draws a vertex
+        whose image does not count.
     """
 
     map_reaches: tuple[float, ...] = (0.1, 0.06, 0.04)

@@ -23,20 +23,22 @@ SCALE_NEIGHBOURS = 0.01  # share of the vertices in each of these
 class Registration(NamedTuple):
     """A template on a scan. Lengths are in the unit of the scan.
 
-    vertices: where each vertex of the template lies, in the scan's coordinates; its
-        faces stay as they are.
-    distance: from there to the nearest point of the scan's surface, without a sign.
-    bridged: whether the scan has no surface for a vertex: the nearest point lies on its
-        rim, or nothing near looks the same way. There the template keeps its own form.
-    on_face: the face of the scan that the nearest point lies on.
-    barycentric: weights of the corners of that face in the nearest point.
-    flipped: number of faces that are turned over: by more than a right angle from
-        where their surroundings turn them, and from where the scan looks there.
+    vertices: position of each vertex of the template on the scan, in the scan's
+        coordinates. The faces are those of the template.
+    distance: unsigned distance of each vertex to the nearest point of the scan's
+        surface.
+    bridged: whether the scan has no surface for a vertex: its nearest point lies on the
+        scan's boundary, or nothing near faces the same way. There the template keeps
+        its own form.
+    on_face: the face of the scan on which the nearest point of each vertex lies.
+    barycentric: barycentric coordinates of the nearest point on the face `on_face`.
+    flipped: number of faces whose normal is more than a right angle from where their
+        surroundings turn it, and from the normal of the scan there.
     collapsed: number of faces with less than 1e-4 of their area at rest, at the scale
-        that was found.
+        `scale`.
     scale: factor of the template's lengths.
-    orientation_sign: -1 if the template was mirrored, since the map mirrors. Its faces
-        then look inward: wind them the other way, `faces[:, ::-1]`.
+    orientation_sign: -1 if the template was mirrored because the map mirrors, else 1.
+        Faces of a mirrored template point inward: wind them as `faces[:, ::-1]`.
     """
 
     vertices: Float[ArrayLike, "n 3"]
@@ -72,16 +74,16 @@ def register(
         scan: any unit and size; holes and a boundary are allowed.
         T: the vertex of the scan for each vertex of the template, such as the T_xy of
             `jfsf.match(template, scan)`.
-        matched: whether T counts, a vertex of the template, such as `Match.matched_x`
-            of `partial=True`; None: everywhere. Where it does not, the template keeps
-            its form, unless it happens to lie near the scan.
-        orientation_sign: -1 for a T that mirrors, 1 for one that does not, None to read
-            it from T.
+        matched: for each vertex of the template, whether T counts, such as
+            `Match.matched_x` of `partial=True`; everywhere if None. Elsewhere the
+            template keeps its form, unless it happens to lie near the scan.
+        orientation_sign: -1 for a T that mirrors, 1 for one that does not; read from T
+            if None.
         settings: how stiff the template is in each round.
 
     Returns:
-        Positions, distances and what is bridged, in float64. The same scan larger,
-        moved or turned gives the same result so.
+        Positions, distances and what is bridged, in float64. If the scan is scaled,
+        translated or rotated, so is the result.
 
     Raises:
         MeshError: a mesh without faces or with bad values, or a vertex without a face.

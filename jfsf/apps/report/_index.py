@@ -1,4 +1,4 @@
-"""Many matches as one page: a row a pair, linked to the page of the pair."""
+"""Many matches as one page: a row for each pair, linked to the page of the pair."""
 
 import os
 from collections.abc import Sequence
@@ -35,7 +35,7 @@ def write_index(
     *,
     title: str = "Pairs by confidence",
 ) -> None:
-    """Write a page with a row a pair: failed ones, then the least confident first.
+    """Write a page with a row for each pair, failed and least confident ones first.
 
     Args:
         path: the page, written completely or not at all.

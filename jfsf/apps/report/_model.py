@@ -41,7 +41,7 @@ def write_model_page(
     Args:
         path: the page, written completely or not at all.
         model: linear modes of positions.
-        names: of the shapes that the model was fitted to, in that order.
+        names: a name for each shape that the model was fitted to, in that order.
         title: above all.
         modes: sliders, at most.
         up: the axis that points up in the model.

@@ -38,9 +38,10 @@ _SAME = 0.25
 class Side(NamedTuple):
     """A shape of a pair.
 
-    mesh: as it was matched.
-    name: for the titles, such as the file.
-    numbers: (n,) the file's numbers of its vertices; None if they are the mesh's.
+    mesh: the mesh that was matched.
+    name: what the page calls it, such as its file.
+    numbers: (n,) the number in the file of each vertex; None if the mesh has the file's
+        numbers.
     """
 
     mesh: Mesh
@@ -69,13 +70,13 @@ def write_report(
         path: the page, written completely or not at all.
         x, y: both shapes.
         found: their match.
-        orientation: as it was asked for.
-        truth: vertices of X and of Y that correspond, counted as the meshes'.
+        orientation: the orientation that was asked for.
+        truth: vertices of X and of Y that correspond, numbered as in the meshes.
         up: the axis of X's mesh that points up.
-        settings: with which it was made.
-        seconds: what took how long, for the table.
-        timed: put the date and that table on the page. Without them equal matches make
-            equal pages.
+        settings: the settings that the match was made with.
+        seconds: seconds by the name of a step, for the table of times.
+        timed: put the date and the table of times on the page. Without them equal
+            matches make equal pages.
         cache: as in `jfsf.match`; the search is made once more, for its candidates.
         progress: called with the name of each step as it begins.
 

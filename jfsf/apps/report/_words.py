@@ -102,7 +102,7 @@ def findings(
     """Each figure of the certificate that makes the map doubtful, gravest first.
 
     Args:
-        certificate: of one map.
+        certificate: the certificate of one map.
         orientation: "preserve", "reverse" or "any", as the map was asked for.
         landmarks: their names, in the order of the rows, where they have any.
     """
@@ -188,7 +188,7 @@ def findings(
         ),
         (
             covered < MIN_COVERAGE,
-            f"only {covered:.0%} of the area within reach is hit: the shapes may "
+            f"only {covered:.0%} of the area that could be hit is hit: the shapes may "
             "differ too much",
             "See whether both shapes are whole, and whether they have the same parts.",
         ),
@@ -245,8 +245,8 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     """Sentences on what the confidence rests on, each with its number.
 
     Args:
-        certificate: of one map.
-        info: of its match, for a sentence on the starts that were attempted.
+        certificate: the certificate of one map.
+        info: how the match was found, for a sentence on the starts that were attempted.
     """
     figure = _numbers(certificate)
     sentences = []
@@ -299,7 +299,7 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
     covered = min(figure["coverage_xy"], figure["coverage_yx"])
     sentences.append(
         f"There and back again ends {back:.3f} away, where 1 is the distance of two "
-        f"random points; {covered:.0%} of the area within reach or more is hit."
+        f"random points; {covered:.0%} of the area that could be hit is hit, or more."
     )
     gap = figure["gap"]
     if _of_parts(certificate):

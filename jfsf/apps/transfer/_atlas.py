@@ -73,7 +73,7 @@ def check_size(m: int, size: int) -> None:
 
 
 def atlas(corners: Float[ArrayLike, "m 3 3"], size: int) -> Atlas:
-    """Make one: the more texels the longer a face is.
+    """Give each face a triangle of its own in a square image, larger for longer faces.
 
     Args:
         corners: positions of the corners of the faces.

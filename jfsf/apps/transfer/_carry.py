@@ -28,7 +28,7 @@ NO_NUMBER, NO_NAME = -1, ""  # where Y has no surface
 
 
 def values(overlay: Overlay, values_y: Float[ArrayLike, "n_y ..."]) -> ArrayLike:
-    """Values carried from Y to X: at each vertex of X that of its point on Y.
+    """Values carried from Y to X: each vertex of X gets the value at its point on Y.
 
     Args:
         overlay: X and Y laid over each other (`overlay`).

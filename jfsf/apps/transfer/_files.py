@@ -42,10 +42,10 @@ def read_values(path: Path, n: int) -> Column:
     """Numbers of the n vertices of a mesh.
 
     Args:
-        path: `.npy`, (n,) or (n, d); `.csv` or `.txt`, a line a vertex with d numbers
-            between commas, semicolons, tabs or blanks. Its first line may hold titles.
-            An empty cell, or nan, is a number that is not known; of one column an empty
-            line, if there are as many lines as vertices.
+        path: `.npy`, (n,) or (n, d); `.csv` or `.txt`, a line for each vertex with d
+            numbers between commas, semicolons, tabs or blanks. Its first line may hold
+            titles. An empty cell, or nan, is a number that is not known; of one column
+            an empty line, if there are as many lines as vertices.
         n: vertices to expect.
 
     Returns:
@@ -70,10 +70,10 @@ def read_labels(path: Path, n: int, m: int) -> Column:
 
     Args:
         path: `.npy` of whole numbers or names; `.csv` of one column, or `.txt` or
-            `.seg`, a label a line. They are numbers if all of them are. The first line
-            is a title if there is one more than there should be. Or `.json`, a list of
-            vertices for the name of each part, as SMPL's: a vertex in several parts
-            has the first of them, one in none the name "".
+            `.seg`, a label on each line. They are numbers if all of them are. The
+            first line is a title if there is one more than there should be. Or `.json`,
+            a list of vertices for the name of each part, as SMPL's: a vertex in several
+            parts has the first of them, one in none the name "".
         n, m: vertices and faces; as many labels are expected.
 
     Returns:

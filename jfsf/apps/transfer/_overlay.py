@@ -59,7 +59,7 @@ def overlay(
         T_xy: the vertex of Y for each vertex of X, as `Match.T_xy`.
         matched_x: whether it counts, as `Match.matched_x` of `partial=True`; None:
             everywhere. Elsewhere X gets nothing.
-        settings: of the registration.
+        settings: settings of the registration.
 
     Returns:
         Both meshes, and X's vertices on Y, in Y's coordinates.

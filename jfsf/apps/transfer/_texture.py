@@ -44,7 +44,7 @@ def texture(
         overlay: X and Y laid over each other (`overlay`); both with faces.
         uv_y: texture coordinates of the corners of Y's faces (`jfsf.mesh.read_uv`): u
             to the right, v up; the image repeats at whole numbers.
-        image_y: of 8 bits a channel, the first row at the top.
+        image_y: the image, 8 bits for each channel, the first row at the top.
         size: width and height of the new image, a power of two.
 
     Returns:

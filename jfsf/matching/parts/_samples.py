@@ -84,7 +84,7 @@ def part_samples(
         mesh: in the common unit.
         num: samples, those at landmarks not counted.
         landmarks: (l,) vertices.
-        descriptors: (n, d), a row a vertex.
+        descriptors: (n, d), a row for each vertex.
     """
     n, solver = len(mesh.vertices), GeodesicSolver(mesh)
     edge = np.unique(boundary_edges(mesh.faces))

@@ -18,22 +18,27 @@ class PartSettings:
     Of the two shapes the one that is deformed is called the whole, the other the part.
     More samples, starts or places in the beam take longer and find more regions.
 
-    samples_of_part: farthest points of the part, among which anchors are chosen.
-    samples_of_whole: farthest points of the whole, among which the partners of anchors
-        are looked for.
-    anchors: samples of the part that are assigned to samples of the whole, 3 or more.
-        As many landmarks, at most, are assigned beside them.
-    scales: factors of the part's lengths that are tried where both shapes are in one
-        unit. Their range bounds how much bodies may differ in size.
-    beam: assignments of the first few anchors that are kept while the next is assigned.
-    assignments: finished assignments, at most, that are starts of a registration.
-    alignments: rigid motions that are starts of a registration; 0 leaves them out.
-    registered_again: starts of least cost that are registered a second time, from where
-        they came to.
-    refined: starts of least cost, at most, whose map between the regions is refined.
+    samples_of_part: number of farthest points of the part, among which anchors are
+        chosen.
+    samples_of_whole: number of farthest points of the whole, among which the partners
+        of anchors are searched.
+    anchors: number of samples of the part that are assigned to samples of the whole, 3
+        or more. At most as many landmarks are assigned in addition.
+    scales: factors of the part's lengths that are tried if both shapes are in one unit.
+        Their range bounds how much bodies may differ in size.
+    beam: number of assignments of the first few anchors that are kept while the next
+        anchor is assigned.
+    assignments: most finished assignments that are starts of a registration.
+    alignments: number of rigid motions that are starts of a registration; 0 for none.
+    registered_again: number of starts, those of least cost, that are registered a
+        second time, from where the first registration ended.
+    refined: most starts, those of least cost first, whose map between the regions is
+        refined.
     sure: log odds (`jfsf.types.Certificate`) from which on a refined map is kept, and
-        no other start is refined. Below, the map by drawing is kept. 2 is seven to one.
-    refinements: how often the map between the regions is refined, if it is sure.
+        no other start is refined. Below, the map by deformation of the whole is kept. 2
+        is seven to one.
+    refinements: number of times that the map between the regions is refined, if its log
+        odds are at least `sure`.
     """
 
     samples_of_part: int = 80

@@ -90,7 +90,7 @@ def both_sides(
     Args:
         mesh_x, mesh_y: both shapes.
         landmarks: rows (vertex of X, vertex of Y).
-        descriptors: of X and of Y, a row a vertex.
+        descriptors: of X and of Y, a row for each vertex.
         same_unit: whether both are in one unit; else the size of X is not read.
         settings: how many samples and starts, and which scales, in one unit.
     """
