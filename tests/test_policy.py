@@ -67,7 +67,7 @@ class Scripted:
     others: of those for other proportions.
     on_copies: of the same on the copies, which say what is attempted, and in which
         order; there a first start is as likely as on the whole.
-    guided: of the start that landmarks lead to.
+    guided: of the start that landmarks lead to, or the search beside a given map.
     missed: how far landmarks end from their partners.
     mirror: of the mirror image, which the search says fits better.
     ties: of the search's other candidates, which are as good.
@@ -86,6 +86,7 @@ class Scripted:
         self.first, self.others, self.guided = first, others, guided
         self.on_copies, self.missed = on_copies or others, missed
         self.mirror, self.ties = mirror, ties
+        self.given = False
         self.calls = []
 
     def map(self, name, stage, inputs, at_a_time=1):
@@ -97,16 +98,17 @@ class Scripted:
 
     def search(self, x, y, *options):
         if len(options) == 1:  # the map that is given
+            self.given = True
             return starts(self.first[x])
         spec, knows_landmarks = x
         ties = starts(self.ties)._replace(gap=np.zeros(len(self.ties)))
         if isinstance(spec, Copy):
-            asked_for_mirror = options[0] < 0
+            assert options[0] < 0  # copies are searched for the mirror image only
             # Unlikely itself if nothing else is said, so that it does not count.
-            mirror = 0.001 if self.mirror is None else self.mirror
-            return starts(mirror if asked_for_mirror else self.guided), ties
+            return starts(0.001 if self.mirror is None else self.mirror), ties
         gap = np.nan if self.mirror is None else -0.5
-        return starts(self.guided if knows_landmarks else self.first[spec], gap), ties
+        guided = knows_landmarks or self.given
+        return starts(self.guided if guided else self.first[spec], gap), ties
 
     def kept_landmarks(self, pair, features, start, landmarks):
         return features
@@ -115,8 +117,9 @@ class Scripted:
         return np.zeros((3, 3))
 
     def further_starts(self, x, y, sign, self_map):
-        assert isinstance(x[0], Copy)
-        return starts(self.others[x[0].of])
+        # Extremities of copies are others, so the whole shapes are searched.
+        assert not isinstance(x[0], Copy) and not isinstance(y[0], Copy)
+        return starts(self.others[x[0]])
 
     def bending_and_conversion(self, pair, samples, C_yx, start, sign, landmarks):
         spec = pair[0]
@@ -353,7 +356,7 @@ def test_a_given_map_is_kept_and_compared(first):
     (match,) = run(runner, settings=Settings(retry_below=0.99), initial=np.eye(3))
     assert match.info.sources == ["given"]
     np.testing.assert_allclose(likely(match), first)
-    # With all starts of the copies, that of their search included.
+    # With all starts that are tried on the copies, that of the search included.
     share = shares_of([first, 0.8, 0.6, 0.7])[0]
     np.testing.assert_allclose(match.certificate.share, share)
     wanted = confidence(match.certificate.log_odds, share)

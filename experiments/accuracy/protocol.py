@@ -88,6 +88,7 @@ _ROWS = (
     _external("becos_ff", "fit", "far"),  # whole animals and people
     _external("smal_whole", "report", "far"),  # animals of different species
     _external("topkids_low", "choose", "near"),  # children with glued limbs
+    _external("gorilla", "choose", "far"),  # an ape to people
     # Tunnels through the bone; decimated, which leaves loose pieces.
     _external("mouse_skulls", "report", "near", largest=True),
     _external("hdm_molars", "fit", "far"),  # four landmarks: for gross errors only

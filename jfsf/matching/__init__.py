@@ -6,8 +6,9 @@ or after a first map that misses a landmark. So the first attempts of all pairs 
 together, then the doubtful pairs are gathered, and pairs without doubt cost nothing
 more. The more confident match is kept.
 
-The last source, of starts for other proportions, tries all of them on coarse copies
-(`_coarse`), which takes little time, together with the map so far. Only if another map
+The last source, of starts for other proportions, finds them on the whole shapes and
+tries all of them on coarse copies (`_coarse`), which takes little time, together with
+the map so far. Only if another map
 ranks above this one it goes on to the whole shapes. Maps that differ and rank nearly as
 high are rivals: a map that cannot be told from another one is not certain.
 

@@ -200,14 +200,18 @@ def _from_copies(pairs, runner, settings) -> list[Comparison]:
 
 
 def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
-    """Of pairs in doubt those for other proportions; for a given map a search too."""
+    """Of pairs in doubt those for other proportions; for a given map a search too.
+
+    The whole shapes are searched: their samples are there, and copies have other
+    extremities, of which no start may be right (`experiments/fit/fit_attempts.py`).
+    """
     given = pairs[0].inputs.initial is not None
     chosen = [i for i, p in enumerate(pairs) if given or p.in_doubt(settings)]
     further: list[list[Start]] = [[] for _ in pairs]
     some = [copies[i] for i in chosen]
     if not some:
         return further
-    sides = [copy.samples for copy in some]
+    sides = [pairs[i].samples for i in chosen]
     stage = partial(nonisometric_starts, settings=settings.search)
     inputs = search_inputs(some, sides)
     with seconds_of(some, "further starts"):
