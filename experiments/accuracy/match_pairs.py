@@ -112,7 +112,7 @@ def _run(
     """Match the pairs of a set; the file is written anew after each of them."""
     points = f"1 in {args.every}" if args.every else f"{POINTS} at most, seed {SEED}"
     how = {
-        **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},
+        **{"set": data_set.name, "kind": data_set.kind, "right": data_set.right},
         **{"points": points, "exact": args.exact, "exhaustive": args.exhaustive},
         "changes": changes.asked(args)._asdict(),
         "jobs": args.jobs,
@@ -136,7 +136,7 @@ def _run(
             f"{row['seconds']:.1f} s ({tried})",
             flush=True,
         )
-        summary = summaries(rows)
+        summary = summaries(rows, data_set.right)
         if out:
             results_file.write(out, settings=how, summary=summary, pairs=rows)
     for name, figures in summary.items():
@@ -168,7 +168,7 @@ def _row(
     if args.identity:
         y = datasets.posed(x, y)
     row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
-    return row | measure(x, y, _settings(args), data_set.kind == "part", args)
+    return row | measure(x, y, _settings(args), data_set, args)
 
 
 def _settings(args: argparse.Namespace) -> jfsf.Settings:
@@ -179,13 +179,17 @@ def _settings(args: argparse.Namespace) -> jfsf.Settings:
 
 
 def measure(
-    x: datasets.Shape, y: datasets.Shape, settings: jfsf.Settings, part: bool, args
+    x: datasets.Shape,
+    y: datasets.Shape,
+    settings: jfsf.Settings,
+    data_set: protocol.DataSet,
+    args,
 ) -> dict:
     """One row: sizes, seconds, and error and evidence of the match and all attempts."""
     start = time.perf_counter()
-    state = None
+    state, part = None, data_set.kind == "part"
     if part:
-        same = changes.asked(args).same_unit
+        same = data_set.same_unit and changes.asked(args).same_unit
         found = jfsf.match(
             x.mesh, y.mesh, partial=True, same_unit=same, settings=settings
         )
@@ -198,7 +202,7 @@ def measure(
         names = [attempt.source for attempt in state.attempts]
         tried, won = list(zip(names, matches, strict=True)), state.won
     seconds = time.perf_counter() - start
-    at = _points(len(x.truth), args.every)
+    at = some_points(len(x.truth), args.every)
     solver = GeodesicSolver(y.mesh, exact=args.exact)
     distances = solver.rows(y.truth[at]) / np.sqrt(surface_area(y.mesh))
     vertices = None if part else _vertices(x, y, tried[won][1], at, distances, settings)
@@ -240,19 +244,19 @@ def _regions(x: datasets.Shape, y: datasets.Shape, match: Match) -> dict[str, fl
     }
 
 
-def summaries(rows: list[dict]) -> dict[str, dict]:
+def summaries(rows: list[dict], right: float = protocol.RIGHT) -> dict[str, dict]:
     """Of all rows, and of those of each role if there are several."""
     roles = sorted({row["role"] for row in rows})
     parts = roles if len(roles) > 1 else []
-    found = {"all": summary(rows)}
-    return found | {r: summary([o for o in rows if o["role"] == r]) for r in parts}
+    own = {role: [row for row in rows if row["role"] == role] for role in parts}
+    return {name: summary(some, right) for name, some in {"all": rows, **own}.items()}
 
 
-def summary(rows: list[dict]) -> dict:
+def summary(rows: list[dict], right: float = protocol.RIGHT) -> dict:
     """Errors, and how well the confidence tells right from wrong."""
     errors = np.array([row["error"] for row in rows])
     likely = np.array([row["confidence"] for row in rows])
-    wrong = np.array([not protocol.is_right(error) for error in errors])
+    wrong = np.array([not protocol.is_right(error, right) for error in errors])
     found = {
         "role": ", ".join(sorted({row["role"] for row in rows})),
         "pairs": len(rows),
@@ -333,7 +337,7 @@ def _bent_evidence(specs, maps, C_yx, *, settings):
     return vertex_evidence(maps, aligned, specs)
 
 
-def _points(number: int, every: int | None) -> np.ndarray:
+def some_points(number: int, every: int | None = None) -> np.ndarray:
     """Which points of the ground truth count."""
     if every:
         return np.arange(0, number, every)
