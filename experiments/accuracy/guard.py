@@ -63,8 +63,10 @@ def main() -> None:
         parser.error("give --out FILE: what is done is kept there")
     before, rows = read(args.before), read(args.out)
     sets = [protocol.below(own, args.data) for own in protocol.named(args.sets)]
+    every = [(i, own, *one) for own in sets for i, one in enumerate(of(own))]
+    every.sort(key=lambda one: one[0])  # the first of each set, then the second
     pairs = {
-        (own.name, p.x, p.y): (own, p, role) for own in sets for p, role in of(own)
+        (own.name, pair.x, pair.y): (own, pair, role) for _, own, pair, role in every
     }
     match_missing(pairs, rows, args.out)
     match_again(pairs, rows, args.noise, args.out)
