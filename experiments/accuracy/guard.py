@@ -38,8 +38,8 @@ from jfsf.runtime._program_files import CODE
 from jfsf.types import Mesh
 
 BEFORE = command_line.RESULTS / "guard.json"
-# Pairs of a set, spread over its list: more where they vary most or few are right, fewer
-# of slow ones.
+# Pairs of a set, spread over its list: more where they vary most or few are right,
+# fewer of slow ones.
 PAIRS = {"shrec07": 11, "creatures": 8, "tosca_iso_r": 8, "psmal": 8, "becos_pp": 7}
 PAIRS |= {"becos_ff": 5, "hdm_molars": 5, "shrec20_full": 5, "mouse_skulls": 4}
 PAIRS |= {"cortex_species": 3, "shrec20_partial": 3}
