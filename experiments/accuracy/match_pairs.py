@@ -22,9 +22,6 @@ results/match_SET_exhaustive.json.
 
 `changes.py` says what may be done to X first: a rotation, another size, fewer vertices.
 
---jobs N matches N pairs at a time, each in a process; seconds are then not to be
-compared with those of one job.
-
 Parts are matched as such, once, and the regions that are found are compared with the
 true ones.
 """
@@ -32,10 +29,7 @@ true ones.
 import argparse
 import os
 import time
-from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 
 import jax
@@ -65,21 +59,15 @@ def main() -> None:
     parser = command_line.parser(__doc__)
     parser.add_argument("sets", nargs="*", help="of the protocol; a role; all")
     datasets.add_arguments(parser)
-    parser.add_argument("--every", type=int, help="points of ground truth: 1 in N")
-    parser.add_argument("--exact", action="store_true", help="exact geodesics, slow")
-    parser.add_argument("--step", type=int, default=1, help="only every Nth pair")
-    attempts = parser.add_mutually_exclusive_group()
-    attempts.add_argument("--first", action="store_true", help="no second attempt")
-    attempts.add_argument(
+    parser.add_argument(
         "--exhaustive", action="store_true", help="further attempts for every pair"
     )
     changes.add_arguments(parser)
-    parser.add_argument("--jobs", type=int, default=1, help="pairs at a time")
     args = command_line.parse(parser)
     if args.sets:
         _check_sets(parser, args)
         root = Path(args.data[0] if args.data else os.environ.get("JFSF_DATA", "."))
-        ending = "_exhaustive" if args.exhaustive else "_first" if args.first else ""
+        ending = "_exhaustive" if args.exhaustive else ""
         for data_set in protocol.named(args.sets):
             folder = args.out or command_line.RESULTS
             path = folder / f"match_{data_set.name}{ending}.json"
@@ -110,21 +98,30 @@ def _run(
     data_set: protocol.DataSet, pairs: list[datasets.Pair], args, out: Path | None
 ) -> None:
     """Match the pairs of a set; the file is written anew after each of them."""
-    points = f"1 in {args.every}" if args.every else f"{POINTS} at most, seed {SEED}"
+    settings = jfsf.Settings()
+    if args.exhaustive:
+        settings = jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
+    asked = changes.asked(args)
+    same_unit = data_set.same_unit and asked.same_unit
     how = {
-        **{"set": data_set.name, "kind": data_set.kind, "right": protocol.RIGHT},
-        **{"points": points, "exact": args.exact, "exhaustive": args.exhaustive},
-        "changes": changes.asked(args)._asdict(),
-        "jobs": args.jobs,
-        "match_settings": _settings(args).as_record(),
+        **{"set": data_set.name, "kind": data_set.kind, "right": data_set.right},
+        "points": f"{POINTS} at most, seed {SEED}",
+        "exhaustive": args.exhaustive,
+        "changes": asked._asdict(),
+        "match_settings": settings.as_record(),
     }
     with_role = [(pair, data_set.role(i)) for i, pair in enumerate(pairs)]
-    with_role = datasets.spread(with_role[:: args.step], args.spread)
+    with_role = datasets.spread(with_role, args.spread)
     rows, summary = [], {}
     print(f"{data_set.name}: {len(with_role)} pairs", flush=True)
-    row_of = partial(_row, data_set, args=args)
-    numbered = [(number, *own) for number, own in enumerate(with_role)]
-    for row in _in_turn(row_of, numbered, args.jobs):
+    for number, (pair, role) in enumerate(with_role):
+        x, y = datasets.load_pair_of(data_set, pair)
+        own = changes.changed(x.mesh, asked, number)
+        x = x._replace(mesh=own.mesh, truth=own.near[x.truth])
+        if args.identity:
+            y = datasets.posed(x, y)
+        row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
+        row |= measure(x, y, settings, data_set.kind == "part", same_unit)
         rows.append(row)
         tried = " ".join(
             f"{one['source']} {one['error']:.3f}/{one['confidence']:.2f}"
@@ -136,58 +133,26 @@ def _run(
             f"{row['seconds']:.1f} s ({tried})",
             flush=True,
         )
-        summary = summaries(rows)
+        summary = summaries(rows, data_set.right)
         if out:
             results_file.write(out, settings=how, summary=summary, pairs=rows)
     for name, figures in summary.items():
         print(name, figures, flush=True)
 
 
-def _in_turn(row_of: partial, numbered: list[tuple], jobs: int) -> Iterator[dict]:
-    """The rows of all pairs, in their order, each as soon as it is there."""
-    if jobs == 1:
-        yield from (row_of(*own) for own in numbered)
-        return
-    # Not by fork: jax has threads.
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        yield from pool.map(row_of, *zip(*numbered, strict=True))
-
-
-def _row(
-    data_set: protocol.DataSet,
-    number: int,
-    pair: datasets.Pair,
-    role: str,
-    *,
-    args: argparse.Namespace,
-) -> dict:
-    """The row of one pair; `number` is the seed of what is changed."""
-    x, y = datasets.load_pair_of(data_set, pair)
-    own = changes.changed(x.mesh, changes.asked(args), number)
-    x = x._replace(mesh=own.mesh, truth=own.near[x.truth])
-    if args.identity:
-        y = datasets.posed(x, y)
-    row = {"x": pair.x, "y": pair.y, "role": role, "rival": pair.rival}
-    return row | measure(x, y, _settings(args), data_set.kind == "part", args)
-
-
-def _settings(args: argparse.Namespace) -> jfsf.Settings:
-    """Of the match; made anew in each process, since functions in it do not pickle."""
-    if args.exhaustive:
-        return jfsf.Settings(retry_below=1, nonisometric_attempts=FURTHER)
-    return jfsf.Settings(retry_below=0) if args.first else jfsf.Settings()
-
-
 def measure(
-    x: datasets.Shape, y: datasets.Shape, settings: jfsf.Settings, part: bool, args
+    x: datasets.Shape,
+    y: datasets.Shape,
+    settings: jfsf.Settings,
+    part: bool,
+    same_unit: bool,
 ) -> dict:
     """One row: sizes, seconds, and error and evidence of the match and all attempts."""
     start = time.perf_counter()
     state = None
     if part:
-        same = changes.asked(args).same_unit
         found = jfsf.match(
-            x.mesh, y.mesh, partial=True, same_unit=same, settings=settings
+            x.mesh, y.mesh, partial=True, same_unit=same_unit, settings=settings
         )
         tried, won = [("parts", jax.block_until_ready(found))], 0
     else:
@@ -198,8 +163,8 @@ def measure(
         names = [attempt.source for attempt in state.attempts]
         tried, won = list(zip(names, matches, strict=True)), state.won
     seconds = time.perf_counter() - start
-    at = _points(len(x.truth), args.every)
-    solver = GeodesicSolver(y.mesh, exact=args.exact)
+    at = some_points(len(x.truth))
+    solver = GeodesicSolver(y.mesh)
     distances = solver.rows(y.truth[at]) / np.sqrt(surface_area(y.mesh))
     vertices = None if part else _vertices(x, y, tried[won][1], at, distances, settings)
     attempts = [
@@ -240,19 +205,19 @@ def _regions(x: datasets.Shape, y: datasets.Shape, match: Match) -> dict[str, fl
     }
 
 
-def summaries(rows: list[dict]) -> dict[str, dict]:
+def summaries(rows: list[dict], right: float = protocol.RIGHT) -> dict[str, dict]:
     """Of all rows, and of those of each role if there are several."""
     roles = sorted({row["role"] for row in rows})
     parts = roles if len(roles) > 1 else []
-    found = {"all": summary(rows)}
-    return found | {r: summary([o for o in rows if o["role"] == r]) for r in parts}
+    own = {role: [row for row in rows if row["role"] == role] for role in parts}
+    return {name: summary(some, right) for name, some in {"all": rows, **own}.items()}
 
 
-def summary(rows: list[dict]) -> dict:
+def summary(rows: list[dict], right: float = protocol.RIGHT) -> dict:
     """Errors, and how well the confidence tells right from wrong."""
     errors = np.array([row["error"] for row in rows])
     likely = np.array([row["confidence"] for row in rows])
-    wrong = np.array([not protocol.is_right(error) for error in errors])
+    wrong = np.array([not protocol.is_right(error, right) for error in errors])
     found = {
         "role": ", ".join(sorted({row["role"] for row in rows})),
         "pairs": len(rows),
@@ -333,10 +298,8 @@ def _bent_evidence(specs, maps, C_yx, *, settings):
     return vertex_evidence(maps, aligned, specs)
 
 
-def _points(number: int, every: int | None) -> np.ndarray:
+def some_points(number: int) -> np.ndarray:
     """Which points of the ground truth count."""
-    if every:
-        return np.arange(0, number, every)
     return np.random.default_rng(SEED).permutation(number)[:POINTS]
 
 

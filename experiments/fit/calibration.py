@@ -143,13 +143,14 @@ def read(folder: Path, name: str) -> Results | None:
     twins = _pairs(folder / f"twins_{name}.json")
     if not pairs:
         return None
+    limit = protocol.SETS[name].right
     rows = [(own, OTHERS if i else 1.0) for p in pairs for i, own in _tried(p)]
     # The first attempt is in the other file already.
     rows += [(own, OTHERS) for p in more for i, own in _tried(p) if i]
     rows += [(own, TWINS) for p in twins for _, own in _tried(p)]
     attempts = Attempts(
         np.array([_columns(own, EVIDENCE) for own, _ in rows]),
-        np.array([protocol.is_right(own["error"]) for own, _ in rows]),
+        np.array([protocol.is_right(own["error"], limit) for own, _ in rows]),
         np.array([weight for _, weight in rows]),
     )
     copies = [
@@ -160,7 +161,8 @@ def read(folder: Path, name: str) -> Results | None:
         for p in (*pairs, *more)
         if p["copies"]
     ]
-    return Results(attempts, _matches(pairs), _matches([*pairs, *more]), copies)
+    matches = _matches(pairs, limit)
+    return Results(attempts, matches, _matches([*pairs, *more], limit), copies)
 
 
 def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
@@ -316,13 +318,13 @@ def _tried(pair: dict[str, Any]) -> list[tuple[int, dict[str, Any]]]:
     return list(enumerate(pair["attempts"]))
 
 
-def _matches(pairs: list[dict[str, Any]]) -> Matches:
+def _matches(pairs: list[dict[str, Any]], limit: float) -> Matches:
     share = np.array([float(p["share"]) for p in pairs])
     within = np.clip(share, 1e-9, 1 - 1e-9)
     return Matches(
         np.array([_columns(p, EVIDENCE) for p in pairs]),
         np.log(within / (1 - within)),
-        np.array([protocol.is_right(p["error"]) for p in pairs]),
+        np.array([protocol.is_right(p["error"], limit) for p in pairs]),
     )
 
 
