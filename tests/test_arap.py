@@ -95,6 +95,10 @@ def test_shapes_that_are_bent_already_go_on(sign):
     then = arap(spec, target, bent, sign, rounds=2, **options)
     for ours, theirs in zip(then, in_one, strict=True):
         np.testing.assert_allclose(ours, theirs, atol=1e-10)
+    for ours, theirs in zip(
+        arap(spec, target, bent, sign, rounds=0, **options), (x, y), strict=True
+    ):
+        np.testing.assert_allclose(ours, theirs, atol=1e-12)
 
 
 @given(seed=testing.seeds)
@@ -224,7 +228,7 @@ def test_the_gradient_is_that_of_small_steps():
 
 def test_errors():
     spec = testing.blob_spectrum(0, K)
-    with pytest.raises(ValueError, match="arap: rounds is 0, it must be positive"):
+    with pytest.raises(ValueError, match="arap: rounds is 0, it must be 1 or more"):
         arap(spec, spec, rough(spec), rounds=0, converter=nearest)
     cloud = spec._replace(faces=spec.faces[:0])
     with pytest.raises(

@@ -123,5 +123,5 @@ def test_a_cloud_beside_a_mesh_has_no_copies(faces):
 
 
 def test_rounds_that_are_none_are_an_error():
-    with pytest.raises(ValueError, match="last_rounds is 0; give 1 or more"):
-        Settings(last_rounds=0)
+    with pytest.raises(ValueError, match="last_rounds is -1; give 0 or more"):
+        Settings(last_rounds=-1)

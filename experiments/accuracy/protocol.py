@@ -107,6 +107,7 @@ _ROWS = (
     _external("gorilla", "choose", "far"),  # an ape to people
     # Tunnels through the bone; decimated, which leaves loose pieces.
     _external("mouse_skulls", "report", "near", largest=True),
+    _external("calcanei", "choose", "near"),  # heel bones of carnivores
     _external("hdm_molars", "fit", "far"),  # four landmarks: for gross errors only
     _external("becos_pf", "fit", "part"),  # one camera's view, to a whole template
     _external("becos_pp", "fit", "part"),  # view to view

@@ -42,7 +42,11 @@ def bent_as_copies(
 ) -> list[Work]:
     """The works before their last step; large shapes bent as their copies are."""
     bent_works = list(works)
-    large = [i for i, pair in enumerate(pairs) if bends_copies(pair, settings)]
+    large = [
+        i
+        for i, (pair, work) in enumerate(zip(pairs, works, strict=True))
+        if bends_copies(pair, settings) and not isinstance(work.C_yx, Bent)
+    ]
     if not large:
         return bent_works
     with seconds_of([pairs[i] for i in large], STAGE):

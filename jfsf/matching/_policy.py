@@ -121,11 +121,11 @@ def _attempt(
     """Attempt each start of a pair, and keep its match there."""
     starts, refined = [(pair, proposal.start) for pair, proposal in tried], None
     if source.refined:
-        refined = [start.C_yx for _, start in starts]
+        refined = [own.bent or own.start.C_yx for _, own in tried]
         # As large as any other start, so that one program finishes both.
         k = settings.search.final_ks[-1]
         starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
     matches = attempt_starts(starts, runner, settings, refined=refined)
-    for (pair, (start, *standing)), match in zip(tried, matches, strict=True):
-        attempt = Attempt(source.name, start, match)
+    for (pair, own), match in zip(tried, matches, strict=True):
+        attempt, standing = Attempt(source.name, own.start, match), own[1:3]
         pair.keep(attempt, *standing, settings=settings, wins=source.wins)

@@ -2,7 +2,7 @@
 
 A map read from eigenfunctions slides along the surface, and bending does not undo all
 of it. Where a similarity (a rigid motion and a scale), fitted to the map, lays X on Y
-everywhere, nearest points slide less.
+everywhere, a stiff deformation that goes on from it slides less (`_stiff.py`).
 """
 
 from collections.abc import Callable
@@ -12,41 +12,44 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
 
+from jfsf.matching._stiff import stiffly_onto
 from jfsf.mesh import closest
 from jfsf.mesh._closest import surface_tree
 from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import closest_rotations
-from jfsf.types import Mesh, Spectrum
+from jfsf.types import Bent, Mesh, Spectrum
 
 # All set by hand. Root mean square between moved points and their images, in
 # sqrt(area), above which nothing more is tried: the shapes are in different poses.
 FAR = 0.12
+# Mean distance of the surfaces after the similarity, above which nothing is tried.
+NEAR = 0.05
 SAMPLES = 500
 # Distance at which an image or a nearest point counts half, and a third.
 REACH = 0.05
 REWEIGHTED, NEAREST = 5, 20  # motions by the images, and by nearest points
-NORMAL_WEIGHT = 0.1  # distance that normals at an angle of 1 count for
 
 
 class Moved(NamedTuple):
-    """X laid on Y by a similarity.
+    """Two shapes laid on each other.
 
-    T_xy: the vertex of Y nearest to each vertex of X there, whose normal is alike.
-    apart: mean distance of either surface from the other, the larger of both, in
-        sqrt(area).
+    bent: each by a similarity and a stiff deformation; with the padding of the spectra.
+    apart: mean distance of X, laid on Y, and Y from each other, the larger of both
+        ways, in sqrt(area).
     """
 
-    T_xy: Int[np.ndarray, " n_x"]
+    bent: Bent
     apart: float
 
 
 def moved_by_map(
     spec_x: Spectrum, spec_y: Spectrum, T_xy: Int[np.ndarray, " n"], *, mirrors: bool
 ) -> Moved | None:
-    """Lay X on Y as a map has it on the whole. Padding is left out.
+    """Lay X on Y, and Y on X, as a map has it on the whole.
 
     First by the images of some vertices, those that fit the others counting more, then
-    by nearest points on tangent planes (Chen and Medioni, 1992).
+    by nearest points on tangent planes (Chen and Medioni, 1992); from there either
+    shape is deformed stiffly.
 
     Args:
         spec_x, spec_y: vertices, faces and mass are read.
@@ -54,12 +57,12 @@ def moved_by_map(
         mirrors: whether the map swaps left and right.
 
     Returns:
-        None of clouds, and where the images are far from a motion of X.
+        None of clouds, and where the images or the surfaces are far from a motion of X.
     """
     x, y = (surface_of(spec) for spec in (spec_x, spec_y))
     if not (len(x.faces) and len(y.faces)):
         return None
-    at_x, at_y = _some(x), _some(y)
+    at_x = _some(x)
     mass = np.asarray(spec_x.mass, float)[at_x]
     points, images = x.vertices[at_x], y.vertices[np.asarray(T_xy)[at_x]]
     move = motion(points, images, mass, mirrors=mirrors, scaled=True)
@@ -79,19 +82,14 @@ def moved_by_map(
         height = np.sum((y.vertices[at] - there) * normal_y[at], 1)
         foot = there + height[:, None] * normal_y[at]
         move = motion(points, foot, weight, mirrors=mirrors, scaled=True)
-    there = Mesh(move(x.vertices), x.faces)
-    apart = max(
-        closest(surface_tree(y), there.vertices[at_x]).distance.mean(),
-        closest(surface_tree(there), y.vertices[at_y]).distance.mean(),
-    )
-    side = -1 if mirrors else 1
-    normals = side * vertex_normals(*there), normal_y
-    both = (
-        np.hstack([mesh.vertices, NORMAL_WEIGHT * normal])
-        for mesh, normal in zip((there, y), normals, strict=True)
-    )
-    moved, fixed = both
-    return Moved(np.asarray(KDTree(fixed).query(moved)[1]), float(apart))
+    laid = move(x.vertices)
+    if _apart(Mesh(laid, x.faces), y) > NEAR:
+        return None
+    back = motion(laid, x.vertices, np.ones(len(laid)), mirrors=mirrors, scaled=True)
+    moved_x = stiffly_onto(x, laid, y, mirrors=mirrors)
+    moved_y = stiffly_onto(y, back(y.vertices), x, mirrors=mirrors)
+    bent = Bent(_padded(moved_x, spec_x), _padded(moved_y, spec_y))
+    return Moved(bent, _apart(Mesh(moved_x, x.faces), y))
 
 
 def motion(
@@ -134,3 +132,17 @@ def _some(mesh: Mesh) -> Float[np.ndarray, " s"]:
     """Numbers of some vertices."""
     order = np.random.default_rng(0).permutation(len(mesh.vertices))
     return order[:SAMPLES]
+
+
+def _apart(one: Mesh, other: Mesh) -> float:
+    """Mean distance of either surface from the other, the larger of both."""
+    both = (one, other), (other, one)
+    ways = (closest(surface_tree(to), of.vertices[_some(of)]) for of, to in both)
+    return max(float(found.distance.mean()) for found in ways)
+
+
+def _padded(points: np.ndarray, spec: Spectrum) -> np.ndarray:
+    """The positions of vertices, 0 on the padding of a spectrum."""
+    padded = np.zeros_like(np.asarray(spec.vertices))
+    padded[: len(points)] = points
+    return padded

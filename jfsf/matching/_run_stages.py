@@ -1,6 +1,7 @@
 """The stages of an attempt, run for many pairs; each pair notes the seconds."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any, cast
 
@@ -10,7 +11,7 @@ from jfsf.matching._pairs import PairState, seconds_of
 from jfsf.matching._settings import Settings
 from jfsf.matching._steps import FINISH, shape_samples, steps_of
 from jfsf.runtime._runners import Runner
-from jfsf.types import Match
+from jfsf.types import Bent, Match
 
 
 def describe(pairs: Sequence[PairState], runner: Runner, settings: Settings) -> None:
@@ -52,7 +53,8 @@ def attempt_starts(
         tried: pairs, all with landmarks or all without, and a start for each.
         runner: of the steps; `CompileOnly` has their programs compiled.
         settings: of all stages.
-        refined: the map C_yx of each start, where it needs no refinement.
+        refined: the map C_yx of each start, where it needs no refinement; or for all
+            the shapes as they are compared, where nothing deforms them further.
         at_a_time: as `Runner.map`.
     """
     pairs = [pair for pair, _ in tried]
@@ -61,6 +63,8 @@ def attempt_starts(
     if refined is not None:
         works = [w._replace(C_yx=C) for w, C in zip(works, refined, strict=True)]
         steps = (FINISH,)
+        if any(isinstance(one, Bent) for one in refined):
+            settings = replace(settings, last_rounds=0)
     for step in steps:
         if step is FINISH:
             works = bent_as_copies(pairs, works, runner, settings)

@@ -55,10 +55,10 @@ class Settings:
         error of creatures is smaller than with one, and with three no smaller; on
         SHREC'07 it is the same (`experiments/fit/fit_attempts.py`).
     rigid_below: mean distance in sqrt(area), of both shapes to each other after a
-        similarity fitted to the map, below which the nearest points after it are the
-        start of a last map, which is kept: on faces and teeth it slides less. For two
-        disks the limit is twice as large. 0 makes no such map, nor do landmarks or a
-        map that is given. Chosen by `experiments/fit/fit_rigid.py`.
+        similarity fitted to the map and a stiff deformation, below which the last map
+        is read from there, without free bending, and kept: on bones, teeth and faces it
+        slides less. For two disks the limit is twice as large. 0 makes no such map, nor
+        do landmarks or a map that is given. Chosen by `experiments/fit/fit_rigid.py`.
     ks: sizes of the basis in the refinement, from that of the start to the last; see
         `zoomout`. A larger `k` alone lengthens C_yx, not the refinement. Rounds of
         equal size, where descriptors weigh most, correct the start. Finer schedules
@@ -99,7 +99,7 @@ class Settings:
     coarse_vertices: int = COARSE_VERTICES
     copies_above: int = 5120
     nonisometric_attempts: int = 2
-    rigid_below: float = 0.015
+    rigid_below: float = 0.009
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn
@@ -127,14 +127,10 @@ class Settings:
                 f"Settings: k is {self.k}, but ks ends at {self.ks[-1]}; raise k or "
                 "shorten ks"
             )
-        if self.bend_rounds < 0 or self.samples < 1:
-            raise ValueError(
-                f"Settings: bend_rounds is {self.bend_rounds} and samples "
-                f"{self.samples}; give 0 or more, and 1 or more"
-            )
-        for name in ("nonisometric_attempts", "last_rounds"):
-            if (number := getattr(self, name)) < 1:
-                raise ValueError(f"Settings: {name} is {number}; give 1 or more")
+        least = {"bend_rounds": 0, "last_rounds": 0}
+        for name, few in (least | {"samples": 1, "nonisometric_attempts": 1}).items():
+            if (number := getattr(self, name)) < few:
+                raise ValueError(f"Settings: {name} is {number}; give {few} or more")
         if self.samples & (self.samples - 1):
             raise ValueError(
                 f"Settings: samples is {self.samples}; give a power of two"

@@ -23,7 +23,7 @@ from jfsf.matching._others import (
     unstacked,
 )
 from jfsf.matching._pairs import Attempt, PairState, seconds_of
-from jfsf.matching._rigid import moved_by_map
+from jfsf.matching._rigid import moved_by_map, surface_of
 from jfsf.matching._rivals import TIE, rivals_among, share_among
 from jfsf.matching._run_stages import (
     attempt_starts,
@@ -31,8 +31,11 @@ from jfsf.matching._run_stages import (
     search_inputs,
 )
 from jfsf.matching._settings import Settings
+from jfsf.matching._stages import deform_by_arap
 from jfsf.matching._steps import given_start
+from jfsf.matching._stiff import nearest_alike
 from jfsf.runtime._runners import Runner
+from jfsf.types import Bent
 
 # Eigenfunctions of disks depend on where they were cut, so there a motion is better
 # from farther on (`experiments/fit/fit_rigid.py`).
@@ -44,11 +47,13 @@ class Proposal(NamedTuple):
 
     start: the map to begin with.
     share, rivals: see `PairState`.
+    bent: the shapes as they are to be compared, if nothing deforms them further.
     """
 
     start: Start
     share: float = np.nan
     rivals: float = np.nan
+    bent: Bent | None = None
 
 
 class Comparison(NamedTuple):
@@ -113,7 +118,7 @@ def _needs_copies(pair: PairState, settings: Settings) -> bool:
 
 
 def _moved(pairs, runner, settings) -> list[Comparison]:
-    """Where shapes nearly coincide after a similarity, nearest points as a start."""
+    """Where shapes nearly coincide after a similarity, a stiff deformation from it."""
     del runner
     comparisons = []
     for pair in pairs:
@@ -125,10 +130,15 @@ def _moved(pairs, runner, settings) -> list[Comparison]:
         if moved is None or moved.apart >= limit:
             comparisons.append(Comparison())
             continue
-        # As large as any other map, so that one program finishes all.
-        C_yx = pulled_back(moved.T_xy, pair.spectra, settings.ks[-1])
         standing = pair.shares[pair.won], pair.rivals[pair.won]
-        start = Proposal(known._replace(C_yx=C_yx), *standing)
+        start = Proposal(known, *standing, moved.bent)
+        if settings.deform is not deform_by_arap:
+            # One of one's own deforms by functional maps only.
+            mesh_x, mesh_y = surface_of(x), surface_of(y)
+            there = mesh_x._replace(vertices=moved.bent.moved_x[: len(mesh_x.vertices)])
+            T_xy = nearest_alike(there, mesh_y, mirrors=mirrors)
+            C_yx = pulled_back(T_xy, pair.spectra, settings.ks[-1])
+            start = Proposal(known._replace(C_yx=C_yx), *standing)
         comparisons.append(Comparison([start]))
     return comparisons
 

@@ -87,7 +87,8 @@ def arap(
         start: maps in both directions, or shapes already deformed near to each other.
         orientation_sign: -1 for maps that mirror, 1 otherwise.
         rounds: how often both shapes are deformed. The maps are converted again between
-            two rounds, and before the first if `start` is not maps.
+            two rounds, and before the first if `start` is not maps. 0 leaves such
+            shapes as they are.
         converter: any `jfsf.convert.Converter`.
         search: how neighbours are searched, handed to the converter.
         settings: parameters of the deformation.
@@ -98,10 +99,11 @@ def arap(
         two normals; a row of emb_y those of a vertex of Y at rest and deformed onto X.
 
     Raises:
-        ValueError: rounds is below 1, or a shape has no faces.
+        ValueError: rounds is below 1, or 0 for shapes, or a shape has no faces.
     """
-    if rounds < 1:
-        raise ValueError(f"arap: rounds is {rounds}, it must be positive")
+    least = 0 if isinstance(start, Bent) else 1
+    if rounds < least:
+        raise ValueError(f"arap: rounds is {rounds}, it must be {least} or more")
     if len(spec_x.faces) == 0 or len(spec_y.faces) == 0:
         raise ValueError(
             f"arap: X has {len(spec_x.faces)} faces and Y {len(spec_y.faces)}; a point "
@@ -145,6 +147,8 @@ def arap(
         x = with_normals(start.moved_x, spec_x.faces)
         y = with_normals(start.moved_y, spec_y.faces)
         embs = embed(*x, *y)
+        if rounds == 0:  # a loop of no rounds would be compiled all the same
+            return embs
         maps_at = lambda _, embs: convert(embs)
     else:
         given = maps_of(start)
