@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from contextlib import suppress
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
@@ -187,6 +188,7 @@ def test_what_is_kept_is_counted(tmp_path):
     assert _kept(tmp_path, KEPT) == said
 
 
+XLA_LOGS = "TF_CPP_MIN_LOG_LEVEL"  # 3: nothing but what ends the process
 # In place of a shell: Ctrl-C on its terminal reaches all that it starts.
 RUN = """
 import fcntl, signal, termios
@@ -205,33 +207,32 @@ def test_control_c_ends_a_run_with_one_line(scans, tmp_path):
     (script := tmp_path / "run.py").write_text(RUN)
     out, (shown, terminal) = tmp_path / "out", pty.openpty()
     args = "collection", scans, "--out", out, "--workers", "1"
+    env = {name: v for name, v in os.environ.items() if name != XLA_LOGS}
+    env |= {"JFSF_CACHE": str(tmp_path / "cache"), "TERM": "xterm"}
     running = subprocess.Popen(
         [sys.executable, script, *args],
         stdin=terminal,
         stdout=terminal,
         stderr=terminal,
         start_new_session=True,
-        env={
-            **{k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"},
-            "JFSF_CACHE": str(tmp_path / "cache"),
-            "TERM": "xterm",
-        },
+        env=env | {"PYTHONPATH": str(Path(__file__).parents[1])},
     )
     os.close(terminal)
     seen, reader = read_all(shown)
-    while len(list(out.glob("shapes/[!.]*.npz"))) < 4:
-        assert running.poll() is None, b"".join(seen)
-        time.sleep(0.1)
-    time.sleep(1)  # the worker compiles
-    workers = psutil.Process(running.pid).children(recursive=True)
-    # XLA says nothing there.
-    assert any(w.environ().get("TF_CPP_MIN_LOG_LEVEL") == "3" for w in workers)
-    os.write(shown, b"\x03")
-    assert running.wait(timeout=60) == 130
+    try:
+        while len(list(out.glob("shapes/[!.]*.npz"))) < 4:
+            assert running.poll() is None, b"".join(seen)
+            time.sleep(0.1)
+        workers = psutil.Process(running.pid).children(recursive=True)
+        assert all(one.environ()[XLA_LOGS] == "3" for one in workers)
+        os.write(shown, b"\x03")
+        assert running.wait(timeout=60) == 130
+    finally:
+        running.kill()
     reader.join()
     text = b"".join(seen).decode()
     said = "stopped; 4 shapes are kept; run the same command to go on"
     assert text.endswith(f"{said}\r\n") and "Traceback" not in text
     assert "distributed" not in text and "warn" not in text.lower()
-    assert not psutil.wait_procs(workers, timeout=60)[1]
+    assert workers and not psutil.wait_procs(workers, timeout=60)[1]
     assert not list(out.rglob("*.tmp"))

@@ -45,7 +45,7 @@ def unfit(path: Path, largest: bool, mend: bool) -> Unfit | None:
     best = Unfit(said(found))
     for way in ((largest or one, mend or other) for one, other in ways):
         mended = None if way == (largest, mend) else _tried(path, *way)
-        # Where seams are open the largest piece is a single triangle: repair keeps more.
+        # Where seams are open the largest piece is one triangle: a repair keeps more.
         if isinstance(mended, Shape) and len(mended.mesh.vertices) > kept:
             kept = len(mended.mesh.vertices)
             asked = zip((_LARGEST, _REPAIR), way, (largest, mend), strict=True)
