@@ -122,12 +122,14 @@ def collection(
 ) -> None:
     """Give all meshes of a folder one topology, and fit a shape model.
 
-    Matches a sparse graph of pairs, leaves out maps that disagree with the others, and
-    puts the most central shape, the template, onto every other. Writes registered/*.ply
-    (the template's faces on each shape), maps/*.npz, summary.csv, model.npz (mean,
-    modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that fit none
-    are named and left out. Run it again to continue a stopped run, or to add shapes.
-    Exit code 1 if a shape was left out.
+    Looks at all files first, and says what is unfit and which option mends it: it may
+    be added later, in the same folder. Matches a sparse graph of pairs, leaves out maps
+    that disagree with the others, and puts the most central shape, the template, onto
+    every other. Writes registered/*.ply (the template's faces on each shape),
+    maps/*.npz, summary.csv, model.npz (mean, modes, variances, scores), scores.csv,
+    mean.ply and mode_*.ply. Shapes that fit none are named and left out. Run it again
+    to continue a stopped run (Ctrl-C says what is kept), or to add shapes. Exit code 1
+    if a shape was left out.
 
     Example: jfsf collection scans --out model --report
     """

@@ -109,9 +109,13 @@ def write_report(
     maps = {"the map found": own}
     maps |= {f"candidate {i}": one.maps for i, one in enumerate(candidates, 1)}
     inside_x, inside_y = matched or (None, None)
-    inside = {"matched_x": inside_x, "matched_y": inside_y}
     pair = draw_pair(
-        shown_x.body, shown_y.body, own.T_xy, names=(x.name, y.name), **inside
+        shown_x.body,
+        shown_y.body,
+        own.T_xy,
+        names=(x.name, y.name),
+        matched_x=inside_x,
+        matched_y=inside_y,
     )
     pictures = {
         "pair": data_url(pair, _SMALL),
