@@ -4,7 +4,7 @@ An interrupt (Ctrl-C) ends the process at once, with exit code 130. It does not 
 KeyboardInterrupt, which is lost in too many places: numpy catches one that comes while
 it is imported, and is broken from then on; what jax runs at each garbage collection
 cannot raise it; and an import that it ends may leave a lock for which others wait.
-`jfsf batch` makes it one all the same, while it has workers to close.
+`jfsf batch` and `jfsf collection` say what is kept, too (`jfsf.apps.cli._runs`).
 """
 
 import os
@@ -19,6 +19,9 @@ def main() -> None:
     # In the background a shell has it ignored: that stays.
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _end)
+    # XLA reads it when it is loaded, here and in workers, and says much that is not for
+    # users: to it "Very slow compile?" is an error. What ends the process is said.
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     # numpy and jax, so only now.
     from jfsf.apps.cli import main
 

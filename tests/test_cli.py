@@ -102,7 +102,14 @@ def folder(tmp_path_factory, shapes, returned, all_run_once):
         write_off(folder / f"{name}.off", sample.mesh)
         write_map(folder / f"{name}.vts", sample.template_to_vertex)
     x, y = (folder / f"{name}.off" for name in PAIR)
-    args = ("--out", folder / "map.npz", "--png", folder / "map.png", "--no-cache")
+    args = (
+        "--out",
+        folder / "map.npz",
+        "--png",
+        folder / "map.png",
+        "--no-cache",
+        "--verbose",
+    )
     args += ("--export", folder / "x.ply", "--export", folder / "x.glb")
 
     def noted(*given, **options):
@@ -286,7 +293,9 @@ def test_match_passes_its_options_on(folder, x, y, in_pieces, monkeypatch):
     assert result.exit_code == 0, result.output
     assert seen["orientation"] == "reverse" and seen["cache"] and seen["progress"]
     assert seen["landmarks"].tolist() == [[3, 8], [4, 9]]
-    assert "warning: orientation" in result.stdout
+    sure, why, to_do = result.stdout.splitlines()[:3]
+    assert sure.endswith("; but see why") and why.startswith("why: orientation +")
+    assert to_do.startswith("to do: Give one pair") and "certificate" not in why
 
     exports = ("--export", folder / "c.obj", "--export", folder / "c.glb")
     assert run(*args[:5], *exports, "--checker", "--up", "z").exit_code == 0

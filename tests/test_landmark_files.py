@@ -607,7 +607,7 @@ def test_match_takes_a_file_of_each_shape(folder, seen):
         "landmarks: without a partner, of X: 'a'",
         "y.pp: its landmarks are within 0.00",
         "of their vertices, the farthest is ",
-        "warning: landmark 2 (c) ends far from its partner",
+        "landmark 2 (c) ends far from its partner",
     ):
         assert line in result.stdout
 

@@ -21,7 +21,7 @@ from jfsf.apps.report._html import thumbnail
 from jfsf.apps.report._index import Row, write_index
 from jfsf.apps.report._measured import measure
 from jfsf.apps.report._scene import scene, shown, shown_maps
-from jfsf.apps.report._words import readings, verdict, warnings_of
+from jfsf.apps.report._words import in_short, readings, verdict, warnings_of
 from jfsf.data import Sample, load
 from jfsf.initial import Candidates
 from jfsf.types import STAGES, Maps, Match, MatchInfo, Mesh
@@ -398,7 +398,18 @@ def test_words_say_what_is_known():
     assert readings(poor)["orientation"] == ("-0.90", "swaps left and right")
     assert "swaps left and right" in reasons(poor)[0]
     assert "unclear" in reasons(with_figures(GOOD, orientation=0.2))[0]
-    assert "gap 5%" in reasons(with_figures(GOOD, gap=0.05))[-1]
+    unsure = with_figures(GOOD, gap=0.05, confidence=0.8)
+    assert "gap 5%" in reasons(unsure)[-1]
+    # What is very likely right all the same need not be doubted for it.
+    sure = with_figures(unsure, confidence=0.95)
+    assert not any("gap" in said for said in reasons(sure))
+    lines = in_short(sure, "preserve")
+    assert lines[0] == "very likely right, confidence 95%" and len(lines) == 3
+    assert lines[1].startswith("why: left and right are kept; ")
+    assert lines[2].startswith("to do: nothing; --verbose")
+    lines = in_short(poor, "preserve")
+    assert lines[0] == "probably wrong, confidence 10%" and "swapped" in lines[1]
+    assert "--landmarks" in lines[2]
     (missing,) = findings(with_figures(GOOD, recall=0.88), "preserve")
     assert "found 88% of the nearest neighbours" in missing.why
     rival = with_figures(GOOD, share=0.45)

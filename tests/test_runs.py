@@ -21,7 +21,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli import _batch_jobs, app
 from jfsf.apps.cli._pair import pages_of
-from jfsf.apps.cli._runs import DRAWING, _interrupt, note_drawing, raising_interrupts
+from jfsf.apps.cli._runs import DRAWING, note_drawing
 from jfsf.apps.mapfiles import read_match, read_notes
 from jfsf.batch import connect, read_pairs
 from jfsf.batch._jobs import Job, run_jobs
@@ -100,7 +100,7 @@ def test_each_input_is_prepared_once(client, tmp_path):
     assert [job.out.read_text() for job in jobs] == ["ab", "bc", "ca", "aa"]
     log = (tmp_path / "prepared.log").read_text().split()
     assert sorted(log) == ["a", "b", "c"]
-    assert steps == [(1, 3), (2, 3), (3, 3)]
+    assert steps == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
 def test_failures_are_reported_and_the_other_jobs_done(client, tmp_path):
@@ -590,59 +590,6 @@ def test_what_is_drawn_in_another_way_is_drawn_again(tmp_path, monkeypatch):
     assert ask()
     touch(truth)
     assert not ask()
-
-
-@pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
-def test_an_interrupt_closes_the_workers(tmp_path):
-    import psutil
-
-    blobs(tmp_path, 2)
-    (pairs := tmp_path / "pairs.csv").write_text("0.off,1.off\n")
-    # A process in the background ignores it, and so do all that it starts.
-    run = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
-        "from jfsf.__main__ import main\n"
-        "if __name__ == '__main__': main()\n"
-    )
-    (script := tmp_path / "run.py").write_text(run)
-    out, cache = tmp_path / "out", {"JFSF_CACHE": str(tmp_path / "cache")}
-    running = process(script, "batch", pairs, "--out", out, "--workers", 1, **cache)
-    while not (out / "settings.json").exists():  # the workers are there
-        assert running.poll() is None, running.communicate()
-        time.sleep(0.1)
-    workers = psutil.Process(running.pid).children(recursive=True)
-    running.send_signal(signal.SIGINT)
-    output, errors = running.communicate(timeout=300)
-    assert running.returncode in (130, -signal.SIGINT), output + errors
-    assert not psutil.wait_procs(workers, timeout=60)[1]
-    assert not list(out.glob("*.tmp")) and not list(out.glob("*.npz"))
-
-
-@pytest.mark.parametrize(
-    ("name", "file"),
-    [
-        ("_xla_gc_callback", "interpreters/mlir.py"),
-        ("cb", "<frozen importlib._bootstrap>"),
-        ("__del__", "any.py"),
-    ],
-)
-def test_an_interrupt_where_python_ignores_it_is_not_lost(name, file):
-    def interrupted():
-        _interrupt(signal.SIGINT, sys._getframe())
-
-    names = {"interrupted": interrupted}
-    exec(compile(f"def {name}(*_): interrupted()", file, "exec"), names)
-    ignored = type("Ignored", (), {"__del__": names[name]})
-
-    # A shell has what it runs in the background ignore interrupts.
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    try:
-        with raising_interrupts():
-            ignored()  # and gone at once
-            with pytest.raises(KeyboardInterrupt):
-                time.sleep(20)
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 def _words(text):

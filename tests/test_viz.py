@@ -122,7 +122,12 @@ def test_draws_a_png_without_display_or_pyplot(tmp_path, monkeypatch):
     T_xy = np.zeros(len(x.mesh.vertices), np.int32)
     T_xy[x.template_to_vertex] = y.template_to_vertex
     path = tmp_path / "pair.png"
-    draw_pair(x.mesh, y.mesh, T_xy, path=path, title="a pair")
+    from matplotlib.text import Text
+
+    names = "lemur", "otter"
+    figure = draw_pair(x.mesh, y.mesh, T_xy, names=names, path=path, title="a pair")
+    written = {text.get_text() for text in figure.findobj(Text)}
+    assert {"lemur, coloured by its map to otter", "otter"} <= written
     assert path.read_bytes().startswith(PNG)
     assert 20_000 < path.stat().st_size < 600_000
     assert [p.name for p in tmp_path.iterdir()] == ["pair.png"]

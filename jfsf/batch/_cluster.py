@@ -1,5 +1,7 @@
 """A dask cluster for a long run: a local one, or one that is already running."""
 
+import logging
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -19,6 +21,8 @@ def connect(
     timeout: float = 20,
 ) -> "Iterator[Client]":
     """A dask client, closed on exit, together with its cluster if that is local.
+
+    Local processes ignore Ctrl-C: the process that has started them hears it alone.
 
     Args:
         scheduler: "host:port" of a dask scheduler; when absent a local cluster is
@@ -57,9 +61,15 @@ def connect(
         return
     from dask.system import CPU_COUNT
     from distributed.system import MEMORY_LIMIT
+    from distributed.utils import LoopRunner
 
     workers = workers or max(1, min(CPU_COUNT, MEMORY_LIMIT // MEMORY_PER_WORKER))
+    runner = LoopRunner()
+    with _without_interrupts():
+        runner.start()
     cluster = distributed.LocalCluster(
+        loop=runner.loop,
+        silence_logs=logging.ERROR,  # what it does when a worker dies is no news
         n_workers=workers,
         threads_per_worker=1,
         dashboard_address="127.0.0.1:0",  # any free port, so that two runs can coexist
@@ -67,5 +77,24 @@ def connect(
         # and a large mesh may need more than an equal part of the memory.
         memory_limit=0,
     )
-    with cluster, distributed.Client(cluster) as client:
-        yield client
+    try:
+        with cluster, distributed.Client(cluster) as client:
+            yield client
+    finally:
+        runner.stop()
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """A thread that is begun here does not get SIGINT, nor do processes begun by it.
+
+    A terminal sends it to all of them at once, and each would print a traceback.
+    """
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -70,7 +70,7 @@ def run_jobs(
             input fail for that reason.
         work: writes job.out. Both are functions of a module that workers can import.
         done: whether a job needs no work; `is_done` when absent.
-        progress: called with the number of inputs prepared, and of all.
+        progress: called with the number of inputs prepared, from 0 on, and of all.
         say: the message of an error, for `Outcome.reason`. As `prepare` and `work` it
             is a function of a module that workers can import.
 
@@ -96,6 +96,8 @@ def run_jobs(
     inputs = list(dict.fromkeys(path for job in left for path in job.inputs))
     reasons = {}
     calls = {path: (_timed, prepare, path, say) for path in inputs}
+    if progress is not None:
+        progress(0, len(inputs))
     for count, (path, (reason, _)) in enumerate(_results(client, calls), 1):
         reasons[path] = reason
         if progress is not None:

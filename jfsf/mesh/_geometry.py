@@ -71,6 +71,19 @@ def surface_area(mesh: Mesh) -> float:
     return float(face_areas(*mesh_arrays(mesh)).sum())
 
 
+def centroid_size(mesh: Mesh) -> float:
+    """Root mean square distance of a surface from its centroid, in its unit.
+
+    The centroid size of landmarks that are spread evenly over it is this times the
+    square root of their number.
+    """
+    vertices, faces = mesh_arrays(mesh)
+    weight = vertex_areas(vertices, faces)
+    weight = weight / weight.sum()
+    away = np.asarray(vertices, float) - weight @ vertices
+    return float(np.sqrt(weight @ (away**2).sum(1)))
+
+
 def vertex_normals(vertices: ArrayLike, faces: ArrayLike) -> Any:
     """Unit normals (n, 3), faces weighted by their area; 0 where there is none."""
     total = [_at_vertices(vertices, faces, c) for c in face_normals(vertices, faces).T]

@@ -14,11 +14,13 @@ Read in this order:
 - `_register`: `jfsf register`
 - `_match`: `jfsf match`
 - `_demo`: the comparison that `jfsf demo` runs
+- `_stages`: the stages of a run of many jobs, as bars or as lines
 - `_runs`: what the commands of many jobs share
 - `_summary`: the results of many pairs, as a table and as files
 - `_batch_jobs`: the options of each pair of `jfsf batch`, and its jobs
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
+- `_look`: what is unfit in a folder of meshes, and what mends it
 - `_collection_results`: what is written of all shapes when they are done
 - `_collection_runner`: makes the jobs, and reads what they wrote
 - `_collection`: `jfsf collection`

@@ -19,7 +19,8 @@ from jfsf.apps.cli._batch_jobs import (
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._known import landmark_names
 from jfsf.apps.cli._print import said, say_result
-from jfsf.apps.cli._runs import bars, begin, note_drawing, raising_interrupts
+from jfsf.apps.cli._runs import begin, note_drawing, stopping
+from jfsf.apps.cli._stages import Stages, stages
 from jfsf.apps.cli._summary import (
     batch_index,
     doubtful_first,
@@ -136,26 +137,29 @@ def batch(
     others = prepared_kinds(jobs, ways)
     how = {"base": base, "cache": cache, "same_unit": not any_unit}
     rows = {}
-    with raising_interrupts(), connect(scheduler, workers=workers) as client:
+    with (
+        stages(("spectra", "pairs")) as shown,
+        stopping(out, {"pairs": "*__*.npz"}, shown),
+        connect(scheduler, workers=workers) as client,
+    ):
         begin(out, settings | ({"same_unit": False} if any_unit else {}))
         forget_outdated(out, options, PairOptions(**settings))
         if report or png or suffixes:
             note_drawing(out, looks | {"base": base})
-        with bars() as shown:
-            spectra = shown.add_task("spectra", total=None)
-            done = shown.add_task("pairs", total=len(jobs))
-            outcomes = run_jobs(
-                jobs,
-                client,
-                prepare=bound(prepare, usual=ways, others=others, cache=cache),
-                work=bound(work, wanted=wanted, **how),
-                done=bound(is_complete, wanted=wanted),
-                progress=lambda n, all: shown.update(spectra, completed=n, total=all),
-                say=said,
-            )
-            for outcome in outcomes:
-                rows[outcome.job.out.name] = _row(outcome)
-                shown.advance(done)
+        shown.begin("pairs", len(jobs))
+        outcomes = run_jobs(
+            jobs,
+            client,
+            prepare=bound(prepare, usual=ways, others=others, cache=cache),
+            work=bound(work, wanted=wanted, **how),
+            done=bound(is_complete, wanted=wanted),
+            progress=bound(_spectra, shown),
+            say=said,
+        )
+        for outcome in outcomes:
+            rows[outcome.job.out.name] = _row(outcome)
+            shown.outcome("pairs", outcome)
+        shown.end("pairs")
     ordered = doubtful_first(
         [
             {"x": str(pair.x), "y": str(pair.y), **rows[f"{pair.name}.npz"]}
@@ -174,6 +178,17 @@ def batch(
     say_result([summary_table(ordered)], notes, (), written)
     if failed:
         raise typer.Exit(1)
+
+
+def _spectra(shown: Stages, number: int, of: int) -> None:
+    """So many spectra are there; then the pairs are begun."""
+    if number:
+        shown.advance("spectra")
+    else:
+        shown.begin("spectra", of)
+    if number == of:
+        shown.end("spectra")
+        shown.begin("pairs", 0)
 
 
 def _row(outcome) -> dict[str, Any]:

@@ -199,7 +199,7 @@ def work(
         notes = notes_of(job.inputs, shapes, given, known, brief=True)
         notes += [WARNING + units] if units else []
         write_found(job.out, result, *shapes, notes)
-    draw(pictures, shapes, job.inputs[1], seen(result))
+    draw(pictures, shapes, job.inputs, seen(result))
     write_page(
         pictures,
         job.inputs,

@@ -12,7 +12,6 @@ import numpy as np
 import typer
 
 from jfsf.apps.cli import _options as opt
-from jfsf.apps.cli._collection_jobs import keep
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
     carried_of,
@@ -25,18 +24,24 @@ from jfsf.apps.cli._collection_results import (
     write_model_of,
 )
 from jfsf.apps.cli._collection_runner import (
+    KEPT,
     PARTS,
+    STAGES,
     OnFiles,
     forget,
+    jobs_of_shapes,
     kept_shapes,
     known_before,
+    look,
     mirror_back,
     number_of,
     outcomes,
 )
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
+from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import say_result
-from jfsf.apps.cli._runs import bars, begin, raising_interrupts, write_table
+from jfsf.apps.cli._runs import begin, stopping, write_table
+from jfsf.apps.cli._stages import stages
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
 
 
@@ -123,12 +128,14 @@ def collection(
 ) -> None:
     """Give all meshes of a folder one topology, and fit a shape model.
 
-    Matches a sparse graph of pairs, leaves out maps that disagree with the others, and
-    deforms the most central shape, the template, onto every other. Writes
-    registered/*.ply (the template on each shape), maps/*.npz, summary.csv, model.npz
-    (mean, modes, variances, scores), scores.csv, mean.ply and mode_*.ply. Shapes that
-    no trusted map reaches are named and left out. Run it again to continue a stopped
-    run, or to add shapes. Exit code 1 if a shape was left out.
+    Checks all files first, and says what is unfit and which option mends it: it may be
+    added later, in the same folder. Matches a sparse graph of pairs, leaves out maps
+    that disagree with the others, and deforms the most central shape, the template,
+    onto every other. Writes registered/*.ply (the template on each shape), maps/*.npz,
+    summary.csv, model.npz (mean, modes, variances, scores), scores.csv, mean.ply and
+    mode_*.ply. Shapes that no trusted map reaches are named and left out. Run it again
+    to continue a stopped run (Ctrl-C says what is kept), or to add shapes. Exit code 1
+    if a shape was left out.
 
     Example: jfsf collection scans --out model --report
     """
@@ -156,21 +163,19 @@ def collection(
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
-    options = {
-        "orientation": orientation.value,
-        "mirror": mirror.value,
-        "largest_component": largest_component,
-        "repair": repair,
-    }
-    with raising_interrupts(), connect(scheduler, workers=workers) as client:
-        begin(out, options)
+    jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
+    with stages(STAGES) as shown, stopping(out, KEPT, shown):
+        begin(out, {"orientation": orientation.value, "mirror": mirror.value})
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
-        with bars() as shown:
+        reasons = look(jobs, shown, *ways)
+        with connect(scheduler, workers=workers) as client:
             run = partial(outcomes, client, shown)
-            work = partial(keep, largest=largest_component, mend=repair)
-            shapes, reasons = kept_shapes(out, paths, partial(run, work=work))
+            shapes, reasons = kept_shapes(jobs, run, reasons, *ways)
             names = list(shapes)
+            odd = doubts([str(paths[name]) for name in names], list(shapes.values()))
+            for line in odd:
+                shown.say(line)
             graph, failed = join_shapes(
                 [own.sketch for own in shapes.values()],
                 OnFiles(out, names, orientation.value, report, run),
@@ -178,34 +183,38 @@ def collection(
                 orientation=orientation.value,
                 mirror=mirror.value,
             )
-    shapes = mirror_back(out, shapes, graph)
-    reasons |= {
-        names[i]: reason(graph, names, i)
-        for i in np.flatnonzero(~graph.joined).tolist()
-    }
-    reasons |= {names[i]: why for i, why in failed.items()}
-    forget(out, {*reasons, *(known_before(out) - set(paths))})
-    rows = rows_of(out, paths, shapes, graph, reasons)
-    name = names[graph.paths.template]
-    mesh = shapes[name].mesh
-    kinds = {"scale": scale, "report": report}
-    written, notes = write_model_of(out, rows, mesh.faces, **kinds)
-    write_table(out / "summary.csv", COLUMNS, rows)
-    written.insert(0, out / "summary.csv")
-    if points is not None and landmarks is not None:
-        written += write_landmarks_of(out, rows, mesh, points, landmarks)
-    turned = {names[i] for i in graph.mirrored_back}
-    written += write_carried(out, rows, paths, shapes, name, carried, turned)
-    if report:
-        written.append(write_index_page(out, rows, shapes, graph))
-    shown = table(rows, f"template {name}, {len(graph.matched)} pairs")
-    lines = [f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said]
+        shown.begin("model", 1)
+        shapes = mirror_back(out, shapes, graph)
+        reasons |= {
+            names[i]: reason(graph, names, i)
+            for i in np.flatnonzero(~graph.joined).tolist()
+        }
+        reasons |= {names[i]: why for i, why in failed.items()}
+        forget(out, {*reasons, *(known_before(out) - set(paths))})
+        rows = rows_of(out, paths, shapes, graph, reasons)
+        name = names[graph.paths.template]
+        mesh = shapes[name].mesh
+        kinds = {"scale": scale, "report": report}
+        written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+        write_table(out / "summary.csv", COLUMNS, rows)
+        written.insert(0, out / "summary.csv")
+        if points is not None and landmarks is not None:
+            written += write_landmarks_of(out, rows, mesh, points, landmarks)
+        turned = {names[i] for i in graph.mirrored_back}
+        written += write_carried(out, rows, paths, shapes, name, carried, turned)
+        if report:
+            written.append(write_index_page(out, rows, shapes, graph))
+        shown.advance("model")
+    summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
+    lines = odd + [
+        f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
+    ]
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
     lines += [
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
         for i in sorted(graph.mirrored_back)
     ]
-    say_result([shown], lines, notes, written)
+    say_result([summary], lines, notes, written)
     if reasons:
         raise typer.Exit(1)
 

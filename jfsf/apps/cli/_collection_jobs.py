@@ -3,6 +3,7 @@
 They run in worker processes, which may be other machines that see the same files.
 """
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -42,9 +43,14 @@ def nothing(path: Path) -> None:
 
 
 def keep(job, largest: bool, mend: bool) -> None:
-    """Write what is kept of a mesh, and put its spectrum into the cache."""
+    """Write what is kept of a mesh, and put its spectrum into the cache.
+
+    The file keeps its date if only the options are others, and the mesh is the same:
+    what was made of it counts.
+    """
     from jfsf.apps.collections._collection import check_surface
     from jfsf.apps.collections._sketch import sketch
+    from jfsf.batch._jobs import is_done
     from jfsf.matching import basis
     from jfsf.storage._atomic import write_atomically
 
@@ -53,14 +59,35 @@ def keep(job, largest: bool, mend: bool) -> None:
     check_surface(shape.mesh, str(path))
     n = len(shape.mesh.vertices)
     index = np.arange(n) if shape.index is None else np.asarray(shape.index)
-    arrays = {
+    mesh = {
         "vertices": np.asarray(shape.mesh.vertices),
         "faces": np.asarray(shape.mesh.faces),
         "index": index.astype(np.int32),
+    }
+    before = None
+    if is_done(job):
+        with np.load(job.out) as file:
+            if all(np.array_equal(file[name], own) for name, own in mesh.items()):
+                before = job.out.stat()
+    arrays = {
+        **mesh,
         "said": np.array(shape.said, str),
+        "options": np.array([largest, mend]),
         **sketch(basis(shape.mesh, name=str(path)))._asdict(),
     }
     write_atomically(job.out, lambda file: np.savez(file, **arrays))
+    if before is not None:
+        os.utime(job.out, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
+def is_kept(job, largest: bool, mend: bool) -> bool:
+    """Whether `keep` has nothing to do."""
+    from jfsf.batch._jobs import is_done
+
+    if not is_done(job):
+        return False
+    with np.load(job.out) as file:
+        return np.array_equal(file["options"], [largest, mend])
 
 
 def kept(path: Path) -> Kept:

@@ -19,6 +19,7 @@ from jfsf.apps.report._collection import shape_picture, write_collection_page
 from jfsf.apps.report._html import thumbnail
 from jfsf.apps.report._index import Row
 from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import centroid_size
 from jfsf.types import ArrayLike, Mesh
 
 LEFT_OUT = "left_out"  # a folder of pictures: a shape may have joined before
@@ -31,6 +32,11 @@ COLUMNS = (
     "confidence",
     "mean_distance",
     "most_distance",
+    "mean_in_unit",
+    "most_in_unit",
+    "mean_of_size",
+    "most_of_size",
+    "centroid_size",
     "bridged",
     "flipped",
     "collapsed",
@@ -50,12 +56,15 @@ def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
             row["mirrored"] = int(number[name] in graph.mirrored)
         if not row["reason"]:
             with np.load(file_of(out, "registered", name)) as file:
-                unit = np.sqrt(surface_area(shapes[name].mesh))
-                away = file["distance"] / unit
+                away, mesh = file["distance"], shapes[name].mesh
+                far = np.array([away.mean(), np.quantile(away, 0.95)])
+                root, size = np.sqrt(surface_area(mesh)), centroid_size(mesh)
+                units = {"distance": root, "in_unit": 1.0, "of_size": size}
+                for unit, length in units.items():
+                    row[f"mean_{unit}"], row[f"most_{unit}"] = (far / length).tolist()
                 row |= {
                     "confidence": float(file["confidence"]),
-                    "mean_distance": float(away.mean()),
-                    "most_distance": float(np.quantile(away, 0.95)),
+                    "centroid_size": size,
                     "bridged": float(file["bridged"].mean()),
                     "flipped": int(file["flipped"]),
                     "collapsed": int(file["collapsed"]),
@@ -93,7 +102,8 @@ def table(rows, title: str) -> Table:
     joined = sum(not row["reason"] for row in rows)
     shown = Table(title=f"{len(rows)} shapes, {joined} joined; {escape(title)}")
     shown.add_column("shape")
-    for name in ("confidence", "mean distance", "95 %", "bridged", "flipped faces"):
+    titles = "confidence", "distance", "of size", "of √area", "bridged", "flipped"
+    for name in titles:
         shown.add_column(name, justify="right")
     for row in rows:
         if not row["reason"]:
@@ -101,12 +111,17 @@ def table(rows, title: str) -> Table:
             shown.add_row(
                 escape(row["name"]),
                 "unknown" if np.isnan(likely) else f"{likely:.2f}",
+                f"{row['mean_in_unit']:.3g}",
+                f"{row['mean_of_size']:.2%}",
                 f"{row['mean_distance']:.2%}",
-                f"{row['most_distance']:.2%}",
                 f"{row['bridged']:.1%}",
                 str(row["flipped"]),
             )
-    shown.caption = "Distances between template and shape, in % of sqrt(area)."
+    shown.caption = (
+        "Mean distance of the template from the shape: in the unit of its file, as a "
+        "share of its centroid size (root mean square distance from the centroid), and "
+        "as one of the square root of its area."
+    )
     return shown
 
 
@@ -148,8 +163,10 @@ def _lines(row, template: bool) -> list[str]:
     if template:
         return ["the template"]
     said = (
-        f"The template lies {row['mean_distance']:.2%} of sqrt(area) from it in the "
-        f"mean, {row['most_distance']:.2%} for 95 % of the vertices"
+        f"The template lies {row['mean_in_unit']:.3g} from it in the mean, in the unit "
+        f"of its file ({row['mean_of_size']:.2%} of its centroid size, "
+        f"{row['mean_distance']:.2%} of sqrt(area)), and {row['most_in_unit']:.3g} for "
+        "95 % of the vertices"
     )
     if row["bridged"]:
         said += f"; {row['bridged']:.1%} of the vertices bridge holes"

@@ -11,7 +11,9 @@ import numpy as np
 from jfsf.apps.cli._collection_jobs import (
     file_of,
     has_page,
+    is_kept,
     is_put,
+    keep,
     kept,
     match_pair,
     nothing,
@@ -21,45 +23,108 @@ from jfsf.apps.cli._collection_jobs import (
     read_maps,
 )
 from jfsf.apps.cli._collection_results import carried_files
+from jfsf.apps.cli._look import unfit
 from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._print import said
+from jfsf.apps.cli._stages import Stages
+from jfsf.batch._jobs import Job
 from jfsf.mesh._read import stem_of
 
+# What a run does, in order; pairs and their mirror images by turns.
+STAGES = "files", "shapes", "pairs", "mirror images", "maps", "registered", "model"
+# What is kept when it is stopped -> its files.
+KEPT = {"shapes": "shapes/*.npz", "pairs": "pairs/*.npz", "maps": "maps/*.npz"}
 # Folders of the results.
 PARTS = "shapes", "pairs", "turned", "ways", "maps", "placed", "others", "registered"
 MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
 
 
 def outcomes(
-    client, shown, jobs, *, label: str, work, done=None
+    client, shown: Stages, jobs, *, label: str, work, done=None
 ) -> dict[Path, str | None]:
     """Do the jobs; why each failed, by its file, None for those that did not."""
     from jfsf.batch._jobs import run_jobs
 
-    bar = shown.add_task(label, total=len(jobs))
+    shown.begin(label, len(jobs))
     reasons = {}
     given = {"prepare": nothing, "work": work, "done": done, "say": said}
     for outcome in run_jobs(jobs, client, **given):
         reasons[outcome.job.out] = outcome.reason
-        shown.advance(bar)
+        shown.outcome(label, outcome)
+    shown.end(label)
     return reasons
 
 
-def kept_shapes(out, paths, run):
-    """What is kept of each shape, and why some are not, by name."""
-    from jfsf.batch._jobs import Job
+def jobs_of_shapes(out: Path, paths) -> dict[str, Job]:
+    """The job that keeps each shape, by name."""
+    return {
+        name: Job((path,), file_of(out, "shapes", name)) for name, path in paths.items()
+    }
 
-    files = {name: file_of(out, "shapes", name) for name in paths}
-    jobs = [Job((path,), files[name]) for name, path in paths.items()]
-    found = run(jobs, label="shapes")
-    reasons = {name: found[file] for name, file in files.items()}
-    bad = {name: why for name, why in reasons.items() if why is not None}
-    good = {name: kept(files[name]) for name in paths if name not in bad}
-    if len(good) < 2:
-        raise ValueError(
-            f"collection: {len(good)} of {len(paths)} shapes can be matched, two are "
-            f"needed: {'; '.join(bad.values()) or 'name a folder with more meshes'}"
+
+def look(jobs, shown: Stages, largest: bool, mend: bool) -> dict[str, str]:
+    """Look at the files, and say what is unfit; the reasons, by name.
+
+    Args:
+        jobs: of `jobs_of_shapes`.
+        shown: the stages.
+        largest, mend: as `matchable`.
+
+    Raises:
+        ValueError: fewer than two can be matched.
+    """
+    bad = {}
+    shown.begin("files", len(jobs))
+    for name, job in jobs.items():
+        fit = is_kept(job, largest, mend)
+        found = None if fit else unfit(job.inputs[0], largest, mend)
+        if found is not None:
+            bad[name] = found
+        shown.advance("files", quiet=True)
+    shown.end("files")
+    good = len(jobs) - len(bad)
+    shown.say(f"looked at {len(jobs)} meshes: {good} can be matched")
+    for one in bad.values():
+        shown.say(one.why)
+    if options := sorted({option for one in bad.values() for option in one.options}):
+        shown.say(
+            f"the others are left out, until {' '.join(options)} is added to the "
+            "command; the folder may be the same, and what was made counts"
         )
+    check_enough(good, len(jobs), [one.why for one in bad.values()])
+    return {name: one.why for name, one in bad.items()}
+
+
+def check_enough(good: int, of: int, reasons) -> None:
+    """ValueError if fewer than two shapes of so many can be matched."""
+    if good < 2:
+        raise ValueError(
+            f"collection: {good} of {of} shapes can be matched, two are needed: "
+            f"{'; '.join(reasons) or 'name a folder with more meshes'}"
+        )
+
+
+def kept_shapes(jobs, run, reasons, largest: bool, mend: bool):
+    """What is kept of each shape, and why some are not, by name.
+
+    Args:
+        jobs: of `jobs_of_shapes`.
+        run: `outcomes`, on some client.
+        reasons: of `look`.
+        largest, mend: as `matchable`.
+    """
+    options = {"largest": largest, "mend": mend}
+    fit = {name: job for name, job in jobs.items() if name not in reasons}
+    found = run(
+        list(fit.values()),
+        label="shapes",
+        work=partial(keep, **options),
+        done=partial(is_kept, **options),
+    )
+    failed = {name: found[job.out] for name, job in fit.items()}
+    bad = reasons | {name: why for name, why in failed.items() if why is not None}
+    good = {name: kept(jobs[name].out) for name in jobs if name not in bad}
+    check_enough(len(good), len(jobs), bad.values())
     return good, bad
 
 
@@ -93,8 +158,6 @@ class OnFiles:
     run: Callable[..., dict[Path, str | None]]
 
     def match(self, edges, turned: bool):
-        from jfsf.batch._jobs import Job
-
         folder = self.out / ("turned" if turned else "pairs")
         jobs = [
             Job(
@@ -109,8 +172,6 @@ class OnFiles:
         return [None if failed[job.out] else read_maps(job.out) for job in jobs]
 
     def place(self, graph, ways) -> dict[int, str]:
-        from jfsf.batch._jobs import Job
-
         base, jobs = graph.paths.template, {}
         for i, T in ways.items():
             # The template has a way too, to itself: what was made of it under another
@@ -127,8 +188,6 @@ class OnFiles:
         return {i: why for i, job in jobs.items() if (why := failed[job.out])}
 
     def agree(self, graph, maps) -> dict[int, str]:
-        from jfsf.batch._jobs import Job
-
         base, jobs = graph.paths.template, {}
         for i, known in maps.items():
             others = self._file("others", i)

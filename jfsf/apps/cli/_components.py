@@ -65,7 +65,7 @@ def match_pieces(
         notes += _said(paths, found) + _doubts(paths, found, orientation)
         write_components(out, found, notes=notes)
         x, y = (Shape(mesh, None, None, mesh) for mesh, _ in read)
-        notes = draw(pictures, (x, y), paths[1], _seen(found)) + notes
+        notes = draw(pictures, (x, y), paths, _seen(found)) + notes
     written = out, pictures.png, *pictures.exports
     say_result([pieces_table(found)], notes, (), written)
 

@@ -223,7 +223,8 @@ def write(demo: Demo, folder: Path) -> list[Path]:
     try:
         from jfsf.apps.plot import draw_pair
 
-        draw_pair(demo.mesh_x, demo.mesh_y, demo.found.T_xy, path=picture)
+        pair = demo.mesh_x, demo.mesh_y, demo.found.T_xy
+        draw_pair(*pair, names=tuple(demo.record["pair"]), path=picture)
     except ImportError:
         return written
     return [*written, picture]

@@ -26,7 +26,7 @@ from jfsf.apps.cli._register import (
     write_registered,
 )
 from jfsf.apps.cli._stored import write_found
-from jfsf.apps.report._words import attempts, warnings_of
+from jfsf.apps.report._words import attempts, in_short
 
 
 def match(
@@ -86,6 +86,13 @@ def match(
     repair: opt.RepairOption = False,
     no_cache: opt.NoCacheOption = False,
     up: opt.UpOption = opt.Up.y,
+    verbose: Annotated[
+        bool,
+        typer.Option(
+            "--verbose",
+            help="Print all figures of the certificate, and what was tried.",
+        ),
+    ] = False,
 ) -> None:
     """Compute point-to-point maps between two meshes, in both directions.
 
@@ -146,7 +153,7 @@ def match(
         stage("writing")
         notes = notes_of(paths, shapes, given, known)
         write_found(out, matched, *shapes, notes=notes)
-        notes = draw(pictures, shapes, y, seen(matched)) + notes
+        notes = draw(pictures, shapes, paths, seen(matched)) + notes
         if warped is not None:
             T, inside = matched.T_xy, matched.matched_x
             on_y = write_registered(warped, mesh_x, mesh_y, T, inside, stage)
@@ -161,15 +168,17 @@ def match(
             cache=not no_cache,
             progress=lambda name: stage(f"report: {name}"),
         )
-    shown, lines = [certificate_table(matched.certificate)], []
+    names = () if known is None else known.names
+    shown = []
+    lines = in_short(matched.certificate, orientation.value, landmarks=names)
     if matched.overlap_x is not None and matched.overlap_y is not None:
         shares = float(matched.overlap_x), float(matched.overlap_y)
         lines.append(f"matched: {shares[0]:.0%} of X's area, {shares[1]:.0%} of Y's")
-    if matched.info is not None:
-        lines.append(attempts(matched.info))
-    names = () if known is None else known.names
-    doubts = warnings_of(matched.certificate, orientation.value, landmarks=names)
+    if verbose:
+        shown.append(certificate_table(matched.certificate))
+        lines += [] if matched.info is None else [attempts(matched.info)]
+    doubts = []
     if on_y is not None:
         shown.append(registration_table(on_y, mesh_y, None))
-        doubts += registration_warnings(on_y, mesh_y)
+        doubts = registration_warnings(on_y, mesh_y)
     say_result(shown, [*lines, *notes], doubts, (out, png, *exports, warped, report))

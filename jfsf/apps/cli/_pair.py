@@ -163,14 +163,14 @@ def seen(found: Match) -> Seen:
 
 
 def draw(
-    pictures: Pictures, shapes: tuple[Shape, Shape], file_y: Path, found: Seen
+    pictures: Pictures, shapes: tuple[Shape, Shape], paths, found: Seen
 ) -> list[str]:
     """Write the picture of a pair, and X in the colours of Y to each exported file.
 
     Args:
         pictures: which, and how.
         shapes: X and Y.
-        file_y: of Y, which may have colours.
+        paths: of X and Y; that of Y may have colours.
         found: the map.
 
     Returns:
@@ -185,9 +185,10 @@ def draw(
         from jfsf.apps.plot import draw_pair
 
         how_y = {"matched_y": found.matched_y, "path": pictures.png}
-        draw_pair(x.mesh, y.mesh, found.T_xy, **how, **how_y)
+        names = stem_of(paths[0]), stem_of(paths[1])
+        draw_pair(x.mesh, y.mesh, found.T_xy, names=names, **how, **how_y)
     if pictures.exports and not pictures.by_place:
-        colours = vertex_colours(file_y)
+        colours = vertex_colours(paths[1])
         if colours is not None and y.index is not None:
             colours = colours[np.asarray(y.index)]
     values = {"confidence": found.confidence, "membership": found.membership}
@@ -197,7 +198,7 @@ def draw(
         export_map(path, x.mesh, y.mesh, found.T_xy, **how)
     if colours is None:
         return []
-    return [f"exported in the vertex colours of {file_y}"]
+    return [f"exported in the vertex colours of {paths[1]}"]
 
 
 def write_page(pictures: Pictures, paths, meshes, found: Match, **options) -> None:

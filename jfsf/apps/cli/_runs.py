@@ -1,18 +1,19 @@
-"""What the commands of many jobs share: files, interrupts, bars."""
+"""What the commands of many jobs share: files, and how they are interrupted."""
 
 import csv
 import io
 import json
+import multiprocessing.util
 import os
 import signal
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-from rich.progress import TimeRemainingColumn as Remaining
+from jfsf.__main__ import INTERRUPTED
+from jfsf.apps.cli._stages import Stages
 
 SETTINGS = "settings.json"
 DRAWING = "drawing.json"
@@ -71,53 +72,62 @@ def _differences(before, now: dict) -> str:
 
 
 @contextmanager
-def raising_interrupts():
-    """An interrupt is a KeyboardInterrupt, so that the workers are closed."""
+def stopping(out: Path, parts: Mapping[str, str], shown: Stages) -> Iterator[None]:
+    """While this lasts, an interrupt says what is kept, and ends process and workers.
+
+    Nothing is closed, nor is anything raised: dask takes seconds to close, with a
+    warning a worker, and an exception is lost in some places (`jfsf.__main__`).
+
+    Args:
+        out: folder of the results.
+        parts: what is kept in it -> the pattern of its files.
+        shown: the stages.
+    """
     before = signal.getsignal(signal.SIGINT)
     # Ignored in the background; and only the main thread may change it.
     if not callable(before) or current_thread() is not main_thread():
         yield
         return
-    signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGINT, partial(_stop, out, parts, shown))
     try:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
 
 
-def _interrupt(number, frame) -> None:
-    """A KeyboardInterrupt; a little later where Python would ignore it."""
-    if _is_ignored(frame):
-        Timer(0.1, os.kill, (os.getpid(), number)).start()
-    else:
-        signal.default_int_handler(number, frame)
+def _stop(out, parts, shown: Stages, *_: object) -> None:
+    """Say what is kept, and end."""
+    from jfsf.storage._atomic import remove_left_over, remove_unfinished
+
+    # If a lock that is needed here is held by what was interrupted.
+    late = Timer(1.5, os._exit, [INTERRUPTED])
+    late.daemon = True
+    late.start()
+    try:
+        shown.last_words(f"stopped; {_kept(out, parts)}")
+        # What dask and Python say of workers that are gone goes nowhere.
+        null = os.open(os.devnull, os.O_RDWR)
+        for number in (1, 2):
+            os.dup2(null, number)
+        for worker in multiprocessing.active_children():
+            worker.kill()
+        remove_unfinished()
+        remove_left_over(out)
+        # As at any exit: else semaphores stay, and a process of Python names them.
+        multiprocessing.util._run_finalizers(0)  # type: ignore
+    finally:
+        os._exit(INTERRUPTED)
 
 
-def _is_ignored(frame) -> bool:
-    """Whether Python prints and ignores an exception raised in this frame.
-
-    It does so within a `__del__`, within jax's callback of the garbage collector, and
-    within the callback by which an import releases its lock.
-    """
-    while frame is not None:
-        name, file = frame.f_code.co_name, frame.f_code.co_filename
-        if name in ("__del__", "_xla_gc_callback"):
-            return True
-        if name == "cb" and file == "<frozen importlib._bootstrap>":
-            return True
-        frame = frame.f_back
-    return False
-
-
-def bars() -> Progress:
-    """Bars of jobs that are done, on stderr."""
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        Remaining(),
-        console=Console(stderr=True),
-    )
+def _kept(out: Path, parts: Mapping[str, str]) -> str:
+    """What is kept in a folder of results, and how to go on."""
+    numbers = {what: len(list(out.glob(files))) for what, files in parts.items()}
+    some = [f"{n} {what if n > 1 else what[:-1]}" for what, n in numbers.items() if n]
+    if not some:
+        return "nothing is kept yet; run the same command to begin again"
+    listed = " and ".join([", ".join(some[:-1]), some[-1]] if some[1:] else some)
+    are = "is" if sum(numbers.values()) == 1 else "are"
+    return f"{listed} {are} kept; run the same command to go on"
 
 
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[dict]) -> None:

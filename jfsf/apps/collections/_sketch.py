@@ -9,6 +9,7 @@ from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import ArrayLike, Spectrum
 
 SIGNATURE = 30  # eigenvalues: how a shape differs from others as a whole
+_GROWTH = 4 * np.pi * SIGNATURE
 
 
 class Sketch(NamedTuple):
@@ -33,8 +34,15 @@ def sketch(spec: Spectrum) -> Sketch:
     unit = float(rms_distance(points, spec.mass))
     evals = np.maximum(np.asarray(spec.evals)[1 : SIGNATURE + 1], 0)
     numbers = (
-        np.sqrt(evals / (4 * np.pi * SIGNATURE)),
+        np.sqrt(evals / _GROWTH),
         np.asarray(points) / unit,
         np.asarray(spec.mass),
     )
     return Sketch(*(np.asarray(values, np.float32) for values in numbers))
+
+
+def evals_of(
+    signature: Float[ArrayLike, " f"],
+) -> Float[np.ndarray, " f"]:
+    """The eigenvalues of a signature, from the first that is not 0 on, at area 1."""
+    return _GROWTH * np.asarray(signature, float) ** 2

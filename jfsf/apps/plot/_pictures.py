@@ -68,6 +68,7 @@ def draw_pair(
     mesh_y: Mesh,
     T_xy: Int[ArrayLike, " n_x"],
     *,
+    names: tuple[str, str] = ("X", "Y"),
     path: str | os.PathLike[str] | None = None,
     title: str | None = None,
     errors: Float[ArrayLike, " n_x"] | None = None,
@@ -82,6 +83,7 @@ def draw_pair(
         mesh_x, mesh_y: meshes or point clouds; each is drawn at area 1 (a cloud: at a
             fixed spread), so their units do not matter.
         T_xy: the vertex of Y for each vertex of X.
+        names: of X and of Y, for what stands below them.
         path: the PNG to write, 160 dpi, completely or not at all.
         title: a line above.
         errors: one number for each vertex of X, drawn on X at the right; nan is grey.
@@ -107,16 +109,16 @@ def draw_pair(
     colours = body_colours(view_y.body)
     panels = [
         ShapePanel(
-            "X, coloured by its map to Y",
+            f"{names[0]}, coloured by its map to {names[1]}",
             view_x,
             matched_colours(colours[T_xy], matched_x),
         ),
-        ShapePanel("Y", view_y, matched_colours(colours, matched_y)),
+        ShapePanel(names[1], view_y, matched_colours(colours, matched_y)),
     ]
     scale = None
     if errors is not None:
         paint, top = error_colours(errors, len(view_x.depth))
-        panels.append(ShapePanel("error on X", view_x, paint))
+        panels.append(ShapePanel(f"error on {names[0]}", view_x, paint))
         scale = _error_scale(top)
     return draw_panels(panels, path, title, scale)
 

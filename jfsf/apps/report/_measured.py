@@ -8,7 +8,8 @@ from scipy.spatial import KDTree
 
 from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.matching._vertices import WITHIN
-from jfsf.mesh._geometry import vertex_areas
+from jfsf.mesh import surface_area
+from jfsf.mesh._geometry import centroid_size, vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
 
 SOURCES = 500  # geodesics are measured from about so many vertices,
@@ -78,8 +79,8 @@ def measure(
         back = _only_inside(_everywhere(mesh_x, at_x, there), inside_x)
         meaning = "mean distance from a vertex to its image there and back"
         rows += [
-            ("bijectivity on X", f"{there.mean():.4f}", meaning),
-            ("bijectivity on Y", f"{other.mean():.4f}", meaning),
+            ("bijectivity on X", _in_units(there.mean(), mesh_x), meaning),
+            ("bijectivity on Y", _in_units(other.mean(), mesh_y), meaning),
         ]
     for name, form, meaning in (
         ("coverage_xy", ".1%", "share of Y's area that is hit"),
@@ -107,9 +108,14 @@ def measure(
     errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
     shares = error_curve(errors, LIMITS)
     truth_rows = [
-        ("mean error", f"{errors.mean():.4f}", "geodesic distance / sqrt(area of Y)"),
-        ("median error", f"{np.median(errors):.4f}", ""),
-        ("largest error", f"{errors.max():.4f}", ""),
+        (f"{name} error", _in_units(value, mesh_y), meaning)
+        for name, value, meaning in (
+            ("mean", errors.mean(), "geodesic distance / sqrt(area of Y)"),
+            ("median", np.median(errors), ""),
+            ("largest", errors.max(), ""),
+        )
+    ]
+    truth_rows += [
         ("AUC to 0.25", f"{auc(errors):.3f}", "area under the curve; 1 is perfect"),
         *(
             (f"within {limit}", f"{share:.1%}", "share of the points")
@@ -123,6 +129,15 @@ def measure(
         truth_rows.append(("expected", f"{sure.mean():.1%}", meaning))
     error = _only_inside(_everywhere(mesh_x, at_x[some], errors), inside_x)
     return Measured(rows, truth_rows, back, error, errors, doubt)
+
+
+def _in_units(distance: float, mesh: Mesh) -> str:
+    """A distance over sqrt(area); in the file's unit, and over the centroid size."""
+    if len(mesh.faces) == 0:
+        return f"{distance:.4f}"
+    away = float(distance) * float(np.sqrt(surface_area(mesh)))
+    of_size = away / centroid_size(mesh)
+    return f"{distance:.4f} ({away:.3g} in its unit, {of_size:.2%} of centroid size)"
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:

@@ -111,7 +111,12 @@ def write_report(
     maps |= {f"candidate {i}": one.maps for i, one in enumerate(candidates, 1)}
     inside_x, inside_y = matched or (None, None)
     pair = draw_pair(
-        shown_x.body, shown_y.body, own.T_xy, matched_x=inside_x, matched_y=inside_y
+        shown_x.body,
+        shown_y.body,
+        own.T_xy,
+        names=(x.name, y.name),
+        matched_x=inside_x,
+        matched_y=inside_y,
     )
     pictures = {
         "pair": data_url(pair, _SMALL),

@@ -241,6 +241,43 @@ def warnings_of(
     return [finding.why for finding in doubts]
 
 
+def in_short(
+    certificate: Certificate, orientation: str, *, landmarks: Sequence[str] = ()
+) -> list[str]:
+    """Three lines: whether a map is sure, why, and what to do.
+
+    Args:
+        certificate, orientation, landmarks: as `findings`.
+    """
+    figure, likely = _numbers(certificate), float(certificate.confidence)
+    doubts = findings(certificate, orientation, landmarks=landmarks)
+    sure = verdict(likely) + ("" if np.isnan(likely) else f", confidence {likely:.0%}")
+    if doubts:
+        sure += "; but see why" if likely >= DOUBTFUL else ""
+        why, to_do = "; ".join(one.why for one in doubts), doubts[0].advice
+    else:
+        known = [
+            (
+                figure["residual"],
+                "bent onto each other, the shapes stay {:.2%} of sqrt(area) apart",
+            ),
+            (
+                max(figure["bijectivity_x"], figure["bijectivity_y"]),
+                "there and back again ends {:.3f} away, where 1 is random",
+            ),
+        ]
+        said = [words.format(value) for value, words in known if value == value]
+        score = figure["orientation"]
+        if abs(score) >= MIN_ORIENTATION:
+            said.insert(0, f"left and right are {'kept' if score > 0 else 'swapped'}")
+        why = "; ".join(said)
+        to_do = (
+            "nothing" if likely >= LIKELY else "look at the picture (--png, --report)"
+        )
+        to_do += "; --verbose shows all figures"
+    return [sure, f"why: {why}", f"to do: {to_do}"]
+
+
 def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str]:
     """Sentences on what the confidence rests on, each with its number.
 
@@ -310,9 +347,9 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
             )
     elif np.isinf(gap):
         sentences.append("The search found no second map that differs.")
-    elif gap < SMALL_GAP:
+    elif gap < SMALL_GAP and not figure["confidence"] >= LIKELY:
         sentences.append(f"The second candidate fits nearly as well (gap {gap:.0%}).")
-    elif not np.isnan(gap):
+    elif gap >= SMALL_GAP:
         sentences.append(f"The second candidate fits worse (gap {gap:.0%}).")
     if info is not None:
         sentences.append(attempts(info))

@@ -37,7 +37,9 @@ function fillTexts() {
     const shown = record.shown[side === "x" ? 0 : 1];
     const counted = `${vertices.toLocaleString("en")} vertices`;
     const part = shown < vertices ? `, ${shown.toLocaleString("en")} shown` : "";
-    byId(`label-${side}`).append(element("b", side.toUpperCase()), ` ${name}, ${counted}${part}`);
+    const label = ` (${side.toUpperCase()}), ${counted}${part}`;
+    byId(`label-${side}`).append(element("b", name), label);
+    for (const place of document.querySelectorAll(`.name-${side}`)) place.textContent = name;
   }
   fillTable("figures", record.figures);
   fillTable("truth", record.truth);
@@ -70,7 +72,7 @@ function sentence(text) {
 function showPicture() {
   const image = element("img");
   image.src = record.pictures.pair;
-  image.alt = "X in the colours of Y, beside Y";
+  image.alt = `${record.x.name} in the colours of ${record.y.name}, beside it`;
   document.querySelector(".panes").replaceChildren(image);
   document.querySelector(".tools").remove();
   byId("hint").textContent = "This browser has no WebGL, so the shapes cannot be turned.";
@@ -127,7 +129,7 @@ function startViewer() {
       byId("scale-top").textContent = figure.top.toPrecision(2);
       const meanings = { doubt: "1 − the confidence of a vertex", "not shared": "1 − the membership of a vertex" };
       const meaning = meanings[figure.name] ?? "geodesic distance / √area";
-      byId("scale-name").textContent = `${figure.name}, on X: ${meaning}, of the map found`;
+      byId("scale-name").textContent = `${figure.name}, on ${record.x.name}: ${meaning}, of the map found`;
       const stops = [0, 63, 127, 190, 254].map((k) => `rgb(${ramp.subarray(3 * k, 3 * k + 3).join()})`);
       byId("scale-strip").style.background = `linear-gradient(90deg, ${stops})`;
     }
@@ -228,7 +230,7 @@ function candidateButton({ name, picture, energy, orientation, nearest }) {
   button.type = "button";
   const image = element("img");
   image.src = picture;
-  image.alt = `X in the colours of Y, through ${name}`;
+  image.alt = `${record.x.name} in the colours of ${record.y.name}, through ${name}`;
   button.append(image, element("b", name));
   if (energy !== undefined) {
     button.append(element("span", `energy ${energy.toFixed(2)}`));

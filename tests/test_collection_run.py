@@ -1,0 +1,238 @@
+"""What a run of `jfsf collection` shows: on a pipe, on a terminal, and interrupted.
+
+Matching and registration are stood in for: the meshes share their vertices.
+"""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import trimesh
+from typer.testing import CliRunner
+
+from jfsf import testing
+from jfsf.apps.cli import app
+from jfsf.apps.cli._collection_runner import KEPT, STAGES
+from jfsf.apps.cli._runs import _kept
+from jfsf.apps.cli._stages import Stage, duration
+from jfsf.apps.collections import _member
+from jfsf.apps.registration import Registration
+from jfsf.types import Certificate, Match, Mesh
+
+distributed = pytest.importorskip("distributed")
+BLOB = testing.blob(0)
+N = len(BLOB.vertices)
+
+
+def blob(i):
+    """One of many like shapes with the same faces."""
+    vertices = BLOB.vertices * [1, 1 + 0.02 * i, 1 - 0.01 * i]
+    return Mesh(vertices, BLOB.faces)
+
+
+def write(path, *meshes):
+    pieces = [trimesh.Trimesh(*mesh, process=False) for mesh in meshes]
+    trimesh.util.concatenate(pieces).export(path)
+
+
+@pytest.fixture(scope="module")
+def scans(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scans")
+    for i in range(3):
+        write(folder / f"{i}.ply", blob(i))
+    write(folder / "inches.ply", Mesh(25.4 * blob(3).vertices, BLOB.faces))
+    small = testing.blob(1)
+    small = small._replace(vertices=0.1 * small.vertices + 9)
+    write(folder / "two.ply", blob(4), small)
+    return folder
+
+
+def same_vertices(x, y, **_):
+    values = {"orientation": 0.9, "finite": True, "confidence": 0.99, "shear": 0.1}
+    values |= {"landmarks": np.zeros(0), "region_cost": np.nan}
+    names = Certificate._fields
+    sure = Certificate(*(jnp.asarray(values.get(name, 0.0)) for name in names))
+    own = np.arange(N, dtype=np.int32)
+    return Match(own, own, jnp.eye(3), sure)
+
+
+def at_vertices(x, y, T, **_):
+    zero, none = np.zeros(N, int), np.zeros(N, bool)
+    away = np.full(N, 0.01), none, zero, np.zeros((N, 3)), 0, 0, 1.0, 1
+    return Registration(np.asarray(y.vertices)[np.asarray(T)], *away)
+
+
+@pytest.fixture(scope="module")
+def collected(scans, tmp_path_factory):
+    """A function that runs the command, in workers that are threads of this process."""
+    out = tmp_path_factory.mktemp("out") / "model"
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        distributed.Client(
+            processes=False, n_workers=1, threads_per_worker=2, dashboard_address=":0"
+        ) as client,
+    ):
+        patch.setenv("JFSF_CACHE", str(out.parent / "cache"))
+        for room in ("jfsf.matching.match", "jfsf.apps.collections._member.match"):
+            patch.setattr(room, same_vertices)
+        patch.setattr(_member, "register", at_vertices)
+        args = "collection", scans, "--out", out, "--scheduler"
+        yield out, [str(arg) for arg in (*args, client.scheduler.address)]
+
+
+def read_all(terminal):
+    """What is written to a pseudo terminal until its other end is closed: in a list."""
+    seen = []
+
+    def read():
+        with suppress(OSError):  # the end
+            while text := os.read(terminal, 1 << 16):
+                seen.append(text)
+        os.close(terminal)
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    return seen, reader
+
+
+def test_a_log_tells_each_step_and_what_is_unfit(collected, scans):
+    out, args = collected
+    done = CliRunner().invoke(app, args)
+    assert done.exit_code == 1, done.output
+    lines = done.stdout.splitlines()
+    at = lambda words: next(i for i, line in enumerate(lines) if words in line)
+    # Before any pair: what is unfit, and what mends it.
+    first = at(" pairs 1/")
+    assert lines[0] == "looked at 5 meshes: 4 can be matched"
+    assert lines[1].startswith(f"{scans / 'two.ply'}: ") and re.search(
+        "--largest-component mends it: leaves out 1 other piece with 162 vertices",
+        lines[1],
+    )
+    assert "until --largest-component is added" in lines[2]
+    assert at("inches.ply: is 25") < first
+    # A line with times for each shape, pair and map; what is left once it is known.
+    step = r"\d\d:\d\d:\d\d {} {}: {}, \d+\.\d s"
+    of = lambda *stage: [s for s in lines if re.match(step.format(*stage), s)]
+    shapes = of("shapes", "./4", ".+")
+    assert len(shapes) == 4 and re.search(r"; \d+ s left$", shapes[0])
+    assert len(of("pairs", r"\d+/\d+", r"\w+, \w+")) >= 3
+    assert len(of("maps", "./4", ".+")) == 4
+    # Files of others in the same folder are kept when the option is added.
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*/*.npz")}
+    done = CliRunner().invoke(app, [*args, "--largest-component"])
+    assert done.exit_code == 0, done.output
+    assert "looked at 5 meshes: 5 can be matched" in done.stdout
+    for part in ("shapes", "pairs"):
+        kept = [path for path in before if path.parent.name == part]
+        assert kept and all(path.stat().st_mtime_ns == before[path] for path in kept)
+    with (out / "summary.csv").open() as file:
+        rows = {row["name"]: row for row in csv.DictReader(file)}
+    for row in rows.values():
+        figures = {name: float(row[name]) for name in row if "_" in name}
+        assert figures["mean_in_unit"] == pytest.approx(0.01)
+        of_size = figures["mean_in_unit"] / figures["centroid_size"]
+        assert figures["mean_of_size"] == pytest.approx(of_size)
+    size = [float(rows[name]["centroid_size"]) for name in ("inches", "0")]
+    assert size[0] / size[1] == pytest.approx(25.4, rel=0.1)
+
+
+def test_a_terminal_shows_all_stages_beforehand(collected, monkeypatch, capsys):
+    pty = pytest.importorskip("pty")
+    out, args = collected
+    for path in out.glob("registered/*.npz"):  # so that something is done
+        path.unlink()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "100")
+    shown, terminal = pty.openpty()
+    seen, reader = read_all(shown)
+    with os.fdopen(terminal, "w") as stream, monkeypatch.context() as patch:
+        patch.setattr(sys, "stderr", stream)
+        app([*args, "--largest-component"], standalone_mode=False)
+    reader.join()
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", b"".join(seen).decode())
+    begun = text[: text.index("registered", text.index("model"))]
+    assert all(re.search(rf"{name} .*estimating", begun) for name in STAGES)
+    assert re.search(r"registered .*5/5 done, \d+ s", text)
+    assert "estimating" not in text[text.rindex("files") :].split("mirror")[0]
+    # The log, which is no terminal, has its lines all the same.
+    assert "registered 5/5: " in capsys.readouterr().out
+
+
+def test_time_left_follows_from_what_was_measured():
+    stage = Stage("pairs", total=10, earlier=4)
+    assert stage.said(0) == "estimating"
+    stage.made, stage.took, stage.since = 2, 6.0, 100.0
+    assert stage.left(101) == 11 and stage.said(101) == "11 s left"
+    assert stage.left(200) == 0
+    stage.made = 6
+    assert stage.said(200) == "done, 6 s"
+    assert [duration(s) for s in (9, 240, 9000)] == ["9 s", "4 min", "2 h 30 min"]
+
+
+def test_what_is_kept_is_counted(tmp_path):
+    assert _kept(tmp_path, KEPT).startswith("nothing is kept yet")
+    for name, n in (("shapes", 10), ("pairs", 15), ("maps", 1)):
+        (tmp_path / name).mkdir()
+        for i in range(n):
+            (tmp_path / name / f"{i}.npz").touch()
+    said = "10 shapes, 15 pairs and 1 map are kept; run the same command to go on"
+    assert _kept(tmp_path, KEPT) == said
+
+
+XLA_LOGS = "TF_CPP_MIN_LOG_LEVEL"  # 3: nothing but what ends the process
+# In place of a shell: Ctrl-C on its terminal reaches all that it starts.
+RUN = """
+import fcntl, signal, termios
+if __name__ == "__main__":
+    fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    from jfsf.__main__ import main
+    main()
+"""
+
+
+def test_control_c_ends_a_run_with_one_line(scans, tmp_path):
+    pty = pytest.importorskip("pty")
+    import psutil
+
+    (script := tmp_path / "run.py").write_text(RUN)
+    out, (shown, terminal) = tmp_path / "out", pty.openpty()
+    args = "collection", scans, "--out", out, "--workers", "1"
+    env = {name: v for name, v in os.environ.items() if name != XLA_LOGS}
+    env |= {"JFSF_CACHE": str(tmp_path / "cache"), "TERM": "xterm"}
+    running = subprocess.Popen(
+        [sys.executable, script, *args],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+        env=env | {"PYTHONPATH": str(Path(__file__).parents[1])},
+    )
+    os.close(terminal)
+    seen, reader = read_all(shown)
+    try:
+        while len(list(out.glob("shapes/[!.]*.npz"))) < 4:
+            assert running.poll() is None, b"".join(seen)
+            time.sleep(0.1)
+        workers = psutil.Process(running.pid).children(recursive=True)
+        assert all(one.environ()[XLA_LOGS] == "3" for one in workers)
+        os.write(shown, b"\x03")
+        assert running.wait(timeout=60) == 130
+    finally:
+        running.kill()
+    reader.join()
+    text = b"".join(seen).decode()
+    said = "stopped; 4 shapes are kept; run the same command to go on"
+    assert text.endswith(f"{said}\r\n") and "Traceback" not in text
+    assert "distributed" not in text and "warn" not in text.lower()
+    assert workers and not psutil.wait_procs(workers, timeout=60)[1]
+    assert not list(out.rglob("*.tmp"))
