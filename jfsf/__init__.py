@@ -70,7 +70,7 @@ if TYPE_CHECKING:
     from jfsf.matching.parts import PartSettings
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
-    from jfsf.refine import ArapSettings, ZoomOutSettings
+    from jfsf.refine import ArapSettings
     from jfsf.spectral import FeatureSettings, spectrum
     from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 
@@ -92,7 +92,6 @@ __all__ = [
     "SearchSettings",
     "Settings",
     "Spectrum",
-    "ZoomOutSettings",
     "alternatives",
     "basis",
     "check",
@@ -127,7 +126,7 @@ _HOMES = {
     "matching.parts": ("PartSettings",),
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
-    "refine": ("ArapSettings", "ZoomOutSettings"),
+    "refine": ("ArapSettings",),
     "spectral": ("FeatureSettings", "spectrum"),
     "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),
 }

@@ -46,6 +46,7 @@ NAMES: dict[str, dict[str, str]] = {
         "PairSettings": "jfsf.apps.collections.CollectionSettings, its pairs_a_shape",
         "mirrored": "jfsf.apps.collections.reason",
     },
+    "refine": {"ZoomOutSettings": "the constants of jfsf.refine._zoomout"},
     "neighbours": {"mutual_neighbours": "jfsf.neighbours.neighbours, each way"},
 }
 
@@ -55,7 +56,7 @@ def error_of(name: str) -> str | None:
     first, _, rest = name.partition(".")
     if first in GONE:
         return f"jfsf.{name} is gone: {GONE[first]} ({SINCE})"
-    if name == "EvidenceSettings":
+    if name in ("EvidenceSettings", "ZoomOutSettings"):
         return f"jfsf.{name} is gone: its numbers are constants ({SINCE})"
     if first in MODULES:
         return f"jfsf.{name} is now in jfsf.{MODULES[first]} ({SINCE})"

@@ -632,7 +632,6 @@ QUICK = PartSettings(
     samples_of_whole=80,
     assignments=4,
     alignments=2,
-    refinements=1,
 )
 
 

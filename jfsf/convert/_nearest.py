@@ -36,11 +36,11 @@ def nearest(
     valid_x = None if marginal_x is None else marginal_x > 0
     valid_y = None if marginal_y is None else marginal_y > 0
     search = NeighbourSearch() if search is None else search
-    options = {"k0": 1, "settings": search.settings}
     if search.tiles is None:
-        near_xy = neighbours(emb_x, emb_y, valid_y, **options)
-        near_yx = neighbours(emb_y, emb_x, valid_x, **options)
+        near_xy = neighbours(emb_x, emb_y, valid_y, k0=1)
+        near_yx = neighbours(emb_y, emb_x, valid_x, k0=1)
     else:
+        options = {"k0": 1, "settings": search.settings}
         tiles_x, tiles_y = search.tiles
         there = emb_x, emb_y, tiles_x, tiles_y, valid_x, valid_y
         back = emb_y, emb_x, tiles_y, tiles_x, valid_y, valid_x

@@ -16,7 +16,7 @@ from jfsf.matching._stages import (
 )
 from jfsf.matching.parts import PartSettings
 from jfsf.neighbours import NeighbourSettings
-from jfsf.refine import ArapSettings, ZoomOutSettings
+from jfsf.refine import ArapSettings
 from jfsf.spectral import FeatureSettings, features
 
 COARSE_VERTICES = 1200
@@ -63,9 +63,8 @@ class Settings:
         size, where descriptors weigh most, correct the start. Finer schedules slide
         away from it further; coarser ones are as good if the bending follows.
     refine: refines a functional map: a `jfsf.matching.Refine`. That of the package
-        reads `ks`, `refine_converter` and `zoomout`.
+        reads `ks` and `refine_converter`.
     refine_converter: the converter of the rounds of the refinement.
-    zoomout: how ZoomOut weighs columns in the refinement.
     deform: deforms both shapes: a `jfsf.matching.Deform`. That of the package reads
         `bend_rounds`, `last_rounds` and `bend`.
     bend_rounds: times that both shapes are deformed onto each other, see `arap`; 0
@@ -100,7 +99,6 @@ class Settings:
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn
-    zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
     deform: Deform = deform_by_arap
     bend_rounds: int = 8
     last_rounds: int = 2

@@ -26,7 +26,7 @@ from jfsf.types import Aligned, Bent, Spectrum
 
 # (spec, descriptors, landmarks, *, self_map, settings: FeatureSettings), as
 # `jfsf.spectral.features`, which explains what features are. The descriptors of
-# landmarks are the last, `FeatureSettings.landmark_times` of them for each: those of
+# landmarks are the last, `LANDMARK_TIMES` of them for each: those of
 # landmarks that a map misses are left out of its refinement.
 Describe = Callable[..., Features]
 # (x, y, C_yx, orientation, descriptor_weight, *, settings), as `refine_by_zoomout`.
@@ -57,8 +57,8 @@ def refine_by_zoomout(
         orientation: 1 or -1, the sign of the start's orientation; 0 if unknown.
         descriptor_weight: of all these beside the eigenfunctions. Where proportions
             differ so do descriptors: there a tenth is better.
-        settings: `jfsf.Settings`: `ks`, `refine_converter`, `zoomout`. Sizes beyond the
-            eigenpairs there are are cut; a smaller start adds its own size in front.
+        settings: `jfsf.Settings`: `ks`, `refine_converter`. Sizes beyond the eigenpairs
+            there are are cut; a smaller start adds its own size in front.
     """
     widest = min(len(x.spec.evals), len(y.spec.evals))
     ks = tuple(min(k, widest) for k in settings.ks)
@@ -78,7 +78,6 @@ def refine_by_zoomout(
         bidirectional=True,
         extra_weight=descriptor_weight,
         search=pair_search(x.spec, y.spec, settings=settings).unchecked(),
-        settings=settings.zoomout,
     )
 
 
@@ -144,9 +143,7 @@ def pair_search(
     """
     larger = max(len(spec_x.mass), len(spec_y.mass))
     return NeighbourSearch(
-        tiles_of_pair(spec_x, spec_y, settings=settings.neighbours)
-        if larger > settings.tiles_above
-        else None,
+        tiles_of_pair(spec_x, spec_y) if larger > settings.tiles_above else None,
         # To compare a million points with all others would take hours.
         0.0 if larger > settings.exhaustive_up_to else MIN_RECALL,
         settings.neighbours,

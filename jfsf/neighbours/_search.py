@@ -1,6 +1,6 @@
 """How neighbours are searched: the tuned numbers, and one value with all of it."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import jax
 
@@ -12,6 +12,11 @@ from jfsf.types import Tiles
 # of a group, a power of two.
 BEAM = 24
 FAN_OUT = 8
+# Relative difference between a distance and the smallest that still counts as found. On
+# a mesh of 300 000 vertices the second nearest neighbour is 0.1 % farther than the
+# nearest, which is less than the error of the map. It is no reason to compare all
+# points.
+TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -22,50 +27,29 @@ class NeighbourSettings:
     neighbours and 98 % of the others on aligned shapes of 1000 to 100 000 vertices
     (experiments/bench/bench_large.py). Its numbers were tuned together.
 
-    Exhaustive search:
-
-    margin: candidates beyond k0 of `neighbours`. float32 selects them, and the input's
-        precision ranks them again.
     bins: None finds all neighbours. A number asks for an approximate search: of so many
         bins of points for each neighbour, or up to twice as many, one point each is
         found. With 12 up to 4 % of the neighbours are missed (tests/test_mutual.py),
         never the nearest, and a filter takes two thirds of the time
         (experiments/bench/bench_filter.py).
 
-    Tiles:
-
-    tile_size: points of a tile, at most.
-
-    Search among tiles:
-
     tiles: tiles whose points are compared with a block of queries; even. More are
         taken where 6 candidates for each of the k0 neighbours need them.
     checked: queries of each direction that are compared with the exhaustive search to
         estimate the recall. The standard error is 0.5 / sqrt(checked) at most.
-    tolerance: relative difference between a distance and the smallest that still counts
-        as found. On a mesh of 300 000 vertices the second nearest neighbour is 0.1 %
-        farther than the nearest, which is less than the error of the map. It is no
-        reason to compare all points.
     """
 
-    margin: int = 3
     bins: int | None = None
-    tile_size: int = 16
     tiles: int = 28
     checked: int = 64
-    tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
         """ValueError for values that no search can work with."""
         check_types(self)
-        at_least_0 = "margin", "tolerance"
-        for name in (f.name for f in fields(self)):
-            if name == "bins" and self.bins is None:
-                continue
-            value, least = getattr(self, name), 0 if name in at_least_0 else 1
-            if not value >= least:
+        for name in ("bins", "tiles", "checked"):
+            if (value := getattr(self, name)) is not None and value < 1:
                 raise ValueError(
-                    f"NeighbourSettings: {name} is {value}; it must be {least} or more"
+                    f"NeighbourSettings: {name} is {value}; it must be 1 or more"
                 )
         most = BEAM * FAN_OUT
         if self.tiles % 2 or self.tiles > most:

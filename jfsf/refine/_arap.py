@@ -22,7 +22,6 @@ from jfsf.array._varying import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals
 from jfsf.geometry._surface import (
-    STIFFNESS_RANGE,
     Surface,
     divergence,
     next_corners,
@@ -46,8 +45,6 @@ class ArapSettings:
     rotation_updates: rotations, each followed by a linear solve, in one deformation.
     max_steps: steps of conjugate gradients in a solve, at most.
     tolerance: relative residual at which they stop.
-    stiffness_range: least and greatest cotangent. That of an obtuse corner is negative,
-        that of a degenerate triangle infinite.
     """
 
     reach: float = 0.04
@@ -55,7 +52,6 @@ class ArapSettings:
     rotation_updates: int = 2
     max_steps: int = 60
     tolerance: float = 1e-3
-    stiffness_range: tuple[float, float] = STIFFNESS_RANGE
 
     def __post_init__(self) -> None:
         """ValueError for a value of another type."""
@@ -109,13 +105,7 @@ def arap(
     weight = settings.normal_weight
 
     def at_rest(spec):
-        rest = surface(
-            spec.vertices,
-            spec.faces,
-            spec.mass,
-            orientation_sign,
-            stiffness_range=settings.stiffness_range,
-        )
+        rest = surface(spec.vertices, spec.faces, spec.mass, orientation_sign)
         return rest, weight * normals(spec.vertices, spec.faces)
 
     (surface_x, normal_x), (surface_y, normal_y) = map_sides(
@@ -184,7 +174,7 @@ def deform(
                   + sum_i a_i |p_i - t_i|^2 / reach^2,
 
     j the neighbours of i, q the positions at rest, a the mass, w_ij half the sum of the
-    cotangents opposite to the edge, each clipped to `stiffness_range`. Each update
+    cotangents opposite to the edge, each clipped to `STIFFNESS_RANGE`. Each update
     takes the best rotations for p, then solves for the best p for these.
 
     Args:

@@ -203,13 +203,7 @@ def _padded_surface(x: Mesh, sign: int):
     (size,) = padded_shapes(1, [(len(x.vertices), len(x.faces))])
     at, faces = with_rows(x.vertices, size.vertices), with_rows(x.faces, size.faces)
     mass = jnp.zeros(size.vertices)
-    return surface(
-        jnp.asarray(at),
-        jnp.asarray(faces),
-        mass,
-        float(sign),
-        stiffness_range=BEND.stiffness_range,
-    )
+    return surface(jnp.asarray(at), jnp.asarray(faces), mass, float(sign))
 
 
 def _rows(values, size: int):

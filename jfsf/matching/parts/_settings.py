@@ -33,7 +33,6 @@ class PartSettings:
     refined: starts of least cost, at most, whose map between the regions is refined.
     sure: log odds (`jfsf.types.Certificate`) from which on a refined map is kept, and
         no other start is refined. Below, the map by drawing is kept. 2 is seven to one.
-    refinements: how often the map between the regions is refined, if it is sure.
     """
 
     samples_of_part: int = 80
@@ -46,13 +45,11 @@ class PartSettings:
     registered_again: int = 12
     refined: int = 1
     sure: float = 2.0
-    refinements: int = 2
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
         check_types(self)
-        at_least_one = "samples_of_whole", "beam", "assignments", "refined"
-        for name in (*at_least_one, "refinements"):
+        for name in ("samples_of_whole", "beam", "assignments", "refined"):
             if getattr(self, name) < 1:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give 1 or more"
