@@ -27,13 +27,23 @@ MODULES = {
 }
 # Modules that left the package.
 GONE = {"baselines": "the paper's baselines are in experiments/paper/baselines"}
+# Names that stood at the top too.
+INSIDE = {
+    "ArapSettings": "refine",
+    "Collection": "apps.collections",
+    "CollectionSettings": "apps.collections",
+    "MatchedComponents": "apps.pieces",
+}
 # Names of modules that are still there: what to use instead of each.
 NAMES: dict[str, dict[str, str]] = {
     "convert": {
         "unbalanced_sinkhorn": "jfsf.convert.sinkhorn with `reach`",
         "Unbalanced": "jfsf.types.Filtered, its membership_x and membership_y",
     },
-    "initial": {"best_start": "jfsf.initial.search_starts, the first of the two"},
+    "initial": {
+        "best_start": "jfsf.initial.search_starts, the first of the two",
+        "Orientation": "the words themselves: preserve, reverse, any",
+    },
     "mesh": {
         "outliers": "Open3D's remove_statistical_outlier",
         "floor_points": "Open3D's segment_plane",
@@ -56,6 +66,8 @@ def error_of(name: str) -> str | None:
     first, _, rest = name.partition(".")
     if first in GONE:
         return f"jfsf.{name} is gone: {GONE[first]} ({SINCE})"
+    if name in INSIDE:
+        return f"jfsf.{name} is now jfsf.{INSIDE[name]}.{name} ({SINCE})"
     if name in ("EvidenceSettings", "ZoomOutSettings"):
         return f"jfsf.{name} is gone: its numbers are constants ({SINCE})"
     if first in MODULES:

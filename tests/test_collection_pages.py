@@ -10,7 +10,7 @@ from test_report import record_of
 from typer.testing import CliRunner
 
 from jfsf.apps import model
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.collections._cycles import Triangle
 from jfsf.apps.collections._grow import Graph, Matched
 from jfsf.apps.collections._paths import Paths

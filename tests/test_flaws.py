@@ -11,7 +11,7 @@ from test_cli_repair import GOOD
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection import _meshes_in
 from jfsf.apps.cli._collection_jobs import keep, kept
 from jfsf.apps.cli._files import matchable

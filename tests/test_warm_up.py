@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf import matching
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.matching import _warm_up
 from jfsf.runtime import _programs
 from jfsf.runtime._sizes import common_size

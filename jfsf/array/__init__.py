@@ -13,6 +13,6 @@ Read in this order:
 
 from jfsf.array._jit import jit
 from jfsf.array._precision import einsum, matmul
-from jfsf.array._top_k import argmax, top_k
+from jfsf.array._top_k import argmax
 
-__all__ = ["argmax", "einsum", "jit", "matmul", "top_k"]
+__all__ = ["argmax", "einsum", "jit", "matmul"]

@@ -14,23 +14,16 @@ Read in this order:
 - `_pair_list`: lists of pairs in CSV files
 """
 
-from jfsf.batch._cluster import connect
 from jfsf.batch._hosts import join, local_shard
-from jfsf.batch._jobs import Outcome
-from jfsf.batch._pair_list import Pair, read_pairs
 from jfsf.batch._pairs import convert, match_spectra, refine, search
 from jfsf.runtime import map_pairs
 
 __all__ = [
-    "Outcome",
-    "Pair",
-    "connect",
     "convert",
     "join",
     "local_shard",
     "map_pairs",
     "match_spectra",
-    "read_pairs",
     "refine",
     "search",
 ]

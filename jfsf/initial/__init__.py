@@ -24,13 +24,7 @@ from jfsf._moved import names_of
 from jfsf.initial._fit import fit
 from jfsf.initial._linear import Fit
 from jfsf.initial._proportions import nonisometric_candidates
-from jfsf.initial._search import (
-    Candidates,
-    Orientation,
-    candidates,
-    orientation_sign,
-    search,
-)
+from jfsf.initial._search import Candidates, candidates, orientation_sign, search
 from jfsf.initial._settings import SearchSettings
 from jfsf.initial._start import Start, search_starts
 from jfsf.initial._terms import Weights
@@ -38,7 +32,6 @@ from jfsf.initial._terms import Weights
 __all__ = [
     "Candidates",
     "Fit",
-    "Orientation",
     "SearchSettings",
     "Start",
     "Weights",

@@ -65,12 +65,9 @@ Two meshes:
 """
 
 from jfsf.matching._attempt import attempt, match_spectra
-from jfsf.matching._certificate import certify
 from jfsf.matching._coarse import carried
-from jfsf.matching._confidence import confidence, region_confidence
-from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching._match import alternatives, attempted_pair, match, symmetry
-from jfsf.matching._rivals import map_distances
+from jfsf.matching._confidence import confidence
+from jfsf.matching._match import alternatives, match, symmetry
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import basis, check_matchable
 from jfsf.matching._stages import (
@@ -85,25 +82,20 @@ from jfsf.matching._vertices import vertex_confidence
 from jfsf.matching._warm_up import warm_up
 
 __all__ = [
-    "MISSED",
     "Deform",
     "Describe",
     "Refine",
     "Settings",
     "alternatives",
     "attempt",
-    "attempted_pair",
     "basis",
     "carried",
-    "certify",
     "check_matchable",
     "confidence",
     "deform_by_arap",
-    "map_distances",
     "match",
     "match_spectra",
     "refine_by_zoomout",
-    "region_confidence",
     "shape_samples",
     "symmetry",
     "vertex_confidence",

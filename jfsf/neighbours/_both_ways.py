@@ -13,11 +13,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import top_k
 from jfsf.array._jit import jit
 from jfsf.array._sequential_vmap import sequential_vmap
 from jfsf.array._sides import map_sides
-from jfsf.array._top_k import TOP_K_LIMIT, with_index
+from jfsf.array._top_k import TOP_K_LIMIT, top_k, with_index
 from jfsf.array._varying import varying_as
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (

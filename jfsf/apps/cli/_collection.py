@@ -128,7 +128,7 @@ def collection(
     """
     from jfsf.apps.collections._engine import join_shapes
     from jfsf.apps.collections._reasons import mirrored, reason
-    from jfsf.batch import connect
+    from jfsf.batch._cluster import connect
 
     if report:
         need_matplotlib()

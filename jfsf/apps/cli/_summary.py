@@ -26,7 +26,7 @@ def summary_row(
     """The row of a pair: the reason if it failed, else the certificate of its file.
 
     Args:
-        outcome: a `jfsf.batch.Outcome` whose job wrote a match.
+        outcome: a `Outcome` whose job wrote a match.
         orientation, landmarks: as in `warnings_of`.
     """
     from jfsf.apps.mapfiles import read_match, read_notes

@@ -14,7 +14,8 @@ from jfsf.apps.collections._mirror import Mirror, check_mirror
 from jfsf.apps.collections._reasons import reason
 from jfsf.apps.collections._sketch import sketch
 from jfsf.apps.model import ShapeModel, fit_model
-from jfsf.initial import Orientation, orientation_sign
+from jfsf.initial import orientation_sign
+from jfsf.initial._search import Orientation
 from jfsf.matching import basis, check_matchable
 from jfsf.mesh import MeshError, closest
 from jfsf.mesh._closest import surface_tree

@@ -16,7 +16,7 @@ from jfsf.apps.collections._mirror import MatchPairs, Mirror, grow_with_mirrors
 from jfsf.apps.collections._pairs import Edge
 from jfsf.apps.collections._paths import map_along
 from jfsf.apps.collections._sketch import Sketch
-from jfsf.initial import Orientation
+from jfsf.initial._search import Orientation
 from jfsf.types import ArrayLike
 
 

@@ -13,7 +13,7 @@ from jfsf.apps.collections._member import (
     member,
 )
 from jfsf.apps.collections._pairs import Edge
-from jfsf.initial import Orientation
+from jfsf.initial._search import Orientation
 from jfsf.matching import match
 from jfsf.mesh._edit import mirror_image
 from jfsf.types import Mesh

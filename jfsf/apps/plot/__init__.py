@@ -11,14 +11,11 @@ it by the rotation that fits the map best. Read in this order:
 - `_charts`: curves, errors, a functional map as a matrix
 """
 
-from jfsf.apps.plot._charts import draw_error_curves, draw_functional_map
 from jfsf.apps.plot._colours import coordinate_colours, pull_back
 from jfsf.apps.plot._pictures import draw_pair, draw_shape
 
 __all__ = [
     "coordinate_colours",
-    "draw_error_curves",
-    "draw_functional_map",
     "draw_pair",
     "draw_shape",
     "pull_back",

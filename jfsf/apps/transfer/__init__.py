@@ -15,7 +15,6 @@ Read in this order:
 
 from jfsf.apps.transfer._atlas import atlas
 from jfsf.apps.transfer._carry import labels, landmarks, values
-from jfsf.apps.transfer._files import read_labels, read_values
 from jfsf.apps.transfer._overlay import overlay
 from jfsf.apps.transfer._texture import texture
 
@@ -24,8 +23,6 @@ __all__ = [
     "labels",
     "landmarks",
     "overlay",
-    "read_labels",
-    "read_values",
     "texture",
     "values",
 ]

@@ -16,6 +16,6 @@ Read in this order:
 """
 
 from jfsf.matching.parts._settings import PartSettings
-from jfsf.matching.parts._surfaces import cut, likely_part
+from jfsf.matching.parts._surfaces import cut
 
-__all__ = ["PartSettings", "cut", "likely_part"]
+__all__ = ["PartSettings", "cut"]
