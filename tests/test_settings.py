@@ -19,7 +19,7 @@ from jfsf import (
     PartSettings,
     SearchSettings,
 )
-from jfsf.array._static import static, static_key, static_text
+from jfsf.array._jit import static, static_key, static_text
 from jfsf.convert import authors_sinkhorn, sinkhorn
 from jfsf.matching import Settings
 

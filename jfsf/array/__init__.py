@@ -2,9 +2,8 @@
 
 Read in this order:
 
-- `_static`: static arguments by their content, as keys and as text
 - `_varying`: what begins a loop inside `jax.shard_map`
-- `_jit`: functions that are compiled, with their types
+- `_jit`: functions that are compiled, with their types, and static arguments by content
 - `_precision`: products in full float32 precision, and division that leaves out 0
 - `_top_k`: indices of the largest entries, by vectorised maxima
 - `_sides`: one function applied to both shapes, compiled once

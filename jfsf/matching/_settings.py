@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from jfsf.array._static import check_types, static_key, static_text
+from jfsf.array._jit import check_types, static_key, static_text
 from jfsf.convert import Converter, sinkhorn
 from jfsf.convert._variants import quick_sinkhorn
 from jfsf.initial import SearchSettings

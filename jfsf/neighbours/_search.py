@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import jax
 
 from jfsf._exported import exported_dataclass
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 from jfsf.types import Tiles
 
 # Groups of each level of the tree of tiles whose children are ranked next, and children

@@ -15,9 +15,8 @@ from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Float
 
 from jfsf.array import matmul
-from jfsf.array._jit import jit
+from jfsf.array._jit import check_types, jit
 from jfsf.array._sides import map_sides
-from jfsf.array._static import check_types
 from jfsf.array._varying import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals

@@ -7,8 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf._exported import exported
-from jfsf.array._jit import jit
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types, jit
 from jfsf.spectral._descriptors import curvature, hks, standardise, wks
 from jfsf.spectral._orientation import FUNCTIONS, at_vertices, brackets
 from jfsf.spectral._sampling import DISTANCE_PAIRS, restrict

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 
 # Groups of scales that keep their share of all starts where units may differ.
 ANY_UNIT_BANDS = 3
