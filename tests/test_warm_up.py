@@ -13,7 +13,7 @@ from jfsf.apps.cli._app import app
 from jfsf.matching import _warm_up
 from jfsf.runtime import _programs
 from jfsf.runtime._sizes import common_size
-from jfsf.storage._folder import PROGRAM, stored_files
+from jfsf.storage._cache import PROGRAM, stored_files
 
 
 @pytest.mark.slow  # all programs of a match

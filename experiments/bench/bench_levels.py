@@ -21,7 +21,7 @@ from jfsf.initial._start import nonisometric_starts
 from jfsf.matching import _policy
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import PairState
-from jfsf.runtime._compiler import compiler_options
+from jfsf.runtime._programs import compiler_options
 from jfsf.runtime._sizes import padded_pair
 
 PAIR = "man_walk", "man_up"

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 
 TOP_K_LIMIT = (
     32  # above this k0, one jax.lax.top_k is faster than a pass for each entry

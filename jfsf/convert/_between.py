@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 from jfsf.convert import _kernel as kernels
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._both_ways import neighbours_both_ways

@@ -19,8 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.initial._ends import tip_descriptors
 from jfsf.initial._samples import SearchSamples
 

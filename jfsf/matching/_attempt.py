@@ -10,7 +10,7 @@ from typing import cast
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 from jfsf.convert import HasMaps
 from jfsf.initial import Start, orientation_sign, search_starts
 from jfsf.initial._given import given_arrays

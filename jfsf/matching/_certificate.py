@@ -10,12 +10,12 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._loops import map_sides
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
 from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
 from jfsf.geometry import normals
-from jfsf.geometry._stretches import log_stretches
+from jfsf.geometry._surface import log_stretches
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import SearchSamples

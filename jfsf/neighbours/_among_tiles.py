@@ -24,10 +24,8 @@ from jaxtyping import Array, Bool, Float
 
 from jfsf.array import argmax
 from jfsf.array._jit import jit
-from jfsf.array._sequential_vmap import sequential_vmap
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides, sequential_vmap, varying_as
 from jfsf.array._top_k import top_k
-from jfsf.array._varying import varying_as
 from jfsf.neighbours._exhaustive import (
     check_k0,
     check_point_sets,

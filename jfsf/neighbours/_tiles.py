@@ -12,8 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import einsum
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.types import Spectrum, Tiles
 
 # Eigenpairs whose eigenfunctions place a vertex. Higher ones vary within a tile and

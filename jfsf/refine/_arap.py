@@ -16,8 +16,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import check_types, jit
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals
 from jfsf.geometry._surface import (

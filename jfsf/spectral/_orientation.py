@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.types import Spectrum
 
 FUNCTIONS = 20  # eigenfunctions in which brackets are expressed
