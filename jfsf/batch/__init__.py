@@ -8,13 +8,12 @@ on a dask cluster.
 Read in this order:
 
 - `_pairs`: conversion, refinement, search and matching of many pairs
-- `_hosts`: several processes or machines, each with its shard
-- `_cluster`: a dask cluster, local or already running
+- `_cluster`: several processes or machines: shards of the pairs, or a dask cluster
 - `_jobs`: jobs from files to files, resumable
 - `_pair_list`: lists of pairs in CSV files
 """
 
-from jfsf.batch._hosts import join, local_shard
+from jfsf.batch._cluster import join, local_shard
 from jfsf.batch._pairs import convert, match_spectra, refine, search
 from jfsf.runtime import map_pairs
 

@@ -11,10 +11,9 @@ from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
 from jfsf.convert import _kernel as kernels
-from jfsf.convert._between import uniform_marginals
 from jfsf.convert._checks import check_counts, check_shapes, check_values
 from jfsf.convert._scaling import scale_kernel
-from jfsf.convert._sinkhorn import sinkhorn
+from jfsf.convert._sinkhorn import sinkhorn, uniform_marginals
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._among_tiles import tiled_one_way
 from jfsf.neighbours._exhaustive import neighbours_of_valid

@@ -4,18 +4,14 @@ Read in this order:
 
 - `_terms`: both shapes' terms of the energy that a fit to descriptors minimises
 - `_linear`: its minimum, by jaxopt or lineax
-- `_nonlinear`: robust losses and orthogonality, by optimistix
-- `_fit`: descriptors to a functional map by any of these
+- `_fit`: descriptors to a functional map; robust losses, orthogonality (optimistix)
 - `_settings`: how much the search tries, and the sizes it goes through
-- `_geodesics`: distances between samples
-- `_ends`: what the ends of limbs look like
 - `_samples`: a shape at samples, which is all that the search reads
 - `_hypotheses`: refine maps on samples, their energy, and the best that differ
 - `_search`: the search from sign patterns, fits and flips, and the ranking
 - `_extremities`: extremities, and which of X may belong to which of Y
 - `_proportions`: candidates from extremities, and how unevenly a map stretches
-- `_given`: what two spectra are given beside them, checked
-- `_start`: candidates to the starts of attempts
+- `_start`: what spectra are given, checked; candidates to the starts of attempts
 """
 
 from typing import TYPE_CHECKING

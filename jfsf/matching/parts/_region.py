@@ -40,7 +40,7 @@ class Target(NamedTuple):
 
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
-    curvature: (n, c) standard values of `_curvature`; (n, 0) where none is compared.
+    curvature: (n, c) standard values of `curvature`; (n, 0) where none is compared.
     """
 
     mesh: Mesh
