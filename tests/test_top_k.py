@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from jfsf.array import argmax
-from jfsf.array._top_k import top_k
+from jfsf.array._precision import top_k
 
 
 @pytest.mark.parametrize("k0, folds", [(1, 1), (7, 1), (40, 1), (7, 4)])

@@ -19,7 +19,6 @@ from jfsf.apps.cli._collection_results import carried_of, write_carried
 from jfsf.apps.export import export_textured
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
 from jfsf.apps.mapfiles import write_map, write_match
-from jfsf.apps.transfer._atlas import MARGIN
 from jfsf.apps.transfer._files import (
     Column,
     png_of,
@@ -30,7 +29,7 @@ from jfsf.apps.transfer._files import (
 )
 from jfsf.apps.transfer._nearest import finder, in_faces, nearest, place, placed
 from jfsf.apps.transfer._overlay import Overlay, extended, overlay_template
-from jfsf.apps.transfer._texture import look_up
+from jfsf.apps.transfer._texture import MARGIN, look_up
 from jfsf.mesh import MeshError, closest, decimate, read, read_uv, surface_area
 from jfsf.mesh._closest import surface_tree
 from jfsf.mesh._edit import mirror_image

@@ -19,7 +19,7 @@ from jfsf.apps.plot._charts import (
 )
 from jfsf.apps.plot._colours import matched_colours, texture_coordinates
 from jfsf.apps.plot._frames import frame, frames_of_pair
-from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._panels import picture_of
 from jfsf.apps.plot._pictures import draw_maps
 from jfsf.data import load
 from jfsf.types import Mesh

@@ -13,7 +13,7 @@ import numpy as np
 import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
-from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._panels import picture_of
 from jfsf.apps.plot._pictures import draw_maps
 from jfsf.evaluate import evaluate
 

@@ -20,7 +20,7 @@ from experiments import command_line, results_file
 from experiments.accuracy.partial import pairs, part_of
 from jfsf import data
 from jfsf.apps.plot import coordinate_colours, draw_shape
-from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._panels import picture_of
 from jfsf.matching.parts import cut
 
 SHOWN = ((0, 0.5), (2, 0.5), (7, 0.7))  # number of the pair, share

@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float
 from jfsf.array import argmax
 from jfsf.array._jit import jit
 from jfsf.array._loops import map_sides, sequential_vmap, varying_as
-from jfsf.array._top_k import top_k
+from jfsf.array._precision import top_k
 from jfsf.neighbours._exhaustive import (
     check_k0,
     check_point_sets,

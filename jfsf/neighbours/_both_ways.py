@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 
 from jfsf.array._jit import jit
 from jfsf.array._loops import map_sides, sequential_vmap, varying_as
-from jfsf.array._top_k import TOP_K_LIMIT, top_k, with_index
+from jfsf.array._precision import TOP_K_LIMIT, top_k, with_index
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (
     MARGIN,

@@ -76,7 +76,7 @@ def tiles(
     return Tiles(member[order].astype(jnp.int32), own[order])
 
 
-@jit(static_argnames=("size", "settings"))
+@jit(static_argnames="size")
 def spectral_tiles(
     spec: Spectrum,
     *,

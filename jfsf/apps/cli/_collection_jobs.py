@@ -44,7 +44,7 @@ def nothing(path: Path) -> None:
 def keep(job, largest: bool, mend: bool) -> None:
     """Write what is kept of a mesh, and put its spectrum into the cache."""
     from jfsf.apps.collections._collection import check_surface
-    from jfsf.apps.collections._sketch import sketch
+    from jfsf.apps.collections._pairs import sketch
     from jfsf.matching import basis
     from jfsf.storage._atomic import write_atomically
 
@@ -65,7 +65,7 @@ def keep(job, largest: bool, mend: bool) -> None:
 
 def kept(path: Path) -> Kept:
     """What `keep` wrote."""
-    from jfsf.apps.collections._sketch import Sketch
+    from jfsf.apps.collections._pairs import Sketch
 
     with np.load(path) as file:
         mesh = Mesh(file["vertices"], file["faces"])
@@ -167,8 +167,7 @@ def put_agreed(job) -> None:
     job: the kept template, the kept shape and its `put_template` are its inputs; extras
         are the maps from other shapes, then of each the kept shape and `put_template`.
     """
-    from jfsf.apps.collections._agree import OtherShape
-    from jfsf.apps.collections._member import agreed_registration
+    from jfsf.apps.collections._member import OtherShape, agreed_registration
     from jfsf.apps.export import export_mesh
 
     template, shape = (kept(path).mesh for path in job.inputs[:2])

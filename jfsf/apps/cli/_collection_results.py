@@ -16,8 +16,7 @@ from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._summary import INDEX
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
-from jfsf.apps.report._html import thumbnail
-from jfsf.apps.report._index import Row
+from jfsf.apps.report._html import Row, thumbnail
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
 

@@ -13,7 +13,7 @@ from jfsf._figures import FIGURES
 from jfsf.apps.cli._pair import FOLDER, pages_of
 from jfsf.apps.cli._print import WARNING
 from jfsf.apps.cli._runs import write_table
-from jfsf.apps.report._index import Row, write_index
+from jfsf.apps.report._html import Row, write_index
 from jfsf.apps.report._words import warnings_of
 from jfsf.types import STAGES
 

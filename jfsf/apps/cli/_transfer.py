@@ -240,8 +240,8 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
 def _texture(path: Path, goal: Mesh, own: Mesh, file: Path, out, size: int) -> Work:
     from jfsf.apps.export import export_textured
     from jfsf.apps.transfer import texture
-    from jfsf.apps.transfer._atlas import check_size
     from jfsf.apps.transfer._files import png_of, read_image
+    from jfsf.apps.transfer._texture import check_size
     from jfsf.mesh import read_uv
 
     check_size(len(goal.faces), size)
