@@ -54,8 +54,8 @@ if TYPE_CHECKING:
     from jfsf import testing as testing
     from jfsf import types as types
     from jfsf.apps import model as model
-    from jfsf.apps.collections import Collection, CollectionSettings, collection
-    from jfsf.apps.pieces import MatchedComponents, match_components
+    from jfsf.apps.collections import collection
+    from jfsf.apps.pieces import match_components
     from jfsf.apps.registration import Registration, RegistrationSettings, register
     from jfsf.initial import SearchSettings
     from jfsf.matching import (
@@ -70,19 +70,14 @@ if TYPE_CHECKING:
     from jfsf.matching.parts import PartSettings
     from jfsf.mesh import MeshError, check, read
     from jfsf.neighbours import NeighbourSettings
-    from jfsf.refine import ArapSettings, ZoomOutSettings
     from jfsf.spectral import FeatureSettings, spectrum
     from jfsf.types import Certificate, Maps, Match, Mesh, Spectrum
 
 __all__ = [
-    "ArapSettings",
     "Certificate",
-    "Collection",
-    "CollectionSettings",
     "FeatureSettings",
     "Maps",
     "Match",
-    "MatchedComponents",
     "Mesh",
     "MeshError",
     "NeighbourSettings",
@@ -92,7 +87,6 @@ __all__ = [
     "SearchSettings",
     "Settings",
     "Spectrum",
-    "ZoomOutSettings",
     "alternatives",
     "basis",
     "check",
@@ -111,8 +105,8 @@ __version__ = "0.3.0"
 # All is imported on first use. So `import jfsf` takes no time, and the command line can
 # see to interrupts before it imports numpy and jax (`jfsf.__main__`).
 _HOMES = {
-    "apps.collections": ("Collection", "CollectionSettings", "collection"),
-    "apps.pieces": ("MatchedComponents", "match_components"),
+    "apps.collections": ("collection",),
+    "apps.pieces": ("match_components",),
     "apps.registration": ("Registration", "RegistrationSettings", "register"),
     "initial": ("SearchSettings",),
     "matching": (
@@ -127,7 +121,6 @@ _HOMES = {
     "matching.parts": ("PartSettings",),
     "mesh": ("MeshError", "check", "read"),
     "neighbours": ("NeighbourSettings",),
-    "refine": ("ArapSettings", "ZoomOutSettings"),
     "spectral": ("FeatureSettings", "spectrum"),
     "types": ("Certificate", "Maps", "Match", "Mesh", "Spectrum"),
 }

@@ -27,13 +27,23 @@ MODULES = {
 }
 # Modules that left the package.
 GONE = {"baselines": "the paper's baselines are in experiments/paper/baselines"}
+# Names that stood at the top too.
+INSIDE = {
+    "ArapSettings": "refine",
+    "Collection": "apps.collections",
+    "CollectionSettings": "apps.collections",
+    "MatchedComponents": "apps.pieces",
+}
 # Names of modules that are still there: what to use instead of each.
 NAMES: dict[str, dict[str, str]] = {
     "convert": {
         "unbalanced_sinkhorn": "jfsf.convert.sinkhorn with `reach`",
         "Unbalanced": "jfsf.types.Filtered, its membership_x and membership_y",
     },
-    "initial": {"best_start": "jfsf.initial.search_starts, the first of the two"},
+    "initial": {
+        "best_start": "jfsf.initial.search_starts, the first of the two",
+        "Orientation": "the words themselves: preserve, reverse, any",
+    },
     "mesh": {
         "outliers": "Open3D's remove_statistical_outlier",
         "floor_points": "Open3D's segment_plane",
@@ -46,6 +56,7 @@ NAMES: dict[str, dict[str, str]] = {
         "PairSettings": "jfsf.apps.collections.CollectionSettings, its pairs_a_shape",
         "mirrored": "jfsf.apps.collections.reason",
     },
+    "refine": {"ZoomOutSettings": "the constants of jfsf.refine._zoomout"},
     "neighbours": {"mutual_neighbours": "jfsf.neighbours.neighbours, each way"},
 }
 
@@ -55,7 +66,9 @@ def error_of(name: str) -> str | None:
     first, _, rest = name.partition(".")
     if first in GONE:
         return f"jfsf.{name} is gone: {GONE[first]} ({SINCE})"
-    if name == "EvidenceSettings":
+    if name in INSIDE:
+        return f"jfsf.{name} is now jfsf.{INSIDE[name]}.{name} ({SINCE})"
+    if name in ("EvidenceSettings", "ZoomOutSettings"):
         return f"jfsf.{name} is gone: its numbers are constants ({SINCE})"
     if first in MODULES:
         return f"jfsf.{name} is now in jfsf.{MODULES[first]} ({SINCE})"

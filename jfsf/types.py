@@ -242,8 +242,8 @@ class Certificate(NamedTuple):
     `jfsf._figures.FIGURES` says of each number what it means, and why it may be nan.
 
     landmarks: spectral distance between the image of each landmark and its partner,
-        relative to the mean distance of two random vertices; above
-        `jfsf.matching.MISSED` the map misses it. Empty without landmarks.
+        relative to the mean distance of two random vertices; above 0.5 the map
+        misses it. Empty without landmarks.
     """
 
     marginal_error: Float[Array, ""]

@@ -73,14 +73,14 @@ def quick_compiler():
 
     For what compiles many of them and runs each once or twice.
     """
-    from jfsf.runtime import _compiler
+    from jfsf.runtime import _programs
 
     def forget():
-        _compiler.compiler_options.cache_clear()
-        _compiler.large_jit.cache_clear()
+        _programs.compiler_options.cache_clear()
+        _programs.large_jit.cache_clear()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(_compiler.CPU_OPTIONS, "xla_backend_optimization_level", 0)
+        patch.setitem(_programs.CPU_OPTIONS, "xla_backend_optimization_level", 0)
         forget()
         yield
     forget()

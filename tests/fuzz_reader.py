@@ -14,9 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from jfsf.apps.landmarks import read_landmarks, read_vertex_pairs
-from jfsf.apps.mapfiles import MapFileError, read_map, read_match, read_stored
-from jfsf.batch import read_pairs
+from jfsf.apps.landmarks import read_landmarks
+from jfsf.apps.landmarks._files import read_vertex_pairs
+from jfsf.apps.mapfiles import MapFileError, read_map, read_match
+from jfsf.apps.mapfiles._stored import read_stored
+from jfsf.batch._pair_list import read_pairs
 from jfsf.mesh import MeshError, read_noted
 from jfsf.mesh._read import SUFFIXES, format_of
 

@@ -5,9 +5,8 @@ import pytest
 import trimesh
 
 from jfsf.apps.collections import agreed_map
-from jfsf.apps.collections._agree import OtherShape
-from jfsf.apps.collections._grow import Graph, Matched
-from jfsf.apps.collections._paths import Paths
+from jfsf.apps.collections._grow import Graph, Matched, Paths
+from jfsf.apps.collections._member import OtherShape
 from jfsf.types import Maps, Mesh
 
 WITHIN = 0.1

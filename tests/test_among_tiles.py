@@ -104,7 +104,7 @@ def test_fewer_tiles_find_fewer_neighbours():
 
 def test_all_points_are_checked_if_the_settings_ask_for_it():
     x, y, *flat = lost()
-    every = NeighbourSettings(checked=10**6, tolerance=0.0)
+    every = NeighbourSettings(checked=10**6)
     found = search(x, y, *flat, 1, min_recall=0.0, settings=every)
     shares = [recall(found.near_xy, x, y, 1)[0], recall(found.near_yx, y, x, 1)[0]]
     assert abs(found.recall - min(shares)) < 0.03  # some points have several slots
@@ -444,11 +444,10 @@ def test_zoomout_with_tiles_ends_in_the_same_map():
 @pytest.mark.parametrize(
     "options",
     [
-        {"margin": -1},
         {"checked": 0},
+        {"bins": 0},
         {"tiles": 27},
         {"tiles": 194},
-        {"tolerance": float("nan")},
     ],
 )
 def test_settings_that_no_search_can_use_are_an_error(options):

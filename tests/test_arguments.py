@@ -7,7 +7,7 @@ import pytest
 
 import jfsf
 from jfsf import testing
-from jfsf.initial._given import given_arrays
+from jfsf.initial._start import given_arrays
 from jfsf.matching._arguments import checked_landmarks
 
 

@@ -7,7 +7,7 @@ import oracles_evidence as oracles
 import pytest
 
 from jfsf import testing
-from jfsf.geometry._stretches import MOST_STRETCH, log_stretches
+from jfsf.geometry._surface import MOST_STRETCH, log_stretches
 from jfsf.matching._certificate import MOST_SHEARED, Bending, bending
 from jfsf.runtime._sizes import pad
 from jfsf.types import Maps

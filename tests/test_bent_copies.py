@@ -11,9 +11,10 @@ import jfsf
 from jfsf import Settings, testing
 from jfsf.evaluate import geodesic_error
 from jfsf.initial import SearchSettings
-from jfsf.matching import _bent_copies, _pairs, attempted_pair
+from jfsf.matching import _bent_copies, _pairs
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._coarse import coarse_copy
+from jfsf.matching._match import attempted_pair
 from jfsf.matching._pairs import PairState
 from jfsf.matching._stages import deform_by_arap
 from jfsf.runtime._sizes import PaddedShape, spectrum_like

@@ -10,8 +10,8 @@ import numpy as np
 from jfsf import testing
 from jfsf._figures import FIGURES
 from jfsf.convert import nearest, sinkhorn
-from jfsf.matching import certify, confidence
-from jfsf.matching._certificate import Bending
+from jfsf.matching import confidence
+from jfsf.matching._certificate import Bending, certify
 from jfsf.matching._confidence import log_odds
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import embeddings, functional_map, uniform

@@ -25,7 +25,7 @@ from typer.testing import CliRunner
 
 from jfsf import __version__
 from jfsf._figures import FIGURES
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._print import certificate_table, stage_bar
 from jfsf.apps.cli._summary import doubtful_first
 from jfsf.apps.export import export_mesh
@@ -465,7 +465,7 @@ def test_what_cannot_be_written_is_said_before_the_work(
         "apps.cli._evaluate.figures_of",
     ):
         monkeypatch.setattr(f"jfsf.{work}", never)
-    monkeypatch.setattr("jfsf.batch.connect", never)
+    monkeypatch.setattr("jfsf.batch._cluster.connect", never)
     (pairs := folder / "one.csv").write_text(f"{x.name},{y.name}\n")
     (tmp_path / "file").touch()
     (tmp_path / "folder.npz").mkdir()

@@ -8,7 +8,7 @@ import pytest
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._files import matchable
 from jfsf.apps.cli._stored import kept_match, write_found
 from jfsf.apps.export import export_mesh

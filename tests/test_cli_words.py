@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._batch_jobs import work
 from jfsf.apps.cli._print import print_any_letter, said
 from jfsf.apps.export import export_mesh

@@ -17,7 +17,7 @@ from shapes import small
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection import _meshes_in, _with_template
 from jfsf.apps.cli._collection_results import points_of
 from jfsf.apps.cli._collection_runner import _write_way

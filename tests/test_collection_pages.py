@@ -10,14 +10,13 @@ from test_report import record_of
 from typer.testing import CliRunner
 
 from jfsf.apps import model
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.collections._cycles import Triangle
-from jfsf.apps.collections._grow import Graph, Matched
-from jfsf.apps.collections._paths import Paths
+from jfsf.apps.collections._grow import Graph, Matched, Paths
 from jfsf.apps.plot._frames import frame
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import places, shape_picture, write_collection_page
-from jfsf.apps.report._index import Row
+from jfsf.apps.report._html import Row
 from jfsf.data import load, names
 from jfsf.mesh import read
 from jfsf.types import Maps, Mesh

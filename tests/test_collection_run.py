@@ -20,7 +20,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection_runner import KEPT, STAGES
 from jfsf.apps.cli._runs import _kept
 from jfsf.apps.cli._stages import Stage, duration

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scipy.special import logit
 
 from jfsf import testing
-from jfsf.matching import confidence, region_confidence
+from jfsf.matching import confidence
 from jfsf.matching._certificate import spectrum_gap
 from jfsf.matching._confidence import (
     _AS_IT_IS,
@@ -28,6 +28,7 @@ from jfsf.matching._confidence import (
     mirror_probability,
     rank,
     read_constants,
+    region_confidence,
     regressor,
 )
 from jfsf.matching._kept_landmarks import MISSED

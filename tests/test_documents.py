@@ -27,7 +27,7 @@ from documents import (
 )
 
 import jfsf
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.array._jit import Jitted
 
 VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cache"

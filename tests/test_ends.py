@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from jfsf.initial._ends import tip_descriptors, total_curvatures
+from jfsf.initial._samples import tip_descriptors, total_curvatures
 from jfsf.types import Spectrum
 
 

@@ -13,10 +13,9 @@ from scipy.sparse.csgraph import dijkstra
 from jfsf import testing
 from jfsf.initial import SearchSettings, nonisometric_candidates
 from jfsf.initial._extremities import assignments, extremities
-from jfsf.initial._geodesics import sample_cells, sample_geodesics
 from jfsf.initial._hypotheses import SamplePair
 from jfsf.initial._proportions import log_stretch_std
-from jfsf.initial._samples import search_samples
+from jfsf.initial._samples import sample_cells, sample_geodesics, search_samples
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import farthest_points, features, wks
 from jfsf.spectral._sampling import biharmonic

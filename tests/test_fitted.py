@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from jfsf.apps.collections._agree import WITHIN
 from jfsf.apps.collections._cycles import AGREE
+from jfsf.apps.collections._member import WITHIN
 from jfsf.matching.parts import PartSettings
 from jfsf.matching.parts._starts import WEIGHTS
 

@@ -18,13 +18,17 @@ from jfsf.apps.collections import (
     unlikeness,
 )
 from jfsf.apps.collections._cycles import AGREE, Triangle, distance, triangles
-from jfsf.apps.collections._grow import Graph, Matched, MirrorTest
+from jfsf.apps.collections._engine import mirrored
+from jfsf.apps.collections._grow import (
+    Graph,
+    Matched,
+    MirrorTest,
+    best_paths,
+    map_along,
+)
 from jfsf.apps.collections._member import Member
 from jfsf.apps.collections._mirror import grow_with_mirrors, mirror_images, suspects
-from jfsf.apps.collections._pairs import first_pairs, more_pairs
-from jfsf.apps.collections._paths import best_paths, map_along
-from jfsf.apps.collections._reasons import mirrored
-from jfsf.apps.collections._sketch import Sketch, sketch
+from jfsf.apps.collections._pairs import Sketch, first_pairs, more_pairs, sketch
 from jfsf.apps.registration import Registration
 from jfsf.mesh import MeshError
 from jfsf.spectral import spectrum

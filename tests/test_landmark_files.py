@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._files import matchable
 from jfsf.apps.cli._stored import kept_match
 from jfsf.apps.export import export_mesh
@@ -21,10 +21,10 @@ from jfsf.apps.landmarks import (
     Landmarks,
     pair_landmarks,
     read_landmarks,
-    read_vertex_pairs,
     to_vertices,
     write_landmarks,
 )
+from jfsf.apps.landmarks._files import read_vertex_pairs
 from jfsf.apps.landmarks._place import on_surface
 from jfsf.apps.mapfiles import read_match
 from jfsf.apps.report._words import warnings_of

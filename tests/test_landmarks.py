@@ -8,6 +8,7 @@ from jfsf.initial import Start
 from jfsf.matching import Settings
 from jfsf.matching._kept_landmarks import kept_landmarks, landmark_distances
 from jfsf.spectral import features
+from jfsf.spectral._features import LANDMARK_TIMES
 from jfsf.spectral._sampling import biharmonic
 
 SETTINGS = Settings()
@@ -36,7 +37,7 @@ def test_columns_of_a_missed_landmark_are_dropped():
     start = Start(jnp.eye(SETTINGS.search.final_ks[-1]), one, one, one / 4, one)
     given = (SPEC, SPEC), (x, y), start, (at_x, at_y)
     kept = kept_landmarks(*given, settings=SETTINGS)
-    times = SETTINGS.features.landmark_times
+    times = LANDMARK_TIMES
     end = x.descriptors.shape[1]
     missed = slice(end - 2 * times, end - times)
     seen = np.r_[end - 3 * times : end - 2 * times, end - times : end]

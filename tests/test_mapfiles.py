@@ -20,11 +20,11 @@ from jfsf.apps.mapfiles import (
     read_ground_truth,
     read_map,
     read_match,
-    read_stored,
     write_map,
     write_mat,
     write_match,
 )
+from jfsf.apps.mapfiles._stored import read_stored
 from jfsf.types import STAGES, Certificate, Match, MatchInfo
 
 SUFFIXES = [".vts", ".map", ".mat", ".npz"]

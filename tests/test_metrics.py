@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from jfsf.evaluate import (
-    MEASURED,
     auc,
     bijectivity,
     coverage,
@@ -26,11 +25,12 @@ from jfsf.evaluate import (
     geodesic_error,
     laplacian_commutativity,
     orthogonality,
-    reliability,
     smoothness,
     spectral_chamfer,
     zoomout_energy,
 )
+from jfsf.evaluate._evaluate import MEASURED
+from jfsf.evaluate._reliability import reliability
 from jfsf.spectral._laplacian import operators
 from jfsf.types import Maps, Mesh
 

@@ -5,7 +5,7 @@ import importlib
 import pytest
 
 import jfsf
-from jfsf._moved import GONE, MODULES, NAMES
+from jfsf._moved import GONE, INSIDE, MODULES, NAMES
 
 OLD = [(module, name) for module, names in NAMES.items() for name in names]
 
@@ -36,6 +36,13 @@ def test_a_name_that_is_gone_says_what_to_use(module, name):
     code = f"from {home.__name__} import {name}"
     with pytest.raises(ImportError, match=f"{name} is gone: use "):
         exec(code, {})
+
+
+@pytest.mark.parametrize("name", INSIDE)
+def test_a_name_that_stood_at_the_top_names_its_room(name):
+    assert hasattr(importlib.import_module(f"jfsf.{INSIDE[name]}"), name)
+    with pytest.raises(ImportError, match=f"is now jfsf.{INSIDE[name]}.{name} "):
+        getattr(jfsf, name)
 
 
 def test_other_names_fail_as_everywhere():

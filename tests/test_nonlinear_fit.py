@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from jfsf.initial import Weights, fit
+from jfsf.initial._fit import solve_nonlinear
 from jfsf.initial._linear import solve
-from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._terms import terms
 from jfsf.spectral import spectrum, wks
 from jfsf.spectral._orientation import brackets

@@ -13,16 +13,10 @@ from jfsf import data, testing
 from jfsf.apps.mapfiles import MapFileError, read_match, write_match
 from jfsf.geometry import geodesics, pair_distances
 from jfsf.initial import SearchSettings
-from jfsf.matching import _partial, region_confidence
+from jfsf.matching import _partial
+from jfsf.matching._confidence import region_confidence
 from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching.parts import (
-    PartSettings,
-    _region,
-    _register,
-    _starts,
-    cut,
-    likely_part,
-)
+from jfsf.matching.parts import PartSettings, _region, _register, _starts, cut
 from jfsf.matching.parts import _match as parts_match
 from jfsf.matching.parts._beam import Assigned, anchors_of, assign
 from jfsf.matching.parts._match import Parts, match_parts
@@ -54,6 +48,7 @@ from jfsf.matching.parts._starts import (
 from jfsf.matching.parts._surfaces import (
     from_rim,
     inverse_map,
+    likely_part,
     longest_loop,
     outward,
     scaled,
@@ -632,7 +627,6 @@ QUICK = PartSettings(
     samples_of_whole=80,
     assignments=4,
     alignments=2,
-    refinements=1,
 )
 
 

@@ -6,15 +6,15 @@ import trimesh
 from scipy.spatial import KDTree
 
 from jfsf import testing
-from jfsf.matching.parts import _curvature as curved
-from jfsf.matching.parts._curvature import (
+from jfsf.matching.parts import _sides as curved
+from jfsf.matching.parts._region import BEND, nearest_by_curvature, target
+from jfsf.matching.parts._register import register, whole_at_rest
+from jfsf.matching.parts._sides import (
     curvature,
     curvatures,
     standard_curvature,
     usual_curvature,
 )
-from jfsf.matching.parts._region import BEND, nearest_by_curvature, target
-from jfsf.matching.parts._register import register, whole_at_rest
 from jfsf.matching.parts._surfaces import outward
 from jfsf.mesh._geometry import vertex_normals
 from jfsf.types import Mesh

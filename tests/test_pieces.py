@@ -10,11 +10,12 @@ from shapes import small
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.export import export_mesh
-from jfsf.apps.mapfiles import MapFileError, read_notes, read_stored
-from jfsf.apps.pieces import match_components, write_components
-from jfsf.apps.pieces._match import cost
+from jfsf.apps.mapfiles import MapFileError, read_notes
+from jfsf.apps.mapfiles._stored import read_stored
+from jfsf.apps.pieces import match_components
+from jfsf.apps.pieces._match import cost, write_components
 from jfsf.apps.pieces._pieces import (
     TIE,
     best_assignment,

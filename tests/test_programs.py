@@ -24,11 +24,10 @@ import pytest
 import jfsf
 from jfsf import storage
 from jfsf.matching import Settings
-from jfsf.runtime import _compiler, _program_files, _programs
-from jfsf.runtime._compiler import large_jit
-from jfsf.runtime._programs import compile_ahead
+from jfsf.runtime import _program_files, _programs
+from jfsf.runtime._programs import compile_ahead, large_jit
 from jfsf.runtime._shared import shared_context
-from jfsf.storage._folder import stored_files
+from jfsf.storage._cache import stored_files
 from jfsf.storage._private import read_private, write_private
 
 
@@ -49,7 +48,7 @@ def test_it_compiles_once():
 
 def test_options_that_this_xla_lacks_are_left_out():
     known = {"xla_backend_optimization_level": 1}
-    assert _compiler.supported(known | {"xla_of_another_year": 1}) == known
+    assert _programs.supported(known | {"xla_of_another_year": 1}) == known
 
 
 class Halves(NamedTuple):
@@ -404,7 +403,7 @@ import test_programs
 import jax
 import jax.numpy as jnp
 from jfsf.runtime._program_files import load_program
-from jfsf.storage._folder import programs_folders
+from jfsf.storage._cache import programs_folders
 jax.jit(jnp.linalg.cholesky)(jnp.eye(1))
 # Python itself may be where that user cannot read.
 os.setgroups([])

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 import jfsf
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import write_map
 from jfsf.apps.registration import Registration, RegistrationSettings, register

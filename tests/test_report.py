@@ -17,8 +17,7 @@ from jfsf.apps.plot._colours import body_colours, matched_colours
 from jfsf.apps.plot._frames import frames_of_pair
 from jfsf.apps.report import Side, findings, reasons, write_report
 from jfsf.apps.report._candidates import CandidateMap, candidate_maps, maps_of
-from jfsf.apps.report._html import thumbnail
-from jfsf.apps.report._index import Row, write_index
+from jfsf.apps.report._html import Row, thumbnail, write_index
 from jfsf.apps.report._measured import measure
 from jfsf.apps.report._scene import scene, shown, shown_maps
 from jfsf.apps.report._words import in_short, readings, verdict, warnings_of

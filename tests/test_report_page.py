@@ -7,7 +7,7 @@ import pytest
 from browser import needs_chromium, opened
 from test_report import PAIR, record_of, write
 
-from jfsf.apps.report._index import Row, write_index
+from jfsf.apps.report._html import Row, write_index
 
 pytestmark = needs_chromium
 

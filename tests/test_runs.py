@@ -19,13 +19,14 @@ from shapes import write_off
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import _batch_jobs, app
+from jfsf.apps.cli import _batch_jobs
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._runs import DRAWING, note_drawing
 from jfsf.apps.mapfiles import read_match, read_notes
-from jfsf.batch import connect, read_pairs
+from jfsf.batch._cluster import connect
 from jfsf.batch._jobs import Job, run_jobs
-from jfsf.batch._pair_list import PairOptions
+from jfsf.batch._pair_list import PairOptions, read_pairs
 from jfsf.types import STAGES, Certificate, Match, MatchInfo, Mesh
 
 dask = pytest.importorskip("dask")
@@ -144,7 +145,7 @@ def test_two_jobs_want_one_file(client, tmp_path):
 DRIVER = """
 import sys
 from pathlib import Path
-from jfsf.batch import connect
+from jfsf.batch._cluster import connect
 from test_runs import outcomes, jobs_of
 if __name__ == "__main__":
     with connect(workers=2) as client:

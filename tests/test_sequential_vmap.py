@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf.array._sequential_vmap import sequential_vmap
+from jfsf.array._loops import sequential_vmap
 
 
 def nearest_entry(x, y):

@@ -19,7 +19,7 @@ from jfsf import (
     PartSettings,
     SearchSettings,
 )
-from jfsf.array._static import static, static_key, static_text
+from jfsf.array._jit import static, static_key, static_text
 from jfsf.convert import authors_sinkhorn, sinkhorn
 from jfsf.matching import Settings
 
@@ -108,7 +108,6 @@ def test_each_field_counts(name):
         "search": SearchSettings(samples=200),
         "ks": (30, 60),
         "samples": 512,
-        "zoomout": jfsf.ZoomOutSettings(slack=0.1),
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(tiles=32),
         "parts": jfsf.PartSettings(anchors=12),
@@ -169,7 +168,7 @@ def test_every_number_is_explained():
         ({"k": True}, "k is True; give a whole number"),
         ({"rigid_below": "0.015"}, "rigid_below is '0.015'; give a number"),
         ({"ks": 30}, "ks is 30; give a tuple"),
-        ({"zoomout": 0.05}, "zoomout is 0.05; give a ZoomOutSettings"),
+        ({"bend": 0.05}, "bend is 0.05; give an? ArapSettings"),
         ({"converter": "sinkhorn"}, "converter is 'sinkhorn'; give a function"),
         ({"refine": "zoomout"}, "refine is 'zoomout'; give .* jfsf.matching"),
     ],

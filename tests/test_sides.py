@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 
 
 def side(n, dtype=float):

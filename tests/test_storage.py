@@ -19,8 +19,7 @@ from jfsf.storage._atomic import (
     write_atomically,
     write_text,
 )
-from jfsf.storage._cache import fetch
-from jfsf.storage._folder import limit_bytes, make_room, stored_files
+from jfsf.storage._cache import fetch, limit_bytes, make_room, stored_files
 
 
 class Pair(NamedTuple):

@@ -4,7 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jfsf.array import argmax, top_k
+from jfsf.array import argmax
+from jfsf.array._precision import top_k
 
 
 @pytest.mark.parametrize("k0, folds", [(1, 1), (7, 1), (40, 1), (7, 4)])

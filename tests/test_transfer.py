@@ -14,16 +14,22 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf.apps import transfer
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection_results import carried_of, write_carried
 from jfsf.apps.export import export_textured
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
 from jfsf.apps.mapfiles import write_map, write_match
-from jfsf.apps.transfer._atlas import MARGIN
-from jfsf.apps.transfer._files import Column, png_of, read_image, write_column
+from jfsf.apps.transfer._files import (
+    Column,
+    png_of,
+    read_image,
+    read_labels,
+    read_values,
+    write_column,
+)
 from jfsf.apps.transfer._nearest import finder, in_faces, nearest, place, placed
 from jfsf.apps.transfer._overlay import Overlay, extended, overlay_template
-from jfsf.apps.transfer._texture import look_up
+from jfsf.apps.transfer._texture import MARGIN, look_up
 from jfsf.mesh import MeshError, closest, decimate, read, read_uv, surface_area
 from jfsf.mesh._closest import surface_tree
 from jfsf.mesh._edit import mirror_image
@@ -417,9 +423,9 @@ def test_round_trips_of_columns(tmp_path, suffix):
     rows = RNG.normal(size=(5, 2))
     rows[2, 1] = np.nan
     write_column(path, Column(rows))
-    assert np.allclose(transfer.read_values(path, 5).rows, rows, equal_nan=True)
+    assert np.allclose(read_values(path, 5).rows, rows, equal_nan=True)
     write_column(path, Column(rows[:, 0]))
-    assert np.allclose(transfer.read_values(path, 5).rows, rows[:, 0])
+    assert np.allclose(read_values(path, 5).rows, rows[:, 0])
     for labels in (
         np.array([3, -1, 2]),
         np.array(["Kopf", "", "左手"]),
@@ -427,46 +433,46 @@ def test_round_trips_of_columns(tmp_path, suffix):
         np.array(['a "b"', "1_0", "2"]),
     ):
         write_column(path, Column(labels))
-        found = transfer.read_labels(path, 9, 3).rows
+        found = read_labels(path, 9, 3).rows
         assert found.tolist() == labels.tolist()
 
 
 def test_titles_are_kept(tmp_path):
     path = tmp_path / "a.csv"
     path.write_text("thick; bent\n1;2\n3;\n")
-    found = transfer.read_values(path, 2)
+    found = read_values(path, 2)
     assert found.titles == ("thick", "bent") and np.isnan(found.rows[1, 1])
     write_column(path, found)
     assert path.read_text() == "thick,bent\n1,2\n3,nan\n"
     path.write_bytes("sep=;\r\nlänge;b\r\n1;2\r\n3;-1.#IND\r\n".encode("utf-16"))
-    found = transfer.read_values(path, 2)
+    found = read_values(path, 2)
     assert found.titles == ("länge", "b")
     assert np.array_equal(found.rows, [[1, 2], [3, np.nan]], equal_nan=True)
     path.write_bytes("sep=;\r\nfuß\r\n1\r\n".encode("utf-16"))
-    assert transfer.read_labels(path, 2, 7).rows.tolist() == ["fuß", "1"]
+    assert read_labels(path, 2, 7).rows.tolist() == ["fuß", "1"]
     path.write_bytes("fuß\n1\n".encode("cp1252"))
     with pytest.raises(ValueError, match="a.csv: is not UTF-8 .*; save it as that"):
-        transfer.read_labels(path, 2, 7)
+        read_labels(path, 2, 7)
     path.write_text("part\r\n1\r\n2\r\n")
-    found = transfer.read_labels(path, 2, 7)
+    found = read_labels(path, 2, 7)
     assert found.titles == ("part",) and found.rows.tolist() == [1, 2]
 
 
 def test_labels_of_the_princeton_benchmark(tmp_path):
     path = tmp_path / "a.seg"
     path.write_text("0\n0\n3\n")
-    found = transfer.read_labels(path, 2, 3)
+    found = read_labels(path, 2, 3)
     assert found.rows.tolist() == [0, 0, 3]
     write_column(tmp_path / "b.seg", found)
     assert (tmp_path / "b.seg").read_text() == path.read_text()
     with pytest.raises(ValueError, match="a.seg: values are .npy, .csv, .txt, not"):
-        transfer.read_values(path, 3)
+        read_values(path, 3)
 
 
 def test_parts_of_smpl(tmp_path):
     path = tmp_path / "a.json"
     path.write_text('{"leftHand": [3, 1], "rückgrat": [1, 0]}', encoding="utf-8")
-    found = transfer.read_labels(path, 5, 3)
+    found = read_labels(path, 5, 3)
     assert found.rows.tolist() == ["rückgrat", "leftHand", "", "leftHand", ""]
     write_column(tmp_path / "b.json", found)
     again = json.loads((tmp_path / "b.json").read_text(encoding="utf-8"))
@@ -484,7 +490,7 @@ def test_parts_of_smpl(tmp_path):
     ):
         path.write_text(text)
         with pytest.raises(ValueError, match=f"a.json: {message}"):
-            transfer.read_labels(path, 5, 3)
+            read_labels(path, 5, 3)
     with pytest.raises(ValueError, match="b.json: values are"):
         write_column(tmp_path / "b.json", Column(np.zeros(3)))
 
@@ -492,51 +498,51 @@ def test_parts_of_smpl(tmp_path):
 def test_text_of_one_column(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1\n\n3\n")
-    assert np.allclose(transfer.read_values(path, 3).rows, [1, np.nan, 3], 0, 0, True)
-    assert transfer.read_values(path, 2).rows.tolist() == [1, 3]
+    assert np.allclose(read_values(path, 3).rows, [1, np.nan, 3], 0, 0, True)
+    assert read_values(path, 2).rows.tolist() == [1, 3]
     np.savetxt(path, [1, 2])
-    assert transfer.read_labels(path, 2, 9).rows.tolist() == [1, 2]
+    assert read_labels(path, 2, 9).rows.tolist() == [1, 2]
     for ending in ("", "\n", "\n\n", "\n\n\n"):
         path.write_text("a\nb" + ending)
-        assert transfer.read_labels(path, 2, 9).rows.tolist() == ["a", "b"]
+        assert read_labels(path, 2, 9).rows.tolist() == ["a", "b"]
     path.write_text("1.5\n2\n")
     with pytest.raises(ValueError, match="label 1 is 1.5, not a whole number"):
-        transfer.read_labels(path, 2, 9)
+        read_labels(path, 2, 9)
     path = tmp_path / "a.csv"
     path.write_text("0,arm\n1,leg\n")
     with pytest.raises(ValueError, match="line 1 has 2 cells, expected one label"):
-        transfer.read_labels(path, 2, 9)
+        read_labels(path, 2, 9)
 
 
 def test_wrong_columns_name_what_was_found(tmp_path):
     path = tmp_path / "a.txt"
     path.write_text("1\n2\n3\n")
     with pytest.raises(ValueError, match=r"a.txt: has 3 rows of numbers, expected 4"):
-        transfer.read_values(path, 4)
+        read_values(path, 4)
     with pytest.raises(ValueError, match=r"has 3 labels, expected one for each of 7"):
-        transfer.read_labels(path, 7, 9)
+        read_labels(path, 7, 9)
     path.write_text("1 2\n2 x\n")
     with pytest.raises(ValueError, match="line 2 is '2 x', expected 2 numbers"):
-        transfer.read_values(path, 2)
+        read_values(path, 2)
     path.write_text("\n")
     with pytest.raises(ValueError, match="is empty"):
-        transfer.read_values(path, 2)
+        read_values(path, 2)
     path = tmp_path / "a.npy"
     np.save(path, np.array([1.5, 2]))
     with pytest.raises(ValueError, match="label 1 is 1.5, not a whole number"):
-        transfer.read_labels(path, 2, 3)
+        read_labels(path, 2, 3)
     np.save(path, np.array([1j, 2]))
     with pytest.raises(ValueError, match="complex128"):
-        transfer.read_values(path, 2)
+        read_values(path, 2)
     with path.open("wb") as file:
         np.savez(file, a=np.zeros(2), b=np.zeros(2))
     with pytest.raises(ValueError, match="several arrays"):
-        transfer.read_values(path, 2)
+        read_values(path, 2)
     path.write_bytes(b"nothing")
     with pytest.raises(ValueError, match="a.npy: is no array"):
-        transfer.read_values(path, 2)
+        read_values(path, 2)
     with pytest.raises(ValueError, match="not '.mat'"):
-        transfer.read_values(tmp_path / "a.mat", 2)
+        read_values(tmp_path / "a.mat", 2)
 
 
 def test_wrong_arguments_say_what_was_found(both):

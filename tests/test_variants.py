@@ -13,7 +13,7 @@ from precisions import FLOATS
 from problems import N_X, N_Y, WIDTH, dense, draw, weights
 
 from jfsf import testing
-from jfsf.array._static import static, static_key
+from jfsf.array._jit import static, static_key
 from jfsf.convert import (
     algorithm_2,
     authors_sinkhorn,

@@ -9,7 +9,7 @@ import trimesh
 from typer.testing import CliRunner
 
 from jfsf import testing
-from jfsf.apps.cli import app
+from jfsf.apps.cli._app import app
 from jfsf.apps.export import export_map, export_mesh
 from jfsf.mesh import read
 from jfsf.mesh import vertex_colours as found_colours

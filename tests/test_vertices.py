@@ -7,7 +7,7 @@ import oracles_evidence as oracles
 import pytest
 
 from jfsf import testing
-from jfsf.geometry._stretches import MOST_STRETCH
+from jfsf.geometry._surface import MOST_STRETCH
 from jfsf.matching import vertex_confidence
 from jfsf.matching._vertices import (
     APART,

@@ -10,18 +10,16 @@ from hypothesis import strategies as st
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
-from jfsf.apps.plot import (
-    coordinate_colours,
+from jfsf.apps.plot import coordinate_colours, draw_pair, draw_shape, pull_back
+from jfsf.apps.plot._charts import (
+    Panel,
+    draw_curves,
     draw_error_curves,
     draw_functional_map,
-    draw_pair,
-    draw_shape,
-    pull_back,
 )
-from jfsf.apps.plot._charts import Panel, draw_curves
 from jfsf.apps.plot._colours import matched_colours, texture_coordinates
 from jfsf.apps.plot._frames import frame, frames_of_pair
-from jfsf.apps.plot._page import picture_of
+from jfsf.apps.plot._panels import picture_of
 from jfsf.apps.plot._pictures import draw_maps
 from jfsf.data import load
 from jfsf.types import Mesh

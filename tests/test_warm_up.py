@@ -9,11 +9,11 @@ from typer.testing import CliRunner
 
 import jfsf
 from jfsf import matching
-from jfsf.apps.cli import app
-from jfsf.matching import _warm_up
+from jfsf.apps.cli._app import app
+from jfsf.matching import _attempted
 from jfsf.runtime import _programs
 from jfsf.runtime._sizes import common_size
-from jfsf.storage._folder import PROGRAM, stored_files
+from jfsf.storage._cache import PROGRAM, stored_files
 
 
 @pytest.mark.slow  # all programs of a match
@@ -72,8 +72,8 @@ def test_small_shapes_have_the_eigenpairs_of_a_match(monkeypatch):
         )
         for kind in ("first", "copies")
     )
-    monkeypatch.setattr(_warm_up, "compile_first_attempt", first)
-    monkeypatch.setattr(_warm_up, "compile_copies", further)
+    monkeypatch.setattr(_attempted, "compile_first_attempt", first)
+    monkeypatch.setattr(_attempted, "compile_copies", further)
     few = jfsf.Settings(k=32, ks=(20, 32))
     for settings, n in ((jfsf.Settings(), 300), (jfsf.Settings(), 5000), (few, 5000)):
         asked.clear()

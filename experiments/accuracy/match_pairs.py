@@ -40,8 +40,8 @@ from experiments import command_line, results_file
 from experiments.accuracy import changes, cuts, datasets, protocol, vertex_rows
 from jfsf.apps.report._words import LIKELY
 from jfsf.geometry import GeodesicSolver, geodesics
-from jfsf.matching import attempted_pair
 from jfsf.matching._confidence import RANK_FACTORS
+from jfsf.matching._match import attempted_pair
 from jfsf.matching._pairs import PairState
 from jfsf.matching._stages import pair_search
 from jfsf.matching._vertices import vertex_evidence

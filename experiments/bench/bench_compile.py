@@ -18,7 +18,7 @@ from jfsf.initial._start import nonisometric_starts
 from jfsf.matching import _policy
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import PairState
-from jfsf.runtime._compiler import large_jit
+from jfsf.runtime._programs import large_jit
 from jfsf.runtime._sizes import PaddedShape, spectrum_like
 
 

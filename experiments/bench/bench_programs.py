@@ -32,7 +32,7 @@ from jax import export
 import jfsf
 from experiments import command_line, results_file
 from jfsf import data
-from jfsf.runtime import _compiler, _programs
+from jfsf.runtime import _programs
 from jfsf.runtime._programs import compile_ahead
 
 PAIR = "man_walk", "man_up"
@@ -120,7 +120,7 @@ def _maps() -> int:
 
 def _exported(path: Path, args) -> jax.stages.Compiled:
     call = export.deserialize(bytearray(path.read_bytes())).call
-    options = _compiler.compiler_options("cpu")
+    options = _programs.compiler_options("cpu")
     lowered = jax.jit(call, compiler_options=options).lower(*jax.tree.leaves(args))
     return lowered.compile()
 

@@ -39,7 +39,7 @@ import jfsf
 from experiments import command_line
 from experiments.accuracy import protocol
 from jfsf.apps.report._words import LIKELY
-from jfsf.evaluate import reliability
+from jfsf.evaluate._reliability import reliability
 from jfsf.matching._confidence import regressor
 from jfsf.storage._atomic import write_text
 

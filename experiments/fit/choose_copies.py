@@ -19,7 +19,7 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.bench.upsample import upsample
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching import attempted_pair
+from jfsf.matching._match import attempted_pair
 from jfsf.mesh import surface_area
 
 SETS = "embedded", "faust_r", "smal_whole"

@@ -23,7 +23,7 @@ from experiments import command_line, results_file
 from experiments.accuracy.collection import Errors, shapes_of
 from jfsf.apps.cli._collection_jobs import kept
 from jfsf.apps.collections import agreed_map
-from jfsf.apps.collections._agree import WITHIN, OtherShape
+from jfsf.apps.collections._member import WITHIN, OtherShape
 
 DISTANCES = 0.005, 0.01, 0.02, 0.04, 0.08, 1.0
 

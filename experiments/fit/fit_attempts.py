@@ -14,7 +14,7 @@ import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching import attempted_pair
+from jfsf.matching._match import attempted_pair
 from jfsf.mesh import surface_area
 
 SETS = "creatures", "shrec07", "shrec07_more"

@@ -14,7 +14,7 @@ map to be the right one is proportional to exp(-weights . figures). Right is bel
 of the size to the starts where units may differ. How often the first map is right, by
 the weights of the package, is said of every set.
 
-The confidence (`jfsf.matching.region_confidence`) is a logistic regression of a mean
+The confidence (`region_confidence`) is a logistic regression of a mean
 error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
 1. Its constant is such that the mean over the maps that are chosen is the share of the
 right ones among these: they are right more often than others of the same evidence.

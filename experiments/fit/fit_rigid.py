@@ -23,7 +23,8 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.accuracy.situations import faces
 from jfsf.geometry import GeodesicSolver
-from jfsf.matching import Settings, attempted_pair
+from jfsf.matching import Settings
+from jfsf.matching._match import attempted_pair
 from jfsf.matching._rigid import moved_by_map
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh

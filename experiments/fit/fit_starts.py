@@ -17,9 +17,9 @@ from experiments.accuracy import datasets
 from experiments.accuracy.protocol import RIGHT
 from jfsf.convert import nearest
 from jfsf.evaluate import evaluate
+from jfsf.initial._fit import solve_nonlinear
 from jfsf.initial._hypotheses import SamplePair, refine_hypotheses
 from jfsf.initial._linear import solve
-from jfsf.initial._nonlinear import solve_nonlinear
 from jfsf.initial._samples import search_samples
 from jfsf.initial._settings import FIT_KS
 from jfsf.initial._settings import FITS as SEARCHED

@@ -2,17 +2,12 @@
 
 Read in this order:
 
-- `_static`: static arguments by their content, as keys and as text
-- `_varying`: what begins a loop inside `jax.shard_map`
-- `_jit`: functions that are compiled, with their types
-- `_precision`: products in full float32 precision, and division that leaves out 0
-- `_top_k`: indices of the largest entries, by vectorised maxima
-- `_sides`: one function applied to both shapes, compiled once
-- `_sequential_vmap`: functions that vmap runs as a loop
+- `_loops`: both shapes in one loop, vmap as a loop, loops inside `jax.shard_map`
+- `_jit`: functions that are compiled, with their types, and static arguments by content
+- `_precision`: products in full float32 precision, largest entries by maxima
 """
 
 from jfsf.array._jit import jit
-from jfsf.array._precision import einsum, matmul
-from jfsf.array._top_k import argmax, top_k
+from jfsf.array._precision import argmax, einsum, matmul
 
-__all__ = ["argmax", "einsum", "jit", "matmul", "top_k"]
+__all__ = ["argmax", "einsum", "jit", "matmul"]

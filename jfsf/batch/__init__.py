@@ -8,29 +8,21 @@ on a dask cluster.
 Read in this order:
 
 - `_pairs`: conversion, refinement, search and matching of many pairs
-- `_hosts`: several processes or machines, each with its shard
-- `_cluster`: a dask cluster, local or already running
+- `_cluster`: several processes or machines: shards of the pairs, or a dask cluster
 - `_jobs`: jobs from files to files, resumable
 - `_pair_list`: lists of pairs in CSV files
 """
 
-from jfsf.batch._cluster import connect
-from jfsf.batch._hosts import join, local_shard
-from jfsf.batch._jobs import Outcome
-from jfsf.batch._pair_list import Pair, read_pairs
+from jfsf.batch._cluster import join, local_shard
 from jfsf.batch._pairs import convert, match_spectra, refine, search
 from jfsf.runtime import map_pairs
 
 __all__ = [
-    "Outcome",
-    "Pair",
-    "connect",
     "convert",
     "join",
     "local_shard",
     "map_pairs",
     "match_spectra",
-    "read_pairs",
     "refine",
     "search",
 ]

@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jfsf.convert import Converter, maps_of, sinkhorn
-from jfsf.initial import Candidates, Orientation, orientation_sign
+from jfsf.initial import Candidates, orientation_sign
 from jfsf.initial import search as search_one
-from jfsf.initial._given import check_spectrum
+from jfsf.initial._search import Orientation
+from jfsf.initial._start import check_spectrum
 from jfsf.matching import Settings
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._pairs import PairState

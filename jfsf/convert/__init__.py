@@ -2,15 +2,14 @@
 
 Read in this order:
 
-- `_converter`: what a converter is
 - `_kernel`: the sparse kernel (eq. 12), its length, and the plan
 - `_checks`: what the filter and its steps refuse
-- `_between`: the kernel and the marginals of two embeddings
-- `_nearest`: nearest neighbour (eqs. 5 and 6)
+- `_converter`: what a converter is, and the nearest neighbour (eqs. 5 and 6)
 - `_updates`: Sinkhorn updates on the kernel
 - `_tolerance`: updates until the marginals are met, with implicit gradients
 - `_scaling`: updates of either kind, and the maps of the plan
-- `_sinkhorn`: the Fast Sinkhorn Filter, balanced or with a `reach`
+- `_sinkhorn`: the kernel between two embeddings, and the Fast Sinkhorn Filter on it,
+  balanced or with a `reach`
 - `_variants`: algorithm 2 to the letter, the authors' settings, kernels of one's own
 - `_precise`: to points on triangles, in place of vertices
 """
@@ -18,8 +17,7 @@ Read in this order:
 from typing import TYPE_CHECKING
 
 from jfsf._moved import names_of
-from jfsf.convert._converter import Converter, HasMaps, maps_of
-from jfsf.convert._nearest import nearest
+from jfsf.convert._converter import Converter, HasMaps, maps_of, nearest
 from jfsf.convert._precise import (
     functional_map_precise,
     precise,

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.types import Kernel, Neighbours, Plan
 
 Scale = Literal["nearest", "max"]

@@ -11,9 +11,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
 from jfsf.convert._checks import check_values, flagged
 from jfsf.convert._updates import (

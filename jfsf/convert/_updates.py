@@ -17,9 +17,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
 from jfsf.convert import _kernel as kernels
 from jfsf.types import Kernel
 

@@ -11,10 +11,9 @@ from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
 from jfsf.convert import _kernel as kernels
-from jfsf.convert._between import uniform_marginals
 from jfsf.convert._checks import check_counts, check_shapes, check_values, flagged
 from jfsf.convert._scaling import scale_kernel
-from jfsf.convert._sinkhorn import sinkhorn
+from jfsf.convert._sinkhorn import sinkhorn, uniform_marginals
 from jfsf.neighbours import NeighbourSearch
 from jfsf.neighbours._among_tiles import tiled_one_way
 from jfsf.neighbours._exhaustive import neighbours_of_valid
@@ -93,14 +92,15 @@ def algorithm_2(
     check_counts("algorithm_2", k0=k0, num_iters=num_iters)
     marginal_x, marginal_y = uniform_marginals(emb_x, emb_y, marginal_x, marginal_y)
     search = NeighbourSearch() if search is None else search
-    options = {"k0": min(k0, len(emb_y)), "settings": search.settings}
+    k0 = min(k0, len(emb_y))
     valid_x, valid_y = marginal_x > 0, marginal_y > 0
     if search.tiles is None:
-        near = neighbours_of_valid(emb_x, emb_y, valid_x, valid_y, **options)
+        near = neighbours_of_valid(emb_x, emb_y, valid_x, valid_y, k0=k0)
         recall = jnp.ones((), emb_x.dtype)
     else:
         there = emb_x, emb_y, *search.tiles, valid_x, valid_y
-        near, recall, _ = tiled_one_way(*there, min_recall=search.min_recall, **options)
+        options = {"min_recall": search.min_recall, "settings": search.settings}
+        near, recall, _ = tiled_one_way(*there, k0=k0, **options)
     kernel = build_kernel(near, lam, n_y=len(emb_y), power=2.0)
     found = scale_kernel(kernel, marginal_x, marginal_y, num_iters=num_iters, relax=1.0)
     return flagged(found._replace(recall=recall), jnp.asarray(lam) >= 0)

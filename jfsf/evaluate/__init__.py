@@ -8,7 +8,7 @@ Read in this order:
 - `_evaluate`: all figures of one map in one call
 """
 
-from jfsf.evaluate._evaluate import MEASURED, Figures, evaluate
+from jfsf.evaluate._evaluate import Figures, evaluate
 from jfsf.evaluate._functional_metrics import (
     laplacian_commutativity,
     orthogonality,
@@ -23,12 +23,9 @@ from jfsf.evaluate._map_metrics import (
     geodesic_error,
     smoothness,
 )
-from jfsf.evaluate._reliability import Reliability, reliability
 
 __all__ = [
-    "MEASURED",
     "Figures",
-    "Reliability",
     "auc",
     "bijectivity",
     "coverage",
@@ -37,7 +34,6 @@ __all__ = [
     "geodesic_error",
     "laplacian_commutativity",
     "orthogonality",
-    "reliability",
     "smoothness",
     "spectral_chamfer",
     "zoomout_energy",

@@ -13,7 +13,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.neighbours import neighbours
 
 

@@ -6,7 +6,7 @@ then the geodesically farthest from those before it. Every assignment of some of
 some of Y's is a start; those that change the distances between extremities most evenly
 are tried. More are found than are assigned, so the fingers of a large hand or the
 horns of a head may stay without a partner. Beside the distances counts what an
-extremity looks like (`_ends`): hands are not feet, however long the arms.
+extremity looks like (`tip_descriptors`): hands are not feet, however long the arms.
 """
 
 from functools import lru_cache
@@ -19,10 +19,8 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
-from jfsf.initial._ends import tip_descriptors
-from jfsf.initial._samples import SearchSamples
+from jfsf.array._loops import map_sides, varying_as
+from jfsf.initial._samples import SearchSamples, tip_descriptors
 
 # Extremities that are looked for on each shape, and how many of them one start assigns.
 # Two shapes may have unequal numbers of limbs.

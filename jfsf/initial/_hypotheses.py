@@ -12,8 +12,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import argmax, matmul
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.refine import zoomout
 from jfsf.spectral import Features, embeddings
 from jfsf.types import Maps

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 from jfsf.initial._extremities import Assignments, best_assignments
 from jfsf.initial._hypotheses import (
     CACHED_ENTRIES,

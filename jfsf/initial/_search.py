@@ -25,7 +25,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from jfsf._exported import exported
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 from jfsf.initial._hypotheses import (
     SamplePair,
     best_different,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 from jfsf.initial._terms import Weights
 
 # Starts: all sign patterns of the first eigenfunctions, the constant included, with

@@ -15,8 +15,8 @@ from jaxtyping import Array, Float
 from jfsf._exported import exported
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
+from jfsf.array._loops import map_sides
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
 from jfsf.spectral._orientation import brackets
 from jfsf.types import Spectrum
 

@@ -59,19 +59,16 @@ Which starts are attempted, and when it ends: for one pair or many, on the host:
 Two meshes:
 
 - `_shapes`: what can be matched, and its spectrum: `check_matchable`, `basis`
-- `_attempted`: spectra and programs at the same time, then the policy
+- `_attempted`: spectra and programs at the same time, then the policy; `warm_up`
 - `_partial`: shapes of which one is a part of the other
 - `_match`: `match`, `alternatives`, `symmetry`, `attempted_pair`
-- `_warm_up`: the programs of `match`, compiled before there are shapes
 """
 
 from jfsf.matching._attempt import attempt, match_spectra
-from jfsf.matching._certificate import certify
+from jfsf.matching._attempted import warm_up
 from jfsf.matching._coarse import carried
-from jfsf.matching._confidence import confidence, region_confidence
-from jfsf.matching._kept_landmarks import MISSED
-from jfsf.matching._match import alternatives, attempted_pair, match, symmetry
-from jfsf.matching._rivals import map_distances
+from jfsf.matching._confidence import confidence
+from jfsf.matching._match import alternatives, match, symmetry
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import basis, check_matchable
 from jfsf.matching._stages import (
@@ -83,28 +80,22 @@ from jfsf.matching._stages import (
 )
 from jfsf.matching._steps import shape_samples
 from jfsf.matching._vertices import vertex_confidence
-from jfsf.matching._warm_up import warm_up
 
 __all__ = [
-    "MISSED",
     "Deform",
     "Describe",
     "Refine",
     "Settings",
     "alternatives",
     "attempt",
-    "attempted_pair",
     "basis",
     "carried",
-    "certify",
     "check_matchable",
     "confidence",
     "deform_by_arap",
-    "map_distances",
     "match",
     "match_spectra",
     "refine_by_zoomout",
-    "region_confidence",
     "shape_samples",
     "symmetry",
     "vertex_confidence",

@@ -10,10 +10,11 @@ from typing import cast
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
+from jfsf.array._loops import map_sides
 from jfsf.convert import HasMaps
-from jfsf.initial import Orientation, Start, orientation_sign, search_starts
-from jfsf.initial._given import given_arrays
+from jfsf.initial import Start, orientation_sign, search_starts
+from jfsf.initial._search import Orientation
+from jfsf.initial._start import given_arrays
 from jfsf.matching._kept_landmarks import Landmarks
 from jfsf.matching._settings import Settings
 from jfsf.matching._steps import (

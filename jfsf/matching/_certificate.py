@@ -10,19 +10,18 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._loops import map_sides
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
 from jfsf.convert import maps_of
 from jfsf.evaluate import coverage, orthogonality
 from jfsf.geometry import normals
-from jfsf.geometry._stretches import log_stretches
+from jfsf.geometry._surface import log_stretches
 from jfsf.initial._hypotheses import SamplePair, energies
 from jfsf.initial._proportions import log_stretch_std
 from jfsf.initial._samples import SearchSamples
 from jfsf.matching._confidence import LEAST, confidence_of, log_odds
 from jfsf.matching._kept_landmarks import Landmarks, landmark_distances
-from jfsf.matching._settings import Settings
-from jfsf.spectral._orientation import brackets, orientation_score
+from jfsf.spectral._orientation import FUNCTIONS, brackets, orientation_score
 from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Aligned, Certificate, Filtered, Maps, Spectrum
 
@@ -38,7 +37,7 @@ ROUNDING = 0.08
 MOST_SHEARED = 0.01
 
 
-@jit(static_argnames="settings")
+@jit
 def certify(
     maps: Filtered | Maps,
     aligned: Aligned,
@@ -47,8 +46,6 @@ def certify(
     samples: tuple[SearchSamples, SearchSamples] | None = None,
     sign: Int[Array, ""] | int = 1,
     landmarks: Landmarks | None = None,
-    *,
-    settings: Settings = Settings(),
 ) -> Certificate:
     """The evidence for `maps`, which came from aligned embeddings.
 
@@ -60,7 +57,6 @@ def certify(
         samples: both shapes at samples, for `energy` and `log_stretch_std`.
         sign: sign of the wanted orientation, 0 for any; the confidence reads it.
         landmarks: vertices of X and their partners on Y; the confidence reads them.
-        settings: `features` is read.
 
     Returns:
         The certificate; its gaps are nan, as those of a map without a search.
@@ -81,7 +77,7 @@ def certify(
         }
         numbers += [maps.f, maps.g]
     known["finite"] = jnp.stack([jnp.all(jnp.isfinite(x)) for x in numbers]).all()
-    k = min(settings.features.oriented_functions, *C_yx.shape)
+    k = min(FUNCTIONS, *C_yx.shape)
     score = orientation_score(C_yx, brackets(spec_x, k=k), brackets(spec_y, k=k))
     score = jnp.asarray(score)
     if samples is not None:

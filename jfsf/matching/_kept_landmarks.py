@@ -8,6 +8,7 @@ from jfsf.array._jit import jit
 from jfsf.initial import Start
 from jfsf.matching._settings import Settings
 from jfsf.spectral import Features, embeddings
+from jfsf.spectral._features import LANDMARK_TIMES
 from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic, rms_distance
 from jfsf.types import Spectrum
 
@@ -56,7 +57,7 @@ def kept_landmarks(
         features: made with these landmarks, whole or at samples.
         start: the map with which the refinement starts.
         landmarks: vertices of X, and their partners.
-        settings: `features` is read.
+        settings: not read, but every step of an attempt takes them.
     """
     (spec_x, spec_y), (x, y), (at_x, at_y) = pair, features, landmarks
     bases = spec_x.evecs, spec_y.evecs
@@ -66,7 +67,7 @@ def kept_landmarks(
     images = jnp.argmax(jnp.where(real[None], near, -jnp.inf), 1)
     away = landmark_distances(images, at_y, spec_y)
     # The last descriptors are those of the landmarks, curvature follows them.
-    keep = jnp.repeat(away <= MISSED, settings.features.landmark_times)
+    keep = jnp.repeat(away <= MISSED, LANDMARK_TIMES)
     end = x.descriptors.shape[1]
     factor = jnp.ones(x.columns.shape[1], x.columns.dtype)
     full = keep.astype(factor.dtype) / start.descriptor_weight

@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from jfsf.convert import HasMaps
-from jfsf.initial import Orientation, orientation_sign
+from jfsf.initial import orientation_sign
+from jfsf.initial._search import Orientation
 from jfsf.matching._arguments import (
     MatchInputs,
     checked_descriptors,
@@ -138,8 +139,8 @@ def alternatives(
         mesh_x, mesh_y, orientation, landmarks, descriptors, settings, cache, progress:
             as `match`.
         min_distance: a map is left out if its images lie nearer than this to those of
-            a more confident one (`jfsf.matching.map_distances`). 0 keeps the maps of
-            all attempts.
+            a more confident one (`map_distances` in `jfsf.matching._rivals`). 0 keeps
+            the maps of all attempts.
 
     Returns:
         The match of each attempt, in the form that `match` returns; the first is the

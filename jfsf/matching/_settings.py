@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from jfsf.array._static import check_types, static_key, static_text
+from jfsf.array._jit import check_types, static_key, static_text
 from jfsf.convert import Converter, sinkhorn
 from jfsf.convert._variants import quick_sinkhorn
 from jfsf.initial import SearchSettings
@@ -16,7 +16,7 @@ from jfsf.matching._stages import (
 )
 from jfsf.matching.parts import PartSettings
 from jfsf.neighbours import NeighbourSettings
-from jfsf.refine import ArapSettings, ZoomOutSettings
+from jfsf.refine import ArapSettings
 from jfsf.spectral import FeatureSettings, features
 
 COARSE_VERTICES = 1200
@@ -65,9 +65,8 @@ class Settings:
         slide further away from it; coarser ones are as good if the shapes are deformed
         after.
     refine: the function that refines a functional map: a `jfsf.matching.Refine`. The
-        package's own reads `ks`, `refine_converter` and `zoomout`.
+        package's own reads `ks` and `refine_converter`.
     refine_converter: the converter in the rounds of the refinement.
-    zoomout: how ZoomOut weighs columns in the refinement.
     deform: the function that deforms both shapes: a `jfsf.matching.Deform`. The
         package's own reads `bend_rounds`, `last_rounds` and `bend`.
     bend_rounds: number of times that both shapes are deformed onto each other, see
@@ -103,7 +102,6 @@ class Settings:
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout
     refine_converter: Converter = quick_sinkhorn
-    zoomout: ZoomOutSettings = field(default_factory=ZoomOutSettings)
     deform: Deform = deform_by_arap
     bend_rounds: int = 8
     last_rounds: int = 2

@@ -28,7 +28,7 @@ Describe = Callable[..., Features]
 """(spec, descriptors, landmarks, *, self_map, settings: FeatureSettings) -> `Features`.
 
 As `jfsf.spectral.features`, which explains what features are. The descriptors of
-landmarks come last, `FeatureSettings.landmark_times` of them for each landmark: those
+landmarks come last, `LANDMARK_TIMES` of them for each landmark: those
 of landmarks that a map misses are left out of its refinement.
 """
 Refine = Callable[..., Float[Array, "k l"]]
@@ -66,7 +66,7 @@ def refine_by_zoomout(
         descriptor_weight: weight of descriptors, curvature and oriented products
             relative to the eigenfunctions. Where proportions differ, descriptors do
             too: there a tenth is better.
-        settings: `jfsf.Settings`: `ks`, `refine_converter`, `zoomout`. Sizes beyond the
+        settings: `jfsf.Settings`: `ks`, `refine_converter`. Sizes beyond the
             eigenpairs there are are cut; a smaller start adds its own size in front.
     """
     widest = min(len(x.spec.evals), len(y.spec.evals))
@@ -87,7 +87,6 @@ def refine_by_zoomout(
         bidirectional=True,
         extra_weight=descriptor_weight,
         search=pair_search(x.spec, y.spec, settings=settings).unchecked(),
-        settings=settings.zoomout,
     )
 
 
@@ -153,9 +152,7 @@ def pair_search(
     """
     larger = max(len(spec_x.mass), len(spec_y.mass))
     return NeighbourSearch(
-        tiles_of_pair(spec_x, spec_y, settings=settings.neighbours)
-        if larger > settings.tiles_above
-        else None,
+        tiles_of_pair(spec_x, spec_y) if larger > settings.tiles_above else None,
         # To compare a million points with all others would take hours.
         0.0 if larger > settings.exhaustive_up_to else MIN_RECALL,
         settings.neighbours,

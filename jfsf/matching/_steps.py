@@ -29,7 +29,7 @@ from jfsf.matching._settings import Settings
 from jfsf.matching._stages import pair_search
 from jfsf.matching._vertices import vertex_confidence
 from jfsf.spectral import Features, functional_map, truncate, uniform
-from jfsf.spectral._orientation import brackets, orientation_score
+from jfsf.spectral._orientation import FUNCTIONS, brackets, orientation_score
 from jfsf.spectral._sampling import even_points
 from jfsf.types import Bent, Filtered, Match, Spectrum
 
@@ -103,7 +103,7 @@ def given_start(
     """
     size = max(settings.ks[0], settings.search.final_ks[-1])
     C_yx = _functional_map_of(initial, spec_x, spec_y, size)[:size, :size]
-    k = min(settings.features.oriented_functions, len(spec_x.evals), len(spec_y.evals))
+    k = min(FUNCTIONS, len(spec_x.evals), len(spec_y.evals))
     on_x, on_y = (brackets(spec, k=k) for spec in (spec_x, spec_y))
     score = orientation_score(C_yx, on_x, on_y)
     unknown = jnp.full((), jnp.nan, C_yx.dtype)
@@ -173,9 +173,7 @@ def finish(
     maps = maps if isinstance(maps, Filtered) else maps_of(maps)
     k = min(len(spec.evals) for spec in pair)
     final = functional_map(maps.T_xy, truncate(pair[0], k), pair[1])
-    evidence = certify(
-        maps, aligned, final, pair, samples, sign, landmarks, settings=settings
-    )
+    evidence = certify(maps, aligned, final, pair, samples, sign, landmarks)
     likely = vertex_confidence(maps_of(maps), aligned, pair, evidence.confidence)
     evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
     match = Match(*maps_of(maps), final, evidence)

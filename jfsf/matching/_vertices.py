@@ -18,10 +18,10 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
+from jfsf.array._loops import map_sides
 from jfsf.array._precision import safe_divide
-from jfsf.array._sides import map_sides
 from jfsf.geometry import normals
-from jfsf.geometry._stretches import log_stretches, root
+from jfsf.geometry._surface import log_stretches, root
 from jfsf.matching._confidence import read_constants
 from jfsf.types import Aligned, Filtered, Maps, Spectrum
 

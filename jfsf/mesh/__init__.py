@@ -6,9 +6,8 @@ Read in this order:
 - `_polygons`: split polygons into triangles
 - `_geometry`: areas, normals, edges, components, paths along edges
 - `_closest`: the point of a surface nearest to each of many points
-- `_rounding`: coordinates rounded far from the origin
+- `_denoise`: noise, spikes and rounding of coordinates, measured and taken away
 - `_check`: report what is wrong with a mesh, or refuse it
-- `_denoise`: noise and spikes, measured and taken away
 - `_faces`: pairs of neighbouring faces, and faces with the same vertices
 - `_winding`: wind a mesh outward, and say where that is unclear
 - `_edit`: the components of a mesh, its mirror image, seams welded, holes closed
@@ -31,14 +30,13 @@ from jfsf.mesh._appearance import read_uv, vertex_colours
 from jfsf.mesh._check import Report, check, validate
 from jfsf.mesh._closest import OnSurface, closest
 from jfsf.mesh._decimate import coarsen, decimate
-from jfsf.mesh._denoise import denoised
+from jfsf.mesh._denoise import denoised, rounding
 from jfsf.mesh._edit import largest_component, weld, without_holes
 from jfsf.mesh._geometry import surface_area
 from jfsf.mesh._partners import Repaired, without_strays
 from jfsf.mesh._read import Reading, read, read_noted
 from jfsf.mesh._reconstruct import Reconstruction, reconstruct
 from jfsf.mesh._repair import repair
-from jfsf.mesh._rounding import rounding
 from jfsf.mesh._values import MeshError
 from jfsf.mesh._winding import orient, unclear_winding
 

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jfsf.mesh._denoise import rounding
 from jfsf.mesh._geometry import (
     HalfEdgePairs,
     component_volumes,
@@ -16,7 +17,6 @@ from jfsf.mesh._geometry import (
     repeats_vertex,
     vertex_components,
 )
-from jfsf.mesh._rounding import rounding
 from jfsf.mesh._values import MeshError, check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 

@@ -22,11 +22,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import argmax, top_k
+from jfsf.array import argmax
 from jfsf.array._jit import jit
-from jfsf.array._sequential_vmap import sequential_vmap
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, sequential_vmap, varying_as
+from jfsf.array._precision import top_k
 from jfsf.neighbours._exhaustive import (
     check_k0,
     check_point_sets,
@@ -37,7 +36,7 @@ from jfsf.neighbours._exhaustive import (
     square_norms,
     valid_rows,
 )
-from jfsf.neighbours._search import BEAM, FAN_OUT, NeighbourSettings
+from jfsf.neighbours._search import BEAM, FAN_OUT, TOLERANCE, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays, Tiles
 
 # These were tuned together (experiments/bench/bench_large.py).
@@ -140,23 +139,21 @@ def tiled_one_way(
     if min_recall > 0:
         # The choice of indices alone, because jax cannot differentiate through the loop
         # that vmap makes of it. Distances are measured below.
-        choose = partial(_all_compared_if, k0=k0, settings=settings)
+        choose = partial(_all_compared_if, k0=k0)
         args = searched_all, idx, queries, points, tiled_q, tiled_p
         idx = sequential_vmap(choose, everywhere=True)(*jax.lax.stop_gradient(args))
     near = measure_distances(queries, idx, points, valid_q, valid_p)
     return near, jnp.where(searched_all, 1, recall), searched_all
 
 
-def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0, settings):
+def _all_compared_if(needed, idx, queries, points, valid_q, valid_p, *, k0):
     """Indices of an exhaustive search if it is needed, else `idx`.
 
     Where there is no neighbour the index is the number of points.
     """
 
     def exhaustive():
-        near = neighbours_of_valid(
-            queries, points, valid_q, valid_p, k0=k0, settings=settings
-        )
+        near = neighbours_of_valid(queries, points, valid_q, valid_p, k0=k0)
         return jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
 
     read = queries, points, valid_q, valid_p
@@ -306,7 +303,7 @@ def _recall(
     exact = measure_distances(queries, best, points, every, valid_p)
     dist, exact = given.dist[:, 0], exact.dist[:, 0]
     known = jnp.isfinite(dist) & jnp.isfinite(exact)
-    right = known & (dist <= exact * (1 + settings.tolerance))
+    right = known & (dist <= exact * (1 + TOLERANCE))
     right, count = jnp.sum(right).astype(dist.dtype), jnp.sum(known)
     share = right / jnp.maximum(count, 1).astype(dist.dtype)
     return jnp.where(count > 0, share, jnp.nan)

@@ -13,14 +13,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from jfsf.array import top_k
 from jfsf.array._jit import jit
-from jfsf.array._sequential_vmap import sequential_vmap
-from jfsf.array._sides import map_sides
-from jfsf.array._top_k import TOP_K_LIMIT, with_index
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import map_sides, sequential_vmap, varying_as
+from jfsf.array._precision import TOP_K_LIMIT, top_k, with_index
 from jfsf.neighbours._among_tiles import tiled_neighbours
 from jfsf.neighbours._exhaustive import (
+    MARGIN,
     ROWS,
     check_k0,
     check_point_sets,
@@ -32,7 +30,7 @@ from jfsf.neighbours._exhaustive import (
     pad_rows,
     valid_rows,
 )
-from jfsf.neighbours._search import NeighbourSearch, NeighbourSettings
+from jfsf.neighbours._search import TOLERANCE, NeighbourSearch, NeighbourSettings
 from jfsf.types import Neighbours, NeighboursBothWays
 
 # A squared distance above all others; `with_index` needs it finite.
@@ -97,14 +95,14 @@ def mutual_neighbours(
 ) -> tuple[Neighbours, Neighbours]:
     """The neighbours in y of each x and in x of each y, at the cost of one product.
 
-    They are those of `jfsf.neighbours`, each way, but with `bins`. With k0 + `margin`
+    They are those of `jfsf.neighbours`, each way, but with `bins`. With k0 + `MARGIN`
     above `TOP_K_LIMIT` each direction is searched on its own.
 
     Args:
         x, y: rows of one Euclidean space.
         valid_x, valid_y: points that take part; all when absent.
         k0: neighbours of a point, at most the number of points in the smaller set.
-        settings: `margin` and `bins` are read.
+        settings: `bins` is read.
 
     Returns:
         As `neighbours`; with `bins` they come in the order of float32 distances, which
@@ -119,9 +117,9 @@ def mutual_neighbours(
     x, valid_x = valid_rows(x, valid_x)
     y, valid_y = valid_rows(y, valid_y)
     exact = settings.bins is None
-    if k0 + (settings.margin if exact else 0) > TOP_K_LIMIT:
+    if k0 + (MARGIN if exact else 0) > TOP_K_LIMIT:
         sides = (x, y, valid_x, valid_y), (y, x, valid_y, valid_x)
-        return map_sides(partial(neighbours_of_valid, k0=k0, settings=settings), *sides)
+        return map_sides(partial(neighbours_of_valid, k0=k0), *sides)
     find = sequential_vmap(partial(_indices, k0=k0, settings=settings))
     idx_xy, idx_yx = find(*jax.lax.stop_gradient((x, y)), valid_x, valid_y)
     near_xy = measure_distances(x, idx_xy, y, valid_x, valid_y)
@@ -137,10 +135,10 @@ def _recall(near: Neighbours, queries, points, valid_p, *, k0: int, settings):
     at = jnp.arange(checked) * (len(queries) // checked)
     given = jax.lax.stop_gradient(near.dist[at])
     some, points = jax.lax.stop_gradient((queries[at], points))
-    exact = neighbours(some, points, valid_p, k0=k0, settings=settings).dist
+    exact = neighbours(some, points, valid_p, k0=k0).dist
     there = jnp.isfinite(exact) & jnp.isfinite(given[:, :1])
     farthest = jnp.where(there, exact, 0).max(1, keepdims=True)
-    found = there & (given <= farthest * (1 + settings.tolerance))
+    found = there & (given <= farthest * (1 + TOLERANCE))
     share, total = (jnp.sum(a).astype(given.dtype) for a in (found, there))
     return share / total
 
@@ -179,7 +177,7 @@ def _indices(
     # Points of a bin, for x and for y.
     bins = BINS if settings.bins is None else settings.bins
     bin_x, bin_y = (_bin_size(len(points), bins * k0) for points in (x, y))
-    num = min(k0 + settings.margin, len(x), len(y)) if exact else k0
+    num = min(k0 + MARGIN, len(x), len(y)) if exact else k0
     choose = partial(_chosen, k0=k0, num=num)
     best = _best_two if exact else _best
     # Points close on a mesh are often close in its file, and must not share a bin. So
@@ -217,8 +215,8 @@ def _indices(
         return idx_xy, idx_yx
     known_x, known_y = known_x.T.ravel()[: len(x)], known_y.ravel()[: len(y)]
     return (
-        _repaired(idx_xy, known_x, x, y, valid_y, settings),
-        _repaired(idx_yx, known_y, y, x, valid_x, settings),
+        _repaired(idx_xy, known_x, x, y, valid_y),
+        _repaired(idx_yx, known_y, y, x, valid_x),
     )
 
 
@@ -276,16 +274,14 @@ def _chosen(first, *others, k0: int, num: int, size: int):
     return at % len(first), member, known
 
 
-def _repaired(idx, known, queries, points, valid, settings: NeighbourSettings):
+def _repaired(idx, known, queries, points, valid):
     """`idx`, its rows that are not known searched among all points."""
     rows = jnp.nonzero(~known, size=len(known) + ROWS, fill_value=0)[0]
 
     def search(state):
         at, idx = state
         some = jax.lax.dynamic_slice_in_dim(rows, at, ROWS)
-        near = neighbours(
-            queries[some], points, valid, k0=idx.shape[1], settings=settings
-        )
+        near = neighbours(queries[some], points, valid, k0=idx.shape[1])
         found = jnp.where(jnp.isfinite(near.dist), near.idx, len(points))
         return at + ROWS, idx.at[some].set(found.astype(idx.dtype))
 

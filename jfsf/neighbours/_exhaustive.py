@@ -13,23 +13,23 @@ from jaxtyping import Array, Bool, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
-from jfsf.neighbours._search import NeighbourSettings
 from jfsf.types import Neighbours
 
 # Block sizes; they do not change results.
 ROWS = 128  # queries of a block: its scores stay in the cache
 GROUP = 16  # points of a group, see `_select`
+# Candidates beyond k0. float32 selects them, the input's precision ranks them again.
+MARGIN = 3
 FARTHEST = 40  # log2 of the distance of a query from points that nearly coincide
 
 
-@jit(static_argnames=("k0", "settings"))
+@jit(static_argnames="k0")
 def neighbours(
     queries: Float[Array, "n k"],
     points: Float[Array, "m k"],
     valid: Bool[Array, " m"] | None = None,
     *,
     k0: int,
-    settings: NeighbourSettings = NeighbourSettings(),
 ) -> Neighbours:
     """The k0 points nearest to each query, nearest first, ties to the lower index.
 
@@ -37,7 +37,6 @@ def neighbours(
         queries, points: rows of one Euclidean space.
         valid: points that may be chosen; all when absent.
         k0: neighbours of a query, at most the number of points.
-        settings: `margin` is read.
 
     Returns:
         Indices into `points` and distances; where fewer than k0 points are valid, the
@@ -66,7 +65,7 @@ def neighbours(
         # Points as rows, queries as columns: maxima over groups of points then
         # vectorise.
         score = inner_products(fast, scaled(jax.lax.stop_gradient(rows)))
-        count = min(k0 + settings.margin, len(points))
+        count = min(k0 + MARGIN, len(points))
         near = _select(score - offset[:, None], count)
         dist = unit * _distances(rows / unit, near, in_unit, valid)
         dist, near = jax.lax.sort((dist, near), num_keys=2)
@@ -85,10 +84,9 @@ def neighbours_of_valid(
     valid_p: Array,
     *,
     k0: int,
-    settings: NeighbourSettings,
 ) -> Neighbours:
     """As `neighbours`; a query that is not valid has no neighbours."""
-    near: Neighbours = neighbours(queries, points, valid_p, k0=k0, settings=settings)
+    near: Neighbours = neighbours(queries, points, valid_p, k0=k0)
     idx = jnp.where(valid_q[:, None], near.idx, 0).astype(jnp.int32)
     return Neighbours(idx, jnp.where(valid_q[:, None], near.dist, jnp.inf))
 

@@ -1,17 +1,22 @@
 """How neighbours are searched: the tuned numbers, and one value with all of it."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 
 import jax
 
 from jfsf._exported import exported_dataclass
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 from jfsf.types import Tiles
 
 # Groups of each level of the tree of tiles whose children are ranked next, and children
 # of a group, a power of two.
 BEAM = 24
 FAN_OUT = 8
+# Relative difference between a distance and the smallest that still counts as found. On
+# a mesh of 300 000 vertices the second nearest neighbour is 0.1 % farther than the
+# nearest, which is less than the error of the map. It is no reason to compare all
+# points.
+TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
@@ -22,51 +27,30 @@ class NeighbourSettings:
     neighbours and 98 % of the others on aligned shapes of 1000 to 100 000 vertices
     (experiments/bench/bench_large.py). Its numbers were tuned together.
 
-    Exhaustive search:
-
-    margin: candidates beyond k0 that `neighbours` selects in float32, before it ranks
-        them in the precision of the input.
     bins: None finds all neighbours. A number asks for an approximate search, which
         divides the points into that many bins for each neighbour, or up to twice as
         many, and finds the nearest point of each bin. With 12, up to 4 % of the
         neighbours are missed (tests/test_mutual.py), never the nearest, and a filter
         takes two thirds of the time (experiments/bench/bench_filter.py).
 
-    Tiles:
-
-    tile_size: number of points in a tile, at most.
-
-    Search among tiles:
-
     tiles: number of tiles whose points are compared with a block of queries; even. More
         are taken if there would be fewer than 6 candidates for each of k0 neighbours.
     checked: number of queries, in each direction, that are compared with the exhaustive
         search to estimate the recall. Its standard error is at most 0.5 /
         sqrt(checked).
-    tolerance: relative excess over the smallest distance up to which a neighbour counts
-        as found. On a mesh of 300 000 vertices the second nearest neighbour is 0.1 %
-        farther than the nearest, less than the error of the map: no reason to compare
-        all points.
     """
 
-    margin: int = 3
     bins: int | None = None
-    tile_size: int = 16
     tiles: int = 28
     checked: int = 64
-    tolerance: float = 1e-3
 
     def __post_init__(self) -> None:
         """ValueError for values that no search can work with."""
         check_types(self)
-        at_least_0 = "margin", "tolerance"
-        for name in (f.name for f in fields(self)):
-            if name == "bins" and self.bins is None:
-                continue
-            value, least = getattr(self, name), 0 if name in at_least_0 else 1
-            if not value >= least:
+        for name in ("bins", "tiles", "checked"):
+            if (value := getattr(self, name)) is not None and value < 1:
                 raise ValueError(
-                    f"NeighbourSettings: {name} is {value}; it must be {least} or more"
+                    f"NeighbourSettings: {name} is {value}; it must be 1 or more"
                 )
         most = BEAM * FAN_OUT
         if self.tiles % 2 or self.tiles > most:

@@ -6,17 +6,13 @@ once for each shape, from coordinates in which neighbours on the surface are clo
 depend neither on the pose nor on the map.
 """
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.array import einsum
 from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
-from jfsf.array._varying import varying_as
-from jfsf.neighbours._search import NeighbourSettings
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.types import Spectrum, Tiles
 
 # Eigenpairs whose eigenfunctions place a vertex. Higher ones vary within a tile and
@@ -25,15 +21,15 @@ TILE_EIGENPAIRS = 60
 # Steps to the principal axis of a part. A rough axis is enough: it need only be a long
 # side of the part.
 POWER_ITERATIONS = 3
+TILE_SIZE = 16  # points, at most (experiments/bench/bench_large.py)
 
 
-@jit(static_argnames=("size", "settings"))
+@jit(static_argnames="size")
 def tiles(
     points: Float[Array, "n d"],
     valid: Bool[Array, " n"] | None = None,
     *,
-    size: int | None = None,
-    settings: NeighbourSettings = NeighbourSettings(),
+    size: int = TILE_SIZE,
 ) -> Tiles:
     """Halve the points along the principal axis of each part until `size` are left.
 
@@ -44,13 +40,12 @@ def tiles(
         points: rows of one Euclidean space in which tiles are to be compact.
         valid: points that get a slot; all when absent. Points that are not finite never
             do.
-        size: points of a tile, at most; `settings.tile_size` when absent.
-        settings: `tile_size` is read.
+        size: points of a tile, at most.
 
     Raises:
         ValueError: there are no points, or size is below 1.
     """
-    n, size = len(points), settings.tile_size if size is None else size
+    n = len(points)
     if n < 1 or size < 1:
         raise ValueError(
             f"tiles: size is {size}, there are {n} points; both must be 1 or more"
@@ -81,12 +76,11 @@ def tiles(
     return Tiles(member[order].astype(jnp.int32), own[order])
 
 
-@jit(static_argnames=("size", "settings"))
+@jit(static_argnames="size")
 def spectral_tiles(
     spec: Spectrum,
     *,
-    size: int | None = None,
-    settings: NeighbourSettings = NeighbourSettings(),
+    size: int = TILE_SIZE,
 ) -> Tiles:
     """Tiles of a shape's vertices, compact on its surface; padding gets no slot.
 
@@ -95,8 +89,7 @@ def spectral_tiles(
     do not matter.
 
     Args:
-        size: vertices of a tile, at most; `settings.tile_size` when absent.
-        settings: `tile_size` is read.
+        size: vertices of a tile, at most.
 
     Raises:
         ValueError: size is below 1.
@@ -104,17 +97,12 @@ def spectral_tiles(
     num = TILE_EIGENPAIRS
     evals = spec.evals[1:num]
     points = spec.evecs[:, 1:num] / jnp.sqrt(jnp.maximum(evals, 1e-6))[None]
-    return tiles(points, spec.mass > 0, size=size, settings=settings)
+    return tiles(points, spec.mass > 0, size=size)
 
 
-def tiles_of_pair(
-    spec_x: Spectrum,
-    spec_y: Spectrum,
-    *,
-    settings: NeighbourSettings = NeighbourSettings(),
-) -> tuple[Tiles, Tiles]:
+def tiles_of_pair(spec_x: Spectrum, spec_y: Spectrum) -> tuple[Tiles, Tiles]:
     """`spectral_tiles` of both shapes, compiled once if their sizes are equal."""
-    return map_sides(partial(spectral_tiles, settings=settings), (spec_x,), (spec_y,))
+    return map_sides(spectral_tiles, (spec_x,), (spec_y,))
 
 
 def _along_axis(

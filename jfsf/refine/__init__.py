@@ -9,6 +9,9 @@ Read in this order:
 - `_rest`: a mesh at rest, its rotations, and points that follow it, on the host
 """
 
+from typing import TYPE_CHECKING
+
+from jfsf._moved import names_of
 from jfsf.refine._arap import ArapSettings, arap, deform
 from jfsf.refine._icp import icp
 from jfsf.refine._soft import (
@@ -18,11 +21,10 @@ from jfsf.refine._soft import (
     soft_sinkhorn,
     soft_zoomout_step,
 )
-from jfsf.refine._zoomout import ZoomOutSettings, zoomout
+from jfsf.refine._zoomout import zoomout
 
 __all__ = [
     "ArapSettings",
-    "ZoomOutSettings",
     "arap",
     "deform",
     "icp",
@@ -33,3 +35,6 @@ __all__ = [
     "soft_zoomout_step",
     "zoomout",
 ]
+
+if not TYPE_CHECKING:
+    __getattr__ = names_of(__name__)

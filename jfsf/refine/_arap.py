@@ -15,14 +15,11 @@ from jax.scipy.sparse.linalg import cg
 from jaxtyping import Array, Float
 
 from jfsf.array import matmul
-from jfsf.array._jit import jit
-from jfsf.array._sides import map_sides
-from jfsf.array._static import check_types
-from jfsf.array._varying import varying_as
+from jfsf.array._jit import check_types, jit
+from jfsf.array._loops import map_sides, varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.geometry import normals
 from jfsf.geometry._surface import (
-    STIFFNESS_RANGE,
     Surface,
     divergence,
     next_corners,
@@ -48,9 +45,6 @@ class ArapSettings:
         linear solve.
     max_steps: most steps of conjugate gradients in a linear solve.
     tolerance: relative residual at which conjugate gradients stop.
-    stiffness_range: smallest and largest cotangent; others are clipped. Without it the
-        cotangent of an obtuse corner is negative, that of a degenerate triangle
-        infinite.
     """
 
     reach: float = 0.04
@@ -58,7 +52,6 @@ class ArapSettings:
     rotation_updates: int = 2
     max_steps: int = 60
     tolerance: float = 1e-3
-    stiffness_range: tuple[float, float] = STIFFNESS_RANGE
 
     def __post_init__(self) -> None:
         """ValueError for a value of another type."""
@@ -114,13 +107,7 @@ def arap(
     weight = settings.normal_weight
 
     def at_rest(spec):
-        rest = surface(
-            spec.vertices,
-            spec.faces,
-            spec.mass,
-            orientation_sign,
-            stiffness_range=settings.stiffness_range,
-        )
+        rest = surface(spec.vertices, spec.faces, spec.mass, orientation_sign)
         return rest, weight * normals(spec.vertices, spec.faces)
 
     (surface_x, normal_x), (surface_y, normal_y) = map_sides(
@@ -191,7 +178,7 @@ def deform(
                   + sum_i a_i |p_i - t_i|^2 / reach^2,
 
     j the neighbours of i, q the positions at rest, a the mass, w_ij half the sum of the
-    cotangents opposite to the edge, each clipped to `stiffness_range`. Each update
+    cotangents opposite to the edge, each clipped to `STIFFNESS_RANGE`. Each update
     takes the best rotations for p, then solves for the best p for these.
 
     Args:

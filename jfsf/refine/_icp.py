@@ -8,7 +8,7 @@ import jax
 from jaxtyping import Array, Float
 
 from jfsf.array._jit import jit
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import embeddings, functional_map, polar, truncate, uniform

@@ -7,7 +7,6 @@ under the map so far.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import groupby
 from typing import NamedTuple
 
@@ -17,37 +16,20 @@ from jaxtyping import Array, Float
 
 from jfsf.array import matmul
 from jfsf.array._jit import jit
-from jfsf.array._static import check_types
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.convert import Converter, maps_of
 from jfsf.neighbours import NeighbourSearch
 from jfsf.spectral import embeddings, uniform
 from jfsf.spectral._functional_maps import Space
-from jfsf.spectral._orientation import COLUMN_WEIGHT, PULLED_BACK, carried_fields
+from jfsf.spectral._orientation import carried_fields
 from jfsf.types import Spectrum
 
 # Steps that are worth a scan of their own: with fewer, the narrower products do not
 # make up for the time that another scan takes to compile.
 MIN_SCAN_STEPS = 6
-
-
-@dataclass(frozen=True)
-class ZoomOutSettings:
-    """How ZoomOut weighs the columns that it compares. Hashable, for static arguments.
-
-    slack: mean square by which a column may differ between the shapes, under the map so
-        far, before it loses weight; an eigenfunction's own mean square is 1.
-    pulled_back: number of eigenfunctions of Y whose oriented products are compared.
-    oriented_weight: root mean square over Y of a column of oriented products.
-    """
-
-    slack: float = 0.05
-    pulled_back: int = PULLED_BACK
-    oriented_weight: float = COLUMN_WEIGHT
-
-    def __post_init__(self) -> None:
-        """ValueError for a value of another type."""
-        check_types(self)
+# Mean square by which a column may differ under the map so far before it loses weight;
+# an eigenfunction's own mean square is 1. Chosen with the other numbers of `Settings`.
+SLACK = 0.05
 
 
 class _Columns(NamedTuple):
@@ -67,7 +49,6 @@ class _Columns(NamedTuple):
         "space",
         "weighted",
         "bidirectional",
-        "settings",
     ),
 )
 def zoomout(
@@ -86,7 +67,6 @@ def zoomout(
     bidirectional: bool = False,
     extra_weight: Float[Array, ""] | float = 1.0,
     search: NeighbourSearch | None = None,
-    settings: ZoomOutSettings = ZoomOutSettings(),
 ) -> Float[Array, "k k"]:
     """Refine C_yx from ks[0] to ks[-1] eigenfunctions.
 
@@ -118,7 +98,6 @@ def zoomout(
         search: how neighbours are searched, handed to the converter. With tiles, every
             round searches among candidates, at a cost that grows like n; later rounds
             correct what it misses, so `min_recall` may be 0.
-        settings: how columns are weighted.
 
     Returns:
         C_yx at ks[-1].
@@ -168,7 +147,6 @@ def zoomout(
             search=search,
             space=space,
             weighted=weighted,
-            settings=settings,
         )
         size = len(C_yx)
         if size < width:
@@ -205,7 +183,6 @@ def _step(
     search: NeighbourSearch | None,
     space: Space,
     weighted: bool,
-    settings: ZoomOutSettings,
 ):
     evecs_x, evecs_y = spec_x.evecs[:, :width], spec_y.evecs[:, :width]
     back_x, back_y = evecs_x.T * spec_x.mass[None], evecs_y.T * spec_y.mass[None]
@@ -228,8 +205,6 @@ def _step(
                 columns.field_y,
                 spec_y.mass,
                 ks[0],
-                pulled_back=settings.pulled_back,
-                weight=settings.oriented_weight,
             )
             emb_x = jnp.concatenate([emb_x, oriented_x.astype(emb_x.dtype)], 1)
             emb_y = jnp.concatenate([emb_y, oriented_y.astype(emb_y.dtype)], 1)
@@ -237,7 +212,7 @@ def _step(
         weight = weight.at[width:].set(columns.extra_weight)
         if weighted:
             differ = matmul(spec_x.mass, (emb_x - emb_y[T_xy]) ** 2)
-            known = 1 / jnp.sqrt(differ + settings.slack)
+            known = 1 / jnp.sqrt(differ + SLACK)
             weight *= jnp.where(T_xy[0] < 0, 1, known)
         emb_x, emb_y = emb_x * weight[None], emb_y * weight[None]
         maps = maps_of(converter(emb_x, emb_y, uniform_x, uniform_y, search))

@@ -17,7 +17,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from jfsf.array._jit import jit
-from jfsf.runtime._compiler import large_jit
+from jfsf.runtime._programs import large_jit
 
 PAIRS = 32  # inputs a call, by default
 AXIS = "pairs"

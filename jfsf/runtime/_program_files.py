@@ -17,10 +17,10 @@ import jax
 import jax.numpy as jnp
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 
-from jfsf.array._static import static_text
+from jfsf.array._jit import static_text
 from jfsf.runtime._shared import shared_context
 from jfsf.storage import key
-from jfsf.storage._folder import (
+from jfsf.storage._cache import (
     PROGRAM,
     limit_bytes,
     make_room,

@@ -7,18 +7,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf._exported import exported
-from jfsf.array._jit import jit
-from jfsf.array._static import check_types
-from jfsf.spectral._descriptors import (
-    CURVATURE_TIMES,
-    curvature,
-    hks,
-    standardise,
-    wks,
-)
+from jfsf.array._jit import check_types, jit
+from jfsf.spectral._descriptors import curvature, hks, standardise, wks
 from jfsf.spectral._orientation import FUNCTIONS, at_vertices, brackets
 from jfsf.spectral._sampling import DISTANCE_PAIRS, restrict
 from jfsf.types import Spectrum
+
+LANDMARK_TIMES = 10  # heat kernel signatures a landmark
 
 
 @dataclass(frozen=True)
@@ -30,21 +25,14 @@ class FeatureSettings:
         neighbouring ones are nearly equal.
     keep_wks: whether the wave kernel signature is kept beside descriptors that are
         given.
-    landmark_times: number of heat kernel signatures made of each landmark.
-    curvature_times: heat times of the curvature on the shape of area 1, without a unit;
-        see `curvature`.
     curvature_weight: weight of a standardised curvature column relative to a
         standardised descriptor column.
-    oriented_functions: number of eigenfunctions in the oriented products of gradients.
     """
 
     wks_energies: int = 100
     wks_step: int = 5
     keep_wks: bool = False
-    landmark_times: int = 10
-    curvature_times: tuple[float, ...] = CURVATURE_TIMES
     curvature_weight: float = 1.5
-    oriented_functions: int = FUNCTIONS
 
     def __post_init__(self) -> None:
         """ValueError for a value of another type."""
@@ -128,13 +116,13 @@ def features(
         given.append(wks(spec, num=settings.wks_energies)[:, :: settings.wks_step])
     if landmarks is not None:
         # Heat from a landmark is positive, but for what the cut of the spectrum adds.
-        seen = hks(spec, landmarks, num=settings.landmark_times)
+        seen = hks(spec, landmarks, num=LANDMARK_TIMES)
         given.append(jnp.maximum(seen, 0))
     all_descriptors = jnp.concatenate(given, 1) if len(given) > 1 else given[0]
-    standard = standardise(curvature(spec, times=settings.curvature_times), spec.mass)
+    standard = standardise(curvature(spec), spec.mass)
     weighted = settings.curvature_weight * standard
     columns = jnp.concatenate([standardise(all_descriptors, spec.mass), weighted], 1)
-    k = min(settings.oriented_functions, len(spec.evals))
+    k = min(FUNCTIONS, len(spec.evals))
     return Features(
         spec,
         all_descriptors,

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.types import Spectrum
 
 FUNCTIONS = 20  # eigenfunctions in which brackets are expressed
@@ -118,9 +118,6 @@ def carried_fields(
     field_y: Float[Array, "n_y t t"],
     mass_y: Float[Array, " n_y"],
     size: Array | int,
-    *,
-    pulled_back: int = PULLED_BACK,
-    weight: float = COLUMN_WEIGHT,
 ) -> tuple[Float[Array, "n_x p"], Float[Array, "n_y p"]]:
     """Columns that agree where a map keeps orientation, and differ in sign where not.
 
@@ -134,13 +131,11 @@ def carried_fields(
         mass_y: 0 on padding.
         size: eigenfunctions of Y that C_yx maps; may be traced. Columns of the others
             are 0.
-        pulled_back: eigenfunctions of Y, the constant left out.
-        weight: root mean square of each column over Y.
 
     Returns:
         Columns to append to the embeddings.
     """
-    end = min(pulled_back + 1, field_y.shape[1], C_yx.shape[1])
+    end = min(PULLED_BACK + 1, field_y.shape[1], C_yx.shape[1])
     low = C_yx[: field_x.shape[1], 1:end]
     rows = len(low)
     on_x = einsum("nij,ia,jb->nab", field_x[:, :rows, :rows], low, low)
@@ -148,5 +143,5 @@ def carried_fields(
     on_x, on_y = on_x[:, a, b], field_y[:, 1:end, 1:end][:, a, b]
     square = matmul(mass_y, on_y**2)
     known = (b + 1 < size) & (square > 0)
-    scale = jnp.where(known, weight / jnp.sqrt(jnp.where(known, square, 1)), 0)
+    scale = jnp.where(known, COLUMN_WEIGHT / jnp.sqrt(jnp.where(known, square, 1)), 0)
     return on_x * scale[None], on_y * scale[None]

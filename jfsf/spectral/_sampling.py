@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from jfsf.array import argmax, einsum, matmul
 from jfsf.array._jit import jit
-from jfsf.array._varying import varying_as
+from jfsf.array._loops import varying_as
 from jfsf.neighbours import neighbours, spectral_tiles
 from jfsf.types import Spectrum
 

@@ -1,4 +1,7 @@
-"""Write a file completely or not at all: under another name first, then renamed."""
+"""Files written completely or not at all, and arrays read to their end.
+
+A file is written under another name first, then renamed.
+"""
 
 import errno
 import os
@@ -8,6 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 from uuid import uuid4
+from zipfile import ZipFile
+
+import numpy as np
 
 _unfinished: set[Path] = set()
 _TEMPORARY = re.compile(r"\.[0-9a-f]{32}\.tmp")
@@ -113,3 +119,24 @@ def _about(path, temporary, error):
     if error.errno is None or error.filename not in (None, str(temporary)):
         return error
     return OSError(error.errno, error.strerror, str(path))
+
+
+def read_npz_array(file: ZipFile, name: str) -> np.ndarray:
+    """The array of that name in an open .npz.
+
+    numpy's own reader stops where the header says that the array ends. So a damaged
+    shape gives fewer numbers, and nothing is noticed.
+
+    Args:
+        file: opened for reading.
+        name: without the suffix .npy.
+
+    Raises:
+        Exception: nearly any, if the file is damaged; ValueError for an array of
+            objects.
+    """
+    with file.open(f"{name}.npy") as part:
+        values = np.lib.format.read_array(part, allow_pickle=False)
+        if part.read(1):
+            raise ValueError(f"{name} is longer than its shape {values.shape}")
+    return values

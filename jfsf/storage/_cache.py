@@ -1,16 +1,135 @@
-"""A disk cache of records of arrays. The name of a file is a digest of its inputs."""
+"""The cache on disk: its folder, its limit, and records under a digest of their inputs.
+
+It is the user's cache folder, or the one that JFSF_CACHE names. Spectra are in it, that
+several users may share, and compiled programs in its folder `programs`, which they may
+not. Its files can be deleted at any time. Once all of them take more than
+JFSF_CACHE_LIMIT, in gigabytes, those that were not used for longest are removed.
+"""
 
 import hashlib
+import os
+import re
+import stat
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from zipfile import ZipFile
 
 import numpy as np
+import platformdirs
 
-from jfsf.storage._atomic import write_atomically
-from jfsf.storage._folder import SPECTRUM, folder, limit_bytes, make_room, mark_used
-from jfsf.storage._npz import read_npz_array
+from jfsf.storage._atomic import read_npz_array, write_atomically
+from jfsf.storage._private import has_owners
+
+# Some 2000 spectra of 5000 vertices, or ten of a million.
+LIMIT_GIGABYTES = 10
+SPECTRUM, PROGRAM = ".npz", ".program"
+PROGRAMS = "programs"
+_OWN = re.compile(rf"[0-9a-f]{{64}}({re.escape(SPECTRUM)}|{re.escape(PROGRAM)})")
+
+
+class StoredFile(NamedTuple):
+    """A file of the cache; `used` is when it was last read or written, in ns."""
+
+    used: int
+    size: int
+    path: Path
+
+
+def folder() -> Path:
+    """The folder of the cache: $JFSF_CACHE, or the platform's cache folder.
+
+    Raises:
+        ValueError: JFSF_CACHE is not set, and the user has no home directory.
+    """
+    return Path(os.environ.get("JFSF_CACHE") or _platform_folder())
+
+
+def programs_folders() -> tuple[Path, ...]:
+    """The folders that compiled programs are read from; to the first they are written.
+
+    Where a file's owner is not known, only the platform's own folder is surely private.
+    What root has made, as when the image of a container is built, is read, and the
+    platform's own folder is written to.
+    """
+    if not has_owners():
+        return (_platform_folder() / PROGRAMS,)
+    usual = folder() / PROGRAMS
+    # Without a home directory there is no other.
+    with suppress(OSError, ValueError):
+        if os.getuid() != 0 and usual.stat().st_uid == 0:
+            return _platform_folder() / PROGRAMS, usual
+    return (usual,)
+
+
+def limit_bytes() -> float:
+    """What all files of the cache may take.
+
+    Raises:
+        ValueError: JFSF_CACHE_LIMIT is no number above 0.
+    """
+    text = os.environ.get("JFSF_CACHE_LIMIT") or str(LIMIT_GIGABYTES)
+    with suppress(ValueError):
+        if (gigabytes := float(text)) > 0:
+            return gigabytes * 1e9
+    raise ValueError(
+        f"JFSF_CACHE_LIMIT is {text!r}; give gigabytes above 0, as 2.5, or inf for no "
+        "limit"
+    )
+
+
+def stored_files() -> list[StoredFile]:
+    """The files that the cache itself has named, the least recently used first."""
+    places = [folder()]
+    places += [place for place in programs_folders() if not place.is_symlink()]
+    found = []
+    for place in places:
+        # Other processes remove files at the same time.
+        with suppress(OSError), os.scandir(place) as entries:
+            own = [entry for entry in entries if _OWN.fullmatch(entry.name)]
+            for entry in own:
+                with suppress(OSError):
+                    about = entry.stat(follow_symlinks=False)
+                    row = about.st_mtime_ns, about.st_size, Path(entry.path)
+                    if stat.S_ISREG(about.st_mode):
+                        found.append(StoredFile(*row))
+    return sorted(found)
+
+
+def remove_stored(file: StoredFile) -> int:
+    """Remove it; returns the bytes that are freed."""
+    try:
+        file.path.unlink(missing_ok=True)
+    except OSError:
+        return 0
+    return file.size
+
+
+def make_room() -> None:
+    """Remove the least recently used files until the others are within the limit."""
+    files = stored_files()
+    excess = sum(file.size for file in files) - limit_bytes()
+    for file in files:
+        if excess <= 0:
+            return
+        excess -= remove_stored(file)
+
+
+def mark_used(path: Path) -> None:
+    """Let the file be one of the last to be removed, if this user may."""
+    with suppress(OSError):
+        os.utime(path)
+
+
+def _platform_folder() -> Path:
+    try:
+        return Path(platformdirs.user_cache_dir("jfsf"))
+    except RuntimeError:
+        raise ValueError(
+            "there is no home directory for the cache of spectra and programs; let "
+            "JFSF_CACHE name a folder that this user can write"
+        ) from None
 
 
 def key(*parts: Any) -> str:

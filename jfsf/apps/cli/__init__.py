@@ -30,6 +30,6 @@ Read in this order:
 - `_app`: the application, its small commands, and exit codes
 """
 
-from jfsf.apps.cli._app import app, main
+from jfsf.apps.cli._app import main
 
-__all__ = ["app", "main"]
+__all__ = ["main"]

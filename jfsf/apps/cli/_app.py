@@ -26,7 +26,7 @@ from jfsf.apps.cli._print import (
 )
 from jfsf.apps.cli._register import register
 from jfsf.apps.cli._transfer import transfer
-from jfsf.storage._folder import (
+from jfsf.storage._cache import (
     PROGRAM,
     SPECTRUM,
     limit_bytes,

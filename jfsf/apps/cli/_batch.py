@@ -97,9 +97,9 @@ def batch(
 
     Example: jfsf batch pairs.csv --out maps --report
     """
-    from jfsf.batch import connect, read_pairs
+    from jfsf.batch._cluster import connect
     from jfsf.batch._jobs import Job, run_jobs
-    from jfsf.batch._pair_list import PairOptions
+    from jfsf.batch._pair_list import PairOptions, read_pairs
 
     suffixes = tuple(f".{one.value}" for one in exports or [])
     if report or png:

@@ -37,7 +37,7 @@ def options_of_pairs(list_file: Path, listed: Sequence, usual, *, pages: bool) -
 
     Args:
         list_file: opens the message of an error.
-        listed: pairs of `jfsf.batch.read_pairs`.
+        listed: pairs of `read_pairs`.
         usual: `PairOptions` of a pair whose line says nothing.
         pages: whether pages are written, for which ground truth is.
 

@@ -139,9 +139,8 @@ def collection(
 
     Example: jfsf collection scans --out model --report
     """
-    from jfsf.apps.collections._engine import join_shapes
-    from jfsf.apps.collections._reasons import mirrored, reason
-    from jfsf.batch import connect
+    from jfsf.apps.collections._engine import join_shapes, mirrored, reason
+    from jfsf.batch._cluster import connect
 
     if report:
         need_matplotlib()

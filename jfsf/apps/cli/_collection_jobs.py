@@ -49,7 +49,7 @@ def keep(job, largest: bool, mend: bool) -> None:
     what was made of it counts.
     """
     from jfsf.apps.collections._collection import check_surface
-    from jfsf.apps.collections._sketch import sketch
+    from jfsf.apps.collections._pairs import sketch
     from jfsf.batch._jobs import is_done
     from jfsf.matching import basis
     from jfsf.storage._atomic import write_atomically
@@ -92,7 +92,7 @@ def is_kept(job, largest: bool, mend: bool) -> bool:
 
 def kept(path: Path) -> Kept:
     """What `keep` wrote."""
-    from jfsf.apps.collections._sketch import Sketch
+    from jfsf.apps.collections._pairs import Sketch
 
     with np.load(path) as file:
         mesh = Mesh(file["vertices"], file["faces"])
@@ -194,8 +194,7 @@ def put_agreed(job) -> None:
     job: the kept template, the kept shape and its `put_template` are its inputs; extras
         are the maps from other shapes, then of each the kept shape and `put_template`.
     """
-    from jfsf.apps.collections._agree import OtherShape
-    from jfsf.apps.collections._member import agreed_registration
+    from jfsf.apps.collections._member import OtherShape, agreed_registration
     from jfsf.apps.export import export_mesh
 
     template, shape = (kept(path).mesh for path in job.inputs[:2])

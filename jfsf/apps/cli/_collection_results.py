@@ -16,8 +16,7 @@ from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._summary import INDEX
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
-from jfsf.apps.report._html import thumbnail
-from jfsf.apps.report._index import Row
+from jfsf.apps.report._html import Row, thumbnail
 from jfsf.mesh import surface_area
 from jfsf.mesh._geometry import centroid_size
 from jfsf.types import ArrayLike, Mesh
@@ -243,9 +242,9 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
         files: labels and values, by these names; None where there is none.
 
     Raises:
-        ValueError: as `jfsf.apps.transfer.read_labels` and `read_values`.
+        ValueError: as `read_labels` and `read_values`.
     """
-    from jfsf.apps.transfer import read_labels, read_values
+    from jfsf.apps.transfer._files import read_labels, read_values
     from jfsf.mesh import read
 
     found = []

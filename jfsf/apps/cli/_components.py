@@ -40,7 +40,8 @@ def match_pieces(
     cache: bool,
 ) -> None:
     """Match two files piece to piece, write the map, and print what was found."""
-    from jfsf.apps.pieces import match_components, write_components
+    from jfsf.apps.pieces import match_components
+    from jfsf.apps.pieces._match import write_components
     from jfsf.mesh import MeshError, read_noted
 
     read = [read_noted(path) for path in paths]
@@ -77,7 +78,7 @@ def _seen(found) -> Seen:
 
 
 def pieces_table(found) -> Table:
-    """A row for each pair of pieces (`jfsf.MatchedComponents`), counted from 0."""
+    """A row for each pair of pieces (`MatchedComponents`), counted from 0."""
     shown = Table(title="pieces that were matched")
     for name in ("pair", "vertices of X", "of Y", "area of X", "of Y", "confidence"):
         shown.add_column(name, justify="right")

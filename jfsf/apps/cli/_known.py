@@ -72,13 +72,13 @@ def read_known_pairs(path: Path, shapes: tuple[Shape, Shape]) -> np.ndarray:
     """Rows (vertex of X, vertex of Y) of a file of text.
 
     Args:
-        path: as `jfsf.apps.landmarks.read_vertex_pairs` takes it.
+        path: as `read_vertex_pairs` takes it.
         shapes: of X and of Y, whose vertices the rows that are returned count.
 
     Raises:
         ValueError: another format, or a vertex that there is not or was not kept.
     """
-    from jfsf.apps.landmarks import read_vertex_pairs
+    from jfsf.apps.landmarks._files import read_vertex_pairs
 
     pairs = read_vertex_pairs(path)
     columns = [

@@ -135,7 +135,7 @@ def notes_of(
     Returns:
         Lines without ends; doubts begin with `WARNING`.
     """
-    from jfsf.matching.parts import likely_part
+    from jfsf.matching.parts._surfaces import likely_part
 
     lines = [
         f"{path}: {line}"

@@ -17,7 +17,7 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from jfsf.batch import Outcome
+from jfsf.batch._jobs import Outcome
 
 
 @dataclass

@@ -82,7 +82,8 @@ def read_pair(
     repaired, and the map becomes one between these.
     Else vertices without a face are left out, to which no distance is finite.
     """
-    from jfsf.apps.mapfiles import read_ground_truth, read_stored
+    from jfsf.apps.mapfiles import read_ground_truth
+    from jfsf.apps.mapfiles._stored import read_stored
     from jfsf.mesh import read_noted
 
     check_truth(gt_x, gt_y)

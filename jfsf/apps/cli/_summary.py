@@ -13,7 +13,7 @@ from jfsf._figures import FIGURES
 from jfsf.apps.cli._pair import FOLDER, pages_of
 from jfsf.apps.cli._print import WARNING
 from jfsf.apps.cli._runs import write_table
-from jfsf.apps.report._index import Row, write_index
+from jfsf.apps.report._html import Row, write_index
 from jfsf.apps.report._words import warnings_of
 from jfsf.types import STAGES
 
@@ -26,7 +26,7 @@ def summary_row(
     """The row of a pair: the reason if it failed, else the certificate of its file.
 
     Args:
-        outcome: a `jfsf.batch.Outcome` whose job wrote a match.
+        outcome: a `Outcome` whose job wrote a match.
         orientation, landmarks: as in `warnings_of`.
     """
     from jfsf.apps.mapfiles import read_match, read_notes

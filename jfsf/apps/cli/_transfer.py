@@ -194,6 +194,8 @@ def _column(path: Path, own: Mesh, out: Path, to: To | None, named: bool) -> Wor
         FORMATS,
         LABEL_FORMATS,
         check_format,
+        read_labels,
+        read_values,
         write_column,
     )
 
@@ -201,7 +203,7 @@ def _column(path: Path, own: Mesh, out: Path, to: To | None, named: bool) -> Wor
     n, m = len(own.vertices), len(own.faces)
     write = lambda rows: write_column(out, column._replace(rows=rows))
     if named:
-        column, goal = transfer.read_labels(path, n, m), to and to.value
+        column, goal = read_labels(path, n, m), to and to.value
         came_as = "vertices" if len(column.rows) == n else "faces"
         if out.suffix.lower() == ".json" and (goal or came_as) == "faces":
             raise ValueError(
@@ -210,7 +212,7 @@ def _column(path: Path, own: Mesh, out: Path, to: To | None, named: bool) -> Wor
             )
         carry = lambda on: transfer.labels(on, column.rows, to=goal)  # type: ignore
         return Work("labels", carry, write, "their labels are -1, or empty names")
-    column = transfer.read_values(path, n)
+    column = read_values(path, n)
     carry = lambda on: transfer.values(on, column.rows)
     return Work("values", carry, write, "their values are nan")
 
@@ -240,8 +242,8 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
 def _texture(path: Path, goal: Mesh, own: Mesh, file: Path, out, size: int) -> Work:
     from jfsf.apps.export import export_textured
     from jfsf.apps.transfer import texture
-    from jfsf.apps.transfer._atlas import check_size
     from jfsf.apps.transfer._files import png_of, read_image
+    from jfsf.apps.transfer._texture import check_size
     from jfsf.mesh import read_uv
 
     check_size(len(goal.faces), size)

@@ -14,8 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.apps.collections._pairs import Edge
-from jfsf.apps.collections._sketch import Sketch
+from jfsf.apps.collections._pairs import Edge, Sketch
 from jfsf.types import ArrayLike, Maps
 
 # The probability that the maps round a triangle agree, by how many of them are wrong:

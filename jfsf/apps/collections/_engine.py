@@ -3,6 +3,8 @@
 Here is decided which pairs are matched, which shapes join, which are mirrored back, and
 which ways lead from the template to each. The work itself is that of a `Runner`: on
 meshes in memory (`collection`), or on files (`jfsf collection`).
+
+`reason` says why a shape was left out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,13 +13,54 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.collections._grow import PAIRS_A_SHAPE, Graph, Matched
+from jfsf.apps.collections._grow import PAIRS_A_SHAPE, Graph, Matched, map_along
 from jfsf.apps.collections._mirror import MatchPairs, Mirror, grow_with_mirrors
-from jfsf.apps.collections._pairs import Edge
-from jfsf.apps.collections._paths import map_along
-from jfsf.apps.collections._sketch import Sketch
-from jfsf.initial import Orientation
+from jfsf.apps.collections._pairs import Edge, Sketch
+from jfsf.initial._search import Orientation
 from jfsf.types import ArrayLike
+
+
+def reason(graph: Graph, names: Sequence[str], shape: int) -> str:
+    """Why a shape was left out, in a sentence.
+
+    Args:
+        graph: the graph of the collection.
+        names: the names of its shapes.
+        shape: the number, from 0, of a shape that was left out.
+    """
+    tests = [test for test in graph.tests if test.shape == shape]
+    if shape in graph.mirrored:
+        said = mirrored(graph, names, shape)
+        return f"it is {said}; mirror='auto' (--mirror auto) mirrors it back"
+    own = {edge: p for edge, p in graph.right.items() if shape in edge}
+    if not own:
+        return "no pair with it could be matched"
+    tried = ", ".join(
+        f"{names[a + b - shape]} ({p:.2f})" for (a, b), p in sorted(own.items())
+    )
+    mirror = ", nor to its mirror image" if tests else ""
+    return (
+        f"no trusted map leads to it{mirror}; the probability of its maps, with the "
+        f"shapes that were tried: {tried}"
+    )
+
+
+def mirrored(graph: Graph, names: Sequence[str], shape: int) -> str:
+    """That a shape is a mirror image, and how that is known: not a whole sentence.
+
+    Args:
+        graph, names: as `reason`.
+        shape: one of `Graph.mirrored`.
+    """
+    tests = [t for t in graph.tests if t.shape == shape and t.mirrors]
+    if not tests:
+        return "a mirror image of the others, joined by way of another mirror image"
+    best = max(tests, key=lambda test: test.turned)
+    return (
+        f"a mirror image of the others: mirrored, it fits {names[best.partner]} with "
+        f"confidence {best.turned:.2f}; as it is, with {best.straight:.2f}, sheared "
+        f"{best.ratio:.1f} times as much"
+    )
 
 
 class Runner(Protocol):

@@ -24,8 +24,7 @@ from jfsf.apps.collections._grow import (
     MirrorTest,
     grow,
 )
-from jfsf.apps.collections._pairs import Edge, edge_of, unlikeness
-from jfsf.apps.collections._sketch import Sketch
+from jfsf.apps.collections._pairs import Edge, Sketch, edge_of, unlikeness
 from jfsf.types import ArrayLike
 
 Mirror = Literal["name", "auto"]

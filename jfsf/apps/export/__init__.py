@@ -7,8 +7,7 @@ the map stretches. Vertices and faces keep their numbers.
 
 Read in this order:
 
-- `_painted`: what a file has beside the shape: colours, texture coordinates, confidence
-- `_formats`: PLY, OBJ and GLB
+- `_formats`: what a file has beside the shape, checked; PLY, OBJ and GLB
 - `_export`: write a mesh, a map or an image on a mesh, in the format of the suffix
 """
 

@@ -7,9 +7,15 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from jfsf.apps.export._formats import beside, glb_bytes, obj_files, ply_bytes
+from jfsf.apps.export._formats import (
+    Painted,
+    beside,
+    glb_bytes,
+    obj_files,
+    painted,
+    ply_bytes,
+)
 from jfsf.apps.export._formats import checker as checker_png
-from jfsf.apps.export._painted import Painted, painted
 from jfsf.apps.plot._colours import (
     body_colours,
     matched_colours,

@@ -22,7 +22,6 @@ Read in this order:
 
 - `_bases`: eigenpairs of any area to a `Spectrum`, and functional maps with them
 - `_pyfm`: pyFM's meshes and maps
-- `_structs`: MATLAB's variables to the fields of a shape
 - `_matlab`: the structs of the MATLAB codes for functional maps, in `.mat` files
 """
 

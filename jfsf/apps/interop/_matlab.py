@@ -15,13 +15,85 @@ import scipy.sparse as sp
 from jaxtyping import Float
 
 from jfsf.apps.interop._bases import Bases, Correspondence, at_unit_area, zero_based_map
-from jfsf.apps.interop._structs import diagonal, matrix, shape_fields, struct
 from jfsf.apps.mapfiles import MapFileError, read_mat, write_mat
 from jfsf.mesh._values import check_values, checked_mesh
 from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 
+Fields = dict[str, Any]  # of a struct, by name
 MOST_BYTES = 1 << 32  # of a variable: MATLAB writes no larger ones with -v7
+
+
+def shape_fields(path: Path, variables: Fields, key: str | None) -> tuple[str, Fields]:
+    """What messages call the shape of a file, and its fields by name.
+
+    Args:
+        path: the file.
+        variables: what is in it.
+        key: the struct to take; None takes the variables themselves, or the only struct
+            that holds a surface.
+
+    Raises:
+        MapFileError: there is no such struct, or there are several.
+    """
+    structs = {name: s for name, s in variables.items() if isinstance(s, dict)}
+    shapes = {n: s for n, s in structs.items() if {"surface", "TRIV"} & {*s}}
+    if key is None:
+        if "TRIV" in variables or "surface" in shapes:
+            return str(path), variables
+        if len(shapes) == 1:
+            ((name, fields),) = shapes.items()
+            return f"{path}[{name}]", fields
+    elif key in shapes:
+        return f"{path}[{key}]", shapes[key]
+    wanted = "one surface" if key is None else f"a shape {key!r}"
+    several = f"; pass one of {', '.join(sorted(shapes))} as `key`" if shapes else ""
+    names = ", ".join(sorted(variables)) or "no variable"
+    raise MapFileError(f"{path}: does not hold {wanted}, but {names}{several}")
+
+
+def matrix(where: str, fields: Fields, name: str) -> np.ndarray:
+    """A field as a matrix, float64.
+
+    Raises:
+        MapFileError: there is none, or it is no full matrix of real numbers.
+    """
+    value = _field(where, fields, name)
+    if sp.issparse(value):
+        raise MapFileError(f"{where}: {name} is sparse; save full({name})")
+    return np.array(value, np.float64, order="C")
+
+
+def diagonal(where: str, fields: Fields, name: str) -> np.ndarray:
+    """A field that is a vector or a diagonal matrix, as a vector, float64.
+
+    Raises:
+        MapFileError: there is none, it does not hold real numbers, or it has some
+            beside its diagonal.
+    """
+    value = _field(where, fields, name)
+    if not sp.issparse(value) and 1 in value.shape:
+        return matrix(where, fields, name).ravel()
+    entries = value.diagonal()
+    square = value.shape[0] == value.shape[1]
+    if not square or abs(value - sp.diags_array(entries)).max() > 0:
+        raise MapFileError(
+            f"{where}: {name} {value.shape} is not diagonal; save a diagonal matrix "
+            "or a full vector (lumped areas)"
+        )
+    return entries.astype(np.float64)
+
+
+def _field(where, fields, name) -> Any:
+    """A field that is a matrix of numbers, full or sparse."""
+    if name not in fields:
+        names = ", ".join(sorted(fields))
+        raise MapFileError(f"{where}: lacks {name}; it holds {names}")
+    value = fields[name]
+    kind = getattr(getattr(value, "dtype", None), "kind", "O")
+    if kind not in "fiu" or value.ndim != 2:
+        raise MapFileError(f"{where}: {name} is no matrix of real numbers")
+    return value
 
 
 class MatlabShape(NamedTuple):
@@ -68,7 +140,8 @@ def read_matlab(path: str | Path, *, key: str | None = None) -> MatlabShape:
     path = Path(path)
     variables = {name: read() for name, read in read_mat(path, MOST_BYTES).items()}
     where, fields = shape_fields(path, variables, key)
-    surface = struct(fields.get("surface")) or fields
+    surface = fields.get("surface")
+    surface = surface if isinstance(surface, dict) and surface else fields
     if "VERT" in surface:
         vertices = matrix(where, surface, "VERT")
     else:

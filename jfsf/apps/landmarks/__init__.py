@@ -15,11 +15,7 @@ Read in this order:
 - `_pair`: which landmarks of two shapes belong together
 """
 
-from jfsf.apps.landmarks._files import (
-    read_landmarks,
-    read_vertex_pairs,
-    write_landmarks,
-)
+from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
 from jfsf.apps.landmarks._pair import pair_landmarks
 from jfsf.apps.landmarks._place import to_vertices
 from jfsf.apps.landmarks._record import Landmarks
@@ -28,7 +24,6 @@ __all__ = [
     "Landmarks",
     "pair_landmarks",
     "read_landmarks",
-    "read_vertex_pairs",
     "to_vertices",
     "write_landmarks",
 ]

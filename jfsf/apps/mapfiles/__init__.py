@@ -28,19 +28,16 @@ from jfsf.apps.mapfiles._read import (
     read_match,
     read_notes,
 )
-from jfsf.apps.mapfiles._stored import StoredMap, read_stored
 from jfsf.apps.mapfiles._write import write_map, write_mat, write_match
 
 __all__ = [
     "GroundTruth",
     "MapFileError",
-    "StoredMap",
     "read_ground_truth",
     "read_map",
     "read_mat",
     "read_match",
     "read_notes",
-    "read_stored",
     "write_map",
     "write_mat",
     "write_match",

@@ -14,7 +14,7 @@ import scipy.io
 import scipy.sparse
 
 from jfsf.apps.mapfiles._formats import Arrays, MapFileError
-from jfsf.storage._npz import read_npz_array
+from jfsf.storage._atomic import read_npz_array
 from jfsf.storage._text import in_utf8, instead_of_data
 
 MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched

@@ -19,7 +19,7 @@ from jfsf.apps.model._checks import check_shapes, check_weights
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
-from jfsf.geometry._stretches import root
+from jfsf.geometry._surface import root
 from jfsf.types import ArrayLike
 
 MOST_STEPS = 100  # two shapes need one; twelve bodies in all poses about 20

@@ -13,8 +13,7 @@ import numpy as np
 
 from jfsf.apps.export import export_mesh
 from jfsf.apps.model._model import ShapeModel, shape_at
-from jfsf.storage._atomic import write_atomically, write_text
-from jfsf.storage._npz import read_npz_array
+from jfsf.storage._atomic import read_npz_array, write_atomically, write_text
 from jfsf.types import Mesh
 
 KIND = "positions"  # older versions wrote models of deformation gradients too

@@ -16,8 +16,7 @@ from jfsf.apps.model._checks import check_faces, check_shapes, check_weights
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
-from jfsf.geometry._stretches import root
-from jfsf.geometry._surface import sum_at_vertices
+from jfsf.geometry._surface import root, sum_at_vertices
 from jfsf.types import ArrayLike
 
 

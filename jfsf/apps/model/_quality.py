@@ -29,7 +29,7 @@ from jfsf.apps.model._model import (
 )
 from jfsf.array import einsum
 from jfsf.array._jit import jit
-from jfsf.geometry._stretches import root
+from jfsf.geometry._surface import root
 from jfsf.types import ArrayLike
 
 

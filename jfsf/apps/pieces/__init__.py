@@ -6,10 +6,6 @@ Read in this order:
 - `_match`: `match_components`, one map of all pieces, and its file
 """
 
-from jfsf.apps.pieces._match import (
-    MatchedComponents,
-    match_components,
-    write_components,
-)
+from jfsf.apps.pieces._match import MatchedComponents, match_components
 
-__all__ = ["MatchedComponents", "match_components", "write_components"]
+__all__ = ["MatchedComponents", "match_components"]

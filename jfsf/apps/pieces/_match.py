@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from jfsf._figures import FIGURES
 from jfsf.apps.collections import unlikeness
-from jfsf.apps.collections._sketch import sketch
+from jfsf.apps.collections._pairs import sketch
 from jfsf.apps.mapfiles import MapFileError
 from jfsf.apps.pieces._pieces import (
     TIE,
@@ -20,7 +20,7 @@ from jfsf.apps.pieces._pieces import (
     pieces_of,
     places_apart,
 )
-from jfsf.initial import Orientation
+from jfsf.initial._search import Orientation
 from jfsf.matching import Settings, basis, confidence, match
 from jfsf.storage._atomic import write_atomically
 from jfsf.types import ArrayLike, Certificate, Match, Mesh
@@ -197,7 +197,8 @@ def write_components(
     pair_x and pair_y (the number of its pair for each vertex, or -1), confidence_x and
     confidence_y (nan for a vertex without a partner), and for each pair pair_margin and
     pair_NAME for each figure of the certificate, such as pair_confidence.
-    `jfsf.apps.mapfiles.read_stored` reads it. It appears complete or not at all.
+    `jfsf evaluate`, `transfer` and `register` read it. It appears complete or not at
+    all.
 
     Args:
         path: `.npz`.

@@ -5,20 +5,16 @@ it by the rotation that fits the map best. Read in this order:
 
 - `_frames`: the axes in which a shape is seen, and both shapes of a pair
 - `_colours`: colours of vertices: by place, through a map, of errors
-- `_page`: the look that all pictures share; PNG files
-- `_panels`: shapes as the viewer sees them, turned and lit, beside each other
+- `_panels`: the look that all pictures share; shapes turned and lit, beside each other
 - `_pictures`: shapes and maps by colour and by error
 - `_charts`: curves, errors, a functional map as a matrix
 """
 
-from jfsf.apps.plot._charts import draw_error_curves, draw_functional_map
 from jfsf.apps.plot._colours import coordinate_colours, pull_back
 from jfsf.apps.plot._pictures import draw_pair, draw_shape
 
 __all__ = [
     "coordinate_colours",
-    "draw_error_curves",
-    "draw_functional_map",
     "draw_pair",
     "draw_shape",
     "pull_back",

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jfsf.apps.plot._colours import diverging
-from jfsf.apps.plot._page import INK, LINES, PALE, check_png, new_figure, save, style
+from jfsf.apps.plot._panels import INK, LINES, PALE, check_png, new_figure, save, style
 from jfsf.evaluate import error_curve
 from jfsf.types import ArrayLike
 

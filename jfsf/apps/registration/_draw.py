@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.apps.registration._flaws import flaws_of, unfold
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 from jfsf.mesh._closest import FacingTree, facing, on_rim
 from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import (

@@ -5,12 +5,11 @@ together, coloured or checkered through the map, with the image of each point cl
 and says how sure the map is, why, and what to try. Read in this order:
 
 - `_words`: a certificate in words: how sure, why, and what to try
-- `_html`: texts and pictures of pages
+- `_html`: texts and pictures of pages; many matches as a list, linked to their pages
 - `_candidates`: the candidates of the search as maps of points
 - `_measured`: figures of a map, and a number for each vertex
 - `_scene`: what the viewer shows, as plain values
 - `_page`: a match as one page
-- `_index`: many matches as one page, linked to theirs
 - `_model`: a shape model as one page, with sliders
 - `_collection`: a collection as one page: its shapes, its pairs, its triangles
 """

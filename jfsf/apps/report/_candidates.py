@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from jfsf.initial import Candidates, Orientation, candidates, orientation_sign
+from jfsf.initial import Candidates, candidates, orientation_sign
+from jfsf.initial._search import Orientation
 from jfsf.matching import Settings, basis, shape_samples
 from jfsf.runtime._runners import OneByOne
 from jfsf.runtime._sizes import padded_pair

@@ -14,8 +14,7 @@ from jfsf.apps.collections._grow import TRUSTED, Graph
 from jfsf.apps.plot import draw_shape
 from jfsf.apps.plot._colours import body_colours
 from jfsf.apps.plot._frames import frame, frames_of_pair
-from jfsf.apps.report._html import data_url, page
-from jfsf.apps.report._index import Row, listed
+from jfsf.apps.report._html import Row, data_url, listed, page
 from jfsf.apps.report._scene import shown
 from jfsf.apps.report._words import level
 from jfsf.storage._atomic import write_text

@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.plot import draw_error_curves, draw_functional_map, draw_pair, draw_shape
+from jfsf.apps.plot import draw_pair, draw_shape
+from jfsf.apps.plot._charts import draw_error_curves, draw_functional_map
 from jfsf.apps.plot._colours import body_colours, matched_colours
 from jfsf.apps.plot._frames import Up, frames_of_pair
 from jfsf.apps.report._candidates import candidate_maps
@@ -24,7 +25,7 @@ from jfsf.apps.report._scene import (
     shown_matched,
 )
 from jfsf.apps.report._words import findings, level, readings, reasons, verdict
-from jfsf.initial import Orientation
+from jfsf.initial._search import Orientation
 from jfsf.matching import Settings
 from jfsf.matching._arguments import checked_map
 from jfsf.storage._atomic import write_text

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf._figures import FIGURES
-from jfsf.matching import MISSED, Settings
+from jfsf.matching import Settings
 from jfsf.matching._confidence import MIRRORED, UNLIKE
+from jfsf.matching._kept_landmarks import MISSED
 from jfsf.types import Certificate, MatchInfo
 
 # A figure of the certificate beyond one of these limits gives a warning. How many maps

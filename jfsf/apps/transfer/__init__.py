@@ -7,25 +7,20 @@ Read in this order:
 - `_overlay`: two meshes laid over each other
 - `_nearest`: points of one of them to points of the other
 - `_carry`: values, labels and landmarks
-- `_atlas`: a place in an image for each face
-- `_texture`: textures
+- `_texture`: textures: a place in an image for each face, and the image
 - `_parts`: parts of vertices in JSON
 - `_files`: values, labels and images in files
 """
 
-from jfsf.apps.transfer._atlas import atlas
 from jfsf.apps.transfer._carry import labels, landmarks, values
-from jfsf.apps.transfer._files import read_labels, read_values
 from jfsf.apps.transfer._overlay import overlay
-from jfsf.apps.transfer._texture import texture
+from jfsf.apps.transfer._texture import atlas, texture
 
 __all__ = [
     "atlas",
     "labels",
     "landmarks",
     "overlay",
-    "read_labels",
-    "read_values",
     "texture",
     "values",
 ]

@@ -190,12 +190,10 @@ def match_parts(
     tried.sort(key=lambda pair: pair[0].score)
     state, sides = tried[0]
     margin = state.log_odds - tried[1][0].log_odds if tried[1:] else np.inf
-    rounds = settings.refinements - 1 if state.log_odds >= settings.sure else 0
-    for _ in range(rounds):
+    if state.log_odds >= settings.sure:
         again = _refined(state, sides, refine)
-        if again is None or again.log_odds <= state.log_odds:
-            break
-        state = again
+        if again is not None and again.log_odds > state.log_odds:
+            state = again
     return _result(state, sides, margin)
 
 

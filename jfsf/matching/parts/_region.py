@@ -40,7 +40,7 @@ class Target(NamedTuple):
 
     outward: (n, 3) out of the surface, for vertices on its boundary; else 0.
     tree: of positions and weighted normals.
-    curvature: (n, c) standard values of `_curvature`; (n, 0) where none is compared.
+    curvature: (n, c) standard values of `curvature`; (n, 0) where none is compared.
     """
 
     mesh: Mesh
@@ -203,13 +203,7 @@ def _padded_surface(x: Mesh, sign: int):
     (size,) = padded_shapes(1, [(len(x.vertices), len(x.faces))])
     at, faces = with_rows(x.vertices, size.vertices), with_rows(x.faces, size.faces)
     mass = jnp.zeros(size.vertices)
-    return surface(
-        jnp.asarray(at),
-        jnp.asarray(faces),
-        mass,
-        float(sign),
-        stiffness_range=BEND.stiffness_range,
-    )
+    return surface(jnp.asarray(at), jnp.asarray(faces), mass, float(sign))
 
 
 def _rows(values, size: int):

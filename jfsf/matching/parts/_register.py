@@ -117,7 +117,7 @@ def register(
         trusted: (p,) bool, where the start is to be trusted: the other points neither
             place nor draw an open whole in the first step. None for all.
         curvature: (p, c) of the part and (n, c) of the whole, see
-            `jfsf.matching.parts._curvature`; None compares positions and normals only.
+            `jfsf.matching.parts._sides`; None compares positions and normals only.
         reaches: of the steps after the first, in sqrt(area of the whole).
     """
     at, normal, mass = part.vertices, vertex_normals(*part), vertex_areas(*part)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jfsf.array._static import check_types
+from jfsf.array._jit import check_types
 
 # Groups of scales that keep their share of all starts where units may differ.
 ANY_UNIT_BANDS = 3
@@ -37,8 +37,6 @@ class PartSettings:
     sure: log odds (`jfsf.types.Certificate`) from which on a refined map is kept, and
         no other start is refined. Below, the map by deformation of the whole is kept. 2
         is seven to one.
-    refinements: number of times that the map between the regions is refined, if its log
-        odds are at least `sure`.
     """
 
     samples_of_part: int = 80
@@ -51,13 +49,11 @@ class PartSettings:
     registered_again: int = 12
     refined: int = 1
     sure: float = 2.0
-    refinements: int = 2
 
     def __post_init__(self) -> None:
         """ValueError for numbers that no region can be found with."""
         check_types(self)
-        at_least_one = "samples_of_whole", "beam", "assignments", "refined"
-        for name in (*at_least_one, "refinements"):
+        for name in ("samples_of_whole", "beam", "assignments", "refined"):
             if getattr(self, name) < 1:
                 raise ValueError(
                     f"PartSettings: {name} is {getattr(self, name)}; give 1 or more"
