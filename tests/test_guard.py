@@ -65,6 +65,9 @@ def test_a_median_moves_by_more_than_its_noise(change, beyond, worse):
     text, found = said(before, now)
     assert guard.noise(before) == pytest.approx(0.002)
     assert ("beyond its noise" in text) == beyond and found == worse
+    unknown = [own | {"again": []} for own in before]
+    text, found = said(unknown, now)
+    assert "beyond its noise" not in text and " nan " in text and not found
 
 
 def test_pairs_that_the_order_of_vertices_decides_are_known():

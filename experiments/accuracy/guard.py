@@ -156,7 +156,7 @@ def sure_and_wrong(row: dict) -> bool:
 
 
 def noise(rows: list[dict]) -> float:
-    """Range of the median error of a set over the runs; nan if there is but one."""
+    """Range of the median error of a set over the runs; nan if there are none."""
     again = [row["again"] for row in rows if row["again"]]
     return float(np.ptp(np.median(again, 0))) if again else float("nan")
 
@@ -210,7 +210,7 @@ def compared(before: Rows, now: Rows) -> tuple[list[str], bool]:
         was = summary([before[n] for n in both if n[0] == name])
         is_now = summary(rows)
         change, spread = is_now["median"] - was["median"], was["noise"]
-        beyond = not abs(change) <= RANGES * spread and change != 0
+        beyond = abs(change) > RANGES * spread  # never where the noise is unknown
         worse |= beyond and change > 0
         lines.append(
             f"{name:<16} {rows[0]['role']:<6} {len(rows):>5} {was['median']:.4f} "
