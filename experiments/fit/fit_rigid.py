@@ -29,7 +29,7 @@ from jfsf.matching import Settings, attempted_pair
 from jfsf.matching._rigid import laid_by_map, moved_by_map, surface_of
 from jfsf.matching._stiff import nearest_alike, stiffly_onto
 from jfsf.mesh import surface_area
-from jfsf.types import Mesh
+from jfsf.types import Match, Mesh, Spectrum
 
 STIFF_SETS = "calcanei", "hdm_molars"
 SETS = *STIFF_SETS, "faces", "shrec07", "embedded", "mouse_skulls"
@@ -108,7 +108,9 @@ def measure(
     return row
 
 
-def by_stiffness(spectra, match) -> Iterator[np.ndarray]:
+def by_stiffness(
+    spectra: tuple[Spectrum, Spectrum], match: Match
+) -> Iterator[np.ndarray]:
     """T_xy of nearest vertices that face alike, for each stiffness."""
     x, y = map(surface_of, spectra)
     mirrors = bool(match.certificate.orientation < 0)
