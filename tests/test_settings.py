@@ -161,7 +161,7 @@ def test_every_number_is_explained():
         ({"bend_rounds": -1}, "bend_rounds is -1"),
         ({"nonisometric_attempts": 0}, "nonisometric_attempts is 0; give 1 or more"),
         ({"coarse_vertices": 0}, "coarse_vertices is 0; give 160 or more"),
-        ({"samples": 0}, "samples 0"),
+        ({"samples": 0}, "samples is 0"),
         ({"samples": 4000}, "samples is 4000; give a power of two"),
         ({"k": "128"}, "k is '128'; give a whole number"),
         ({"k": 128.5}, "k is 128.5; give a whole number"),

@@ -1,12 +1,14 @@
-"""Where nearest points after a similarity make a better start: `Settings.rigid_below`.
+"""Where shapes that are laid on each other make a better map: `Settings.rigid_below`.
 
-Pairs are matched, and those that a similarity brings near once more from nearest
-points. For each: how far apart the surfaces lie after it (`apart`), and the
+Pairs are matched, and those that a similarity brings near once more from a stiff
+deformation after it. For each: how far apart the surfaces lie then (`apart`), and the
 error before and after. The table has the mean errors of the pairs below several limits.
 
-The limit is chosen on SHREC'07 and on generated faces (`situations.py`), molars and
-embedded bodies choose between limits that are about as good, and skulls are only looked
-at. Of molars four landmarks are known. Finished sets are read from --out.
+The limit is chosen on SHREC'07, generated faces (`situations.py`) and heel bones;
+molars and embedded bodies choose between limits that are about as good, and skulls are
+only looked at. Of molars four landmarks are known. Heel bones and molars choose the
+stiffness too: their rows have the error of nearest vertices after the field from X to
+Y, for several (`stiffness`). Finished sets are read from --out.
 
     python -m experiments.fit.fit_rigid --data ROOT
 """
@@ -25,13 +27,16 @@ from experiments.accuracy.situations import faces
 from jfsf.geometry import GeodesicSolver
 from jfsf.matching import Settings
 from jfsf.matching._match import attempted_pair
-from jfsf.matching._rigid import moved_by_map
+from jfsf.matching._rigid import laid_by_map, moved_by_map, surface_of
+from jfsf.matching._stiff import nearest_alike, stiffly_onto
 from jfsf.mesh import surface_area
-from jfsf.types import Mesh
+from jfsf.types import Match, Mesh, Spectrum
 
-SETS = "faces", "shrec07", "embedded", "hdm_molars", "mouse_skulls"
-FACES, POINTS, WIDEST = 12, 500, 0.08
-LIMITS = 0.005, 0.01, 0.015, 0.02, 0.025, 0.03, 0.04, 0.06, WIDEST
+STIFF_SETS = "calcanei", "hdm_molars"
+SETS = *STIFF_SETS, "faces", "shrec07", "embedded", "mouse_skulls"
+FACES, POINTS, WIDEST = 12, 500, 0.02
+LIMITS = 0.003, 0.006, 0.008, 0.009, 0.01, 0.012, WIDEST
+STIFFNESSES = 3e-5, 1e-4, 3e-4, 1e-3, 3e-3
 Case = tuple[str, Mesh, Mesh, np.ndarray, np.ndarray]
 
 
@@ -44,9 +49,13 @@ def main() -> None:
         found = json.loads(args.out.read_text(encoding="utf-8"))["sets"]
     for name in args.sets:
         if name not in found:
-            rows = [measure(*case) for case in cases(name, args.data)]
+            stiff = name in STIFF_SETS
+            rows = [measure(*case, stiff) for case in cases(name, args.data)]
             near = [row for row in rows if row["apart"] is not None]
             found[name] = {"pairs": len(rows), "table": table(near), "near": near}
+            if stiff:
+                errors = np.mean([row["stiffness"] for row in near], 0)
+                found[name]["stiffness"] = dict(zip(STIFFNESSES, errors, strict=True))
             settings = {"points": POINTS, "shipped": Settings().rigid_below}
             results_file.write(args.out, settings=settings, sets=found)
         print(name, found[name]["pairs"], *found[name]["table"], sep="\n", flush=True)
@@ -69,7 +78,9 @@ def cases(name: str, root: Path | None) -> Iterator[Case]:
         yield f"{pair.x} {pair.y}", x.mesh, y.mesh, x.truth, y.truth
 
 
-def measure(name: str, x: Mesh, y: Mesh, at_x: np.ndarray, at_y: np.ndarray) -> dict:
+def measure(
+    name: str, x: Mesh, y: Mesh, at_x: np.ndarray, at_y: np.ndarray, stiff: bool
+) -> dict:
     """A row: errors before and after; nothing where no motion brings X near."""
     settings = replace(Settings(), rigid_below=WIDEST)
     pair = attempted_pair(x, y, settings=settings)
@@ -83,17 +94,32 @@ def measure(name: str, x: Mesh, y: Mesh, at_x: np.ndarray, at_y: np.ndarray) -> 
     moved = moved_by_map(*pair.spectra, np.asarray(before.T_xy), mirrors=mirrors)
     some = np.random.default_rng(0).permutation(len(at_x))[:POINTS]
     away = GeodesicSolver(y).rows(np.asarray(at_y)[some]) / np.sqrt(surface_area(y))
-    error = lambda match: float(
-        away[np.arange(len(some)), np.asarray(match.T_xy)[at_x[some]]].mean()
+    error = lambda T_xy: float(
+        away[np.arange(len(some)), np.asarray(T_xy)[at_x[some]]].mean()
     )
     row |= {"apart": moved and moved.apart}
-    row |= {"before": error(before), "after": error(after)}
+    row |= {"before": error(before.T_xy), "after": error(after.T_xy)}
+    if stiff:
+        row["stiffness"] = [error(T) for T in by_stiffness(pair.spectra, before)]
     row |= {
         f"log_odds_{when}": float(match.certificate.log_odds)
         for when, match in (("before", before), ("after", after))
     }
     print(row, flush=True)
     return row
+
+
+def by_stiffness(
+    spectra: tuple[Spectrum, Spectrum], match: Match
+) -> Iterator[np.ndarray]:
+    """T_xy of nearest vertices that face alike, for each stiffness."""
+    x, y = map(surface_of, spectra)
+    mirrors = bool(match.certificate.orientation < 0)
+    laid = laid_by_map(*spectra, np.asarray(match.T_xy), mirrors=mirrors)
+    assert laid is not None
+    for stiffness in STIFFNESSES:
+        there = stiffly_onto(x, laid, y, mirrors=mirrors, stiffness=stiffness)
+        yield nearest_alike(Mesh(there, x.faces), y, mirrors=mirrors)
 
 
 def table(near: list[dict]) -> list[dict]:

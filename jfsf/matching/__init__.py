@@ -14,8 +14,8 @@ high are rivals: a map that cannot be told from another one is not certain.
 
 Shapes of many vertices are bent as such copies, too (`_bent_copies`), and follow them.
 
-Where a similarity lays the shapes nearly on each other (`_rigid`), nearest points are
-the start of a last map, which is the map so far but slides less, and is kept.
+Where a similarity and a stiff deformation lay the shapes on each other (`_rigid`,
+`_stiff`), a last map is read from there: the map so far, but it slides less.
 
 Some pairs without doubt are compared so, too (`_others`): where the search found other
 candidates that are about as good, as of a shape with a symmetry; where it says that the
@@ -51,6 +51,7 @@ Which starts are attempted, and when it ends: for one pair or many, on the host:
 - `_bent_copies`: large shapes are bent as coarse copies first
 - `_run_stages`: the stages of an attempt, run for many pairs
 - `_rigid`: shapes that nearly coincide after a similarity
+- `_stiff`: what it leaves, as a smooth field of few degrees of freedom
 - `_disks`: maps between two disks that turn the rim
 - `_others`: maps that may fit as well as one that is not in doubt
 - `_sources`: where starts come from: the search, landmarks, coarse copies

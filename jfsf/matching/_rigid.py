@@ -45,11 +45,7 @@ class Moved(NamedTuple):
 def moved_by_map(
     spec_x: Spectrum, spec_y: Spectrum, T_xy: Int[np.ndarray, " n"], *, mirrors: bool
 ) -> Moved | None:
-    """Lay X on Y, and Y on X, as a map has it on the whole.
-
-    First by the images of some vertices, those that fit the others counting more, then
-    by nearest points on tangent planes (Chen and Medioni, 1992); from there either
-    shape is deformed stiffly.
+    """Lay X on Y, and Y on X, as a map has it on the whole, and deform both stiffly.
 
     Args:
         spec_x, spec_y: vertices, faces and mass are read.
@@ -58,6 +54,27 @@ def moved_by_map(
 
     Returns:
         None of clouds, and where the images or the surfaces are far from a motion of X.
+    """
+    laid = laid_by_map(spec_x, spec_y, T_xy, mirrors=mirrors)
+    if laid is None:
+        return None
+    x, y = surface_of(spec_x), surface_of(spec_y)
+    if _apart(Mesh(laid, x.faces), y) > NEAR:
+        return None
+    back = motion(laid, x.vertices, np.ones(len(laid)), mirrors=mirrors, scaled=True)
+    moved_x = stiffly_onto(x, laid, y, mirrors=mirrors)
+    moved_y = stiffly_onto(y, back(y.vertices), x, mirrors=mirrors)
+    bent = Bent(_padded(moved_x, spec_x), _padded(moved_y, spec_y))
+    return Moved(bent, _apart(Mesh(moved_x, x.faces), y))
+
+
+def laid_by_map(
+    spec_x: Spectrum, spec_y: Spectrum, T_xy: Int[np.ndarray, " n"], *, mirrors: bool
+) -> Float[np.ndarray, "n_x 3"] | None:
+    """Where the vertices of X lie after the similarity alone. As `moved_by_map`.
+
+    First by the images of some vertices, those that fit the others counting more, then
+    by nearest points on tangent planes (Chen and Medioni, 1992).
     """
     x, y = (surface_of(spec) for spec in (spec_x, spec_y))
     if not (len(x.faces) and len(y.faces)):
@@ -82,14 +99,7 @@ def moved_by_map(
         height = np.sum((y.vertices[at] - there) * normal_y[at], 1)
         foot = there + height[:, None] * normal_y[at]
         move = motion(points, foot, weight, mirrors=mirrors, scaled=True)
-    laid = move(x.vertices)
-    if _apart(Mesh(laid, x.faces), y) > NEAR:
-        return None
-    back = motion(laid, x.vertices, np.ones(len(laid)), mirrors=mirrors, scaled=True)
-    moved_x = stiffly_onto(x, laid, y, mirrors=mirrors)
-    moved_y = stiffly_onto(y, back(y.vertices), x, mirrors=mirrors)
-    bent = Bent(_padded(moved_x, spec_x), _padded(moved_y, spec_y))
-    return Moved(bent, _apart(Mesh(moved_x, x.faces), y))
+    return move(x.vertices)
 
 
 def motion(

@@ -80,11 +80,13 @@ def stiffly_onto(
     goal = np.hstack([target.vertices, NORMAL_WEIGHT * normal_y])
     near, own = KDTree(goal), slice(SAMPLES)
     shares = _shares(mesh, points[own]), _shares(target, some)
-    moved, falls = start, ROUNDS - AT_LAST
+    coefficients, falls = np.zeros((len(energy), 3)), ROUNDS - AT_LAST
     for turn in range(ROUNDS):
-        now = np.hstack([moved, normal])
-        away, there = near.query(now[own])
-        away_y, here = KDTree(now).query(goal[some])
+        now = np.hstack([start + basis @ coefficients, normal])
+        queries = (near, now[own]), (KDTree(now), goal[some])
+        (away, there), (away_y, here) = (
+            map(np.asarray, tree.query(rows)) for tree, rows in queries
+        )
         of_x = np.concatenate([np.arange(len(there)), here])
         of_y = np.concatenate([there, some])
         share, far = np.concatenate(shares), np.concatenate([away, away_y])
@@ -96,7 +98,6 @@ def stiffly_onto(
             share * np.exp(-((far / REACH) ** 2)),
             factor * energy,
         )
-        moved = start + basis @ coefficients
     # Many vertices at a time, since each has a distance to each centre.
     parts = np.array_split(mesh.vertices, -(-len(laid) // ROWS))
     return laid + np.concatenate([warps(part) @ coefficients for part in parts])
