@@ -69,7 +69,8 @@ def collection(
         typer.Option(
             metavar="FILE",
             help="Landmarks of --template, to be carried to all: .mrk.json, .fcsv, "
-            ".pp, .csv or .txt.",
+            ".pp, .tps, .pts, .csv or .txt. Writes landmarks.csv and landmarks.tps of "
+            "all, for geomorph and Morpho, and .mrk.json and .fcsv of each.",
         ),
     ] = None,
     labels: Annotated[
@@ -200,7 +201,8 @@ def collection(
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
-    lines = odd + [
+    lines = [] if points is None else [f"{landmarks}: {line}" for line in points.said]
+    lines += odd + [
         f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
     ]
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
