@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli import app
 from jfsf.apps.cli._collection import _meshes_in, _with_template
-from jfsf.apps.cli._collection_results import points_of
+from jfsf.apps.cli._collection_carried import points_of
 from jfsf.apps.cli._collection_runner import _write_way
 from jfsf.apps.mapfiles import read_match
 from jfsf.apps.model import read_model
@@ -139,7 +139,7 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
 
 @pytest.mark.parametrize("end", [".mrk.json", ".tps"])
 def test_landmarks_are_written_of_each_and_of_all(tmp_path, end):
-    from jfsf.apps.cli._collection_results import write_landmarks_of
+    from jfsf.apps.cli._collection_carried import write_landmarks_of
     from jfsf.apps.landmarks import Landmarks, read_landmarks
 
     mesh = small("man_t", 300)[0]

@@ -12,15 +12,17 @@ import numpy as np
 import typer
 
 from jfsf.apps.cli import _options as opt
-from jfsf.apps.cli._collection_results import (
-    COLUMNS,
+from jfsf.apps.cli._collection_carried import (
     carried_of,
     points_of,
+    write_carried,
+    write_landmarks_of,
+)
+from jfsf.apps.cli._collection_results import (
+    COLUMNS,
     rows_of,
     table,
-    write_carried,
     write_index_page,
-    write_landmarks_of,
     write_model_of,
 )
 from jfsf.apps.cli._collection_runner import (

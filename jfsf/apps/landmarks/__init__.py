@@ -3,8 +3,7 @@
 They are those of 3D Slicer, MeshLab, ShapeWorks and morphometrics, and tables of text.
 A file holds named points of one shape. On a mesh they become vertices or points of the
 surface. Two shapes' landmarks are paired by name or by order. `jfsf.apps.transfer`
-carries those of
-one shape to another.
+carries those of one shape to another.
 
 Read in this order:
 
