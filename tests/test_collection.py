@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection import _meshes_in, _with_template
-from jfsf.apps.cli._collection_results import points_of
+from jfsf.apps.cli._collection_carried import points_of
 from jfsf.apps.cli._collection_runner import _write_way
 from jfsf.apps.mapfiles import read_match
 from jfsf.apps.model import read_model
@@ -137,22 +137,38 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
     assert set(content(tmp_path)) == {kind.format("scan.1") for kind in kinds}
 
 
-@pytest.mark.parametrize("end", [".mrk.json", ".fcsv", ".json"])
-def test_landmarks_keep_the_ending_of_their_file(tmp_path, end):
-    from jfsf.apps.cli._collection_results import write_landmarks_of
+@pytest.mark.parametrize("end", [".mrk.json", ".tps"])
+def test_landmarks_are_written_of_each_and_of_all(tmp_path, end):
+    from jfsf.apps.cli._collection_carried import write_landmarks_of
     from jfsf.apps.landmarks import Landmarks, read_landmarks
 
     mesh = small("man_t", 300)[0]
     moved = mesh.vertices + [1.0, 2.0, 3.0]
     (tmp_path / "registered").mkdir()
-    np.savez(tmp_path / "registered" / "scan.npz", vertices=moved)
-    marks = Landmarks(("a", "b"), mesh.vertices[:2], None, "LPS")
-    rows = [{"name": "scan", "reason": ""}, {"name": "bad", "reason": "fits none"}]
+    for name, holes in (("scan", []), ("torn", [1])):
+        bridged = np.isin(np.arange(len(moved)), holes)
+        file = tmp_path / "registered" / f"{name}.npz"
+        np.savez(file, vertices=moved, bridged=bridged)
+    marks = Landmarks(("a", "b"), None, np.arange(2))
+    rows = [{"name": name, "reason": ""} for name in ("torn", "scan")]
+    rows.append({"name": "bad", "reason": "fits none"})
     write_landmarks_of(tmp_path, rows, mesh, marks, Path(f"template{end}"))
-    assert [path.name for path in (tmp_path / "landmarks").iterdir()] == [f"scan{end}"]
-    found = read_landmarks(tmp_path / "landmarks" / f"scan{end}")
-    assert found.names == marks.names
-    np.testing.assert_allclose(found.points, moved[:2], atol=1e-5)
+    each = {path.name for path in (tmp_path / "landmarks").iterdir()}
+    ends = {end, ".mrk.json", ".fcsv"}
+    assert each == {name + end for name in ("scan", "torn") for end in ends}
+    for one in sorted(ends):
+        found = read_landmarks(tmp_path / "landmarks" / f"scan{one}")
+        np.testing.assert_allclose(found.points, moved[:2], atol=1e-5)
+        torn = read_landmarks(tmp_path / "landmarks" / f"torn{one}")
+        assert len(torn.names) == 1
+    # As R reads it, a row a specimen; what is missing is NA, never 0.
+    with (tmp_path / "landmarks.csv").open() as file:
+        title, scan, torn = csv.reader(file)
+    assert title[1:] == [f"{name}_{axis}" for name in "ab" for axis in "xyz"]
+    np.testing.assert_allclose(np.array(scan[1:], float), moved[:2].ravel())
+    assert scan[0] == "scan" and torn[0] == "torn" and torn[4:] == ["NA"] * 3
+    lines = (tmp_path / "landmarks.tps").read_text().splitlines()
+    assert lines[0] == "LM3=2" and lines[3] == "ID=scan" and lines[6] == "NA NA NA"
 
 
 def begun(scans, out, cache):

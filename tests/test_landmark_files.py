@@ -243,6 +243,43 @@ SCRIPTS = (
 )
 
 
+TPS = "LM3=3\n1 2 3\nNA NA NA\n-4.5 0 1e1\nIMAGE=a.jpg\nID=a 1\nSCALE=0.5\n"
+PTS = "Version 1.0\n3\nS0000 1 2 3\nS0001 9999 9999 9999\nnose -4.5 0 1e1\n"
+
+
+def test_files_of_morphometrics_are_read_without_what_is_missing(tmp_path):
+    (tps := tmp_path / "a.tps").write_text(TPS)
+    (pts := tmp_path / "a.pts").write_text(PTS)
+    points = np.array([[1, 2, 3], [-4.5, 0, 10]])
+    found = read_landmarks(tps)
+    np.testing.assert_array_equal(found.points, points / 2)
+    assert "1 landmark has no position" in found.said[0]
+    found = read_landmarks(pts)
+    np.testing.assert_array_equal(found.points, points)
+    assert found.names == ("S0000", "nose") and "'S0001'" in found.said[0]
+    for path in (tps, pts):
+        write_landmarks(path, Landmarks(("left eye", ""), points))
+        np.testing.assert_array_equal(read_landmarks(path).points, points)
+    assert read_landmarks(pts).names == ("left_eye", "S0001")
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        (TPS + TPS, "has 2 specimens"),
+        ("ID=1\n", "has no specimen"),
+        ("LM=1\n1 2\n", "in a plane"),
+        ("LM3=2\n1 2 3\n", "ends before"),
+        ("LM3=1\n1 2\n", "line 2 is '1 2'"),
+        ("LM3=1\n1 2 3\nSCALE=big\n", "SCALE is 'big'"),
+    ],
+)
+def test_other_tps_is_refused(tmp_path, text, why):
+    (path := tmp_path / "a.tps").write_text(text)
+    with pytest.raises(ValueError, match=re.escape(why)):
+        read_landmarks(path)
+
+
 @pytest.mark.parametrize("suffix", SUFFIXES)
 @pytest.mark.parametrize("system", ["LPS", "RAS"])
 def test_names_in_all_scripts_and_missing_ones_go_round(tmp_path, suffix, system):

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import jfsf
 from jfsf.apps import transfer
 from jfsf.apps.cli._app import app
-from jfsf.apps.cli._collection_results import carried_of, write_carried
+from jfsf.apps.cli._collection_carried import carried_of, write_carried
 from jfsf.apps.export import export_textured
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
 from jfsf.apps.mapfiles import write_map, write_match

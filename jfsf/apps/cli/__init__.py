@@ -21,6 +21,7 @@ Read in this order:
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`
 - `_look`: what is unfit in a folder of meshes, and what mends it
+- `_collection_carried`: landmarks, labels and values of the template on all shapes
 - `_collection_results`: what is written of all shapes when they are done
 - `_collection_runner`: makes the jobs, and reads what they wrote
 - `_collection`: `jfsf collection`

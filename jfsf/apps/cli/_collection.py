@@ -12,15 +12,17 @@ import numpy as np
 import typer
 
 from jfsf.apps.cli import _options as opt
-from jfsf.apps.cli._collection_results import (
-    COLUMNS,
+from jfsf.apps.cli._collection_carried import (
     carried_of,
     points_of,
+    write_carried,
+    write_landmarks_of,
+)
+from jfsf.apps.cli._collection_results import (
+    COLUMNS,
     rows_of,
     table,
-    write_carried,
     write_index_page,
-    write_landmarks_of,
     write_model_of,
 )
 from jfsf.apps.cli._collection_runner import (
@@ -70,7 +72,9 @@ def collection(
         typer.Option(
             metavar="FILE",
             help="Landmarks of --template, which are carried to all shapes: .mrk.json, "
-            ".fcsv, .pp, .csv or .txt.",
+            ".fcsv, .pp, .tps, .pts, .csv or .txt. Writes landmarks.csv and "
+            "landmarks.tps of all, for geomorph and Morpho, and .mrk.json and .fcsv of "
+            "each.",
         ),
     ] = None,
     labels: Annotated[
@@ -205,7 +209,8 @@ def collection(
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
-    lines = odd + [
+    lines = [] if points is None else [f"{landmarks}: {line}" for line in points.said]
+    lines += odd + [
         f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
     ]
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]

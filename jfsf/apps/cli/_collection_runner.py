@@ -8,6 +8,7 @@ from zipfile import is_zipfile
 
 import numpy as np
 
+from jfsf.apps.cli._collection_carried import carried_files
 from jfsf.apps.cli._collection_jobs import (
     file_of,
     has_page,
@@ -22,7 +23,6 @@ from jfsf.apps.cli._collection_jobs import (
     put_template,
     read_maps,
 )
-from jfsf.apps.cli._collection_results import carried_files
 from jfsf.apps.cli._look import unfit
 from jfsf.apps.cli._pair import pages_of
 from jfsf.apps.cli._print import said

@@ -12,11 +12,11 @@ from functools import partial
 from pathlib import Path
 from threading import Timer, current_thread, main_thread
 
-from jfsf.__main__ import INTERRUPTED
 from jfsf.apps.cli._stages import Stages
 
 SETTINGS = "settings.json"
 DRAWING = "drawing.json"
+INTERRUPTED = 130  # the exit code, as in `jfsf.__main__`
 
 
 def begin(out: Path, options: dict) -> None:

@@ -1,14 +1,15 @@
 """Landmark files of other programs: read, written, paired.
 
-They are those of 3D Slicer, MeshLab and ShapeWorks, and tables of text. A file holds
-named points of one shape. On a mesh they become vertices or points of the surface. Two
-shapes' landmarks are paired by name or by order. `jfsf.apps.transfer` carries those of
-one shape to another.
+They are those of 3D Slicer, MeshLab, ShapeWorks and morphometrics, and tables of text.
+A file holds named points of one shape. On a mesh they become vertices or points of the
+surface. Two shapes' landmarks are paired by name or by order. `jfsf.apps.transfer`
+carries those of one shape to another.
 
 Read in this order:
 
 - `_record`: landmarks, and what all readers and writers share
 - `_programs`: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp
+- `_morphometrics`: .tps and .pts, and tables of many specimens
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
 - `_place`: landmarks on a mesh

@@ -5,6 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from jfsf.apps.landmarks._morphometrics import (
+    pts_text,
+    read_pts,
+    read_tps,
+    tps_text,
+)
 from jfsf.apps.landmarks._programs import (
     fcsv_text,
     markups_text,
@@ -30,19 +36,23 @@ _READERS = {
     ".json": read_markups,
     ".fcsv": read_fcsv,
     ".pp": read_picked_points,
+    ".tps": read_tps,
+    ".pts": read_pts,
     **dict.fromkeys((*_TABLES, ".particles"), read_table),
 }
 _WRITERS = {
     ".json": markups_text,
     ".fcsv": fcsv_text,
     ".pp": picked_points_text,
+    ".tps": tps_text,
+    ".pts": pts_text,
     ".csv": lambda landmarks: table_text(landmarks, ","),
     ".tsv": lambda landmarks: table_text(landmarks, "\t"),
     ".txt": lambda landmarks: table_text(landmarks, "\t"),
     ".particles": particles_text,
 }
 SUFFIXES = tuple(_READERS)
-FORMATS = ".mrk.json, .fcsv, .pp, .csv, .tsv, .txt or .particles"
+FORMATS = ".mrk.json, .fcsv, .pp, .tps, .pts, .csv, .tsv, .txt or .particles"
 _PAIRS = "a line holds a vertex of X and one of Y, counted from 0"
 
 
@@ -50,11 +60,12 @@ def read_landmarks(path: Path) -> Landmarks:
     """Read named points, or vertices, of one shape.
 
     Args:
-        path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles, or
-            a table (.csv, .tsv, .txt): a line holds name, x, y and z; or x, y and z; or
-            a name and a vertex; or a vertex, counted from 0. Its first line may hold
-            titles, and Slicer's l, p, s or r, a, s in place of x, y, z; a line `sep=;`
-            may come before it. Files are UTF-8, or UTF-16 with a byte order mark.
+        path: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp, ShapeWorks' .particles,
+            .tps of one specimen, .pts, or a table (.csv, .tsv, .txt): a line holds
+            name, x, y and z; or x, y and z; or a name and a vertex; or a vertex,
+            counted from 0. Its first line may hold titles, and Slicer's l, p, s or r,
+            a, s in place of x, y, z; a line `sep=;` may come before it. Files are
+            UTF-8, or UTF-16 with a byte order mark.
 
     Returns:
         The landmarks that have a position, in the order and the coordinates of the
@@ -76,12 +87,12 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
     """Write landmarks as `read_landmarks` reads them, and the program of the format.
 
     Slicer needs a coordinate system: landmarks without one are written as LPS, in which
-    it saves and loads meshes. MeshLab's format does not hold the system, and
-    ShapeWorks' neither the system nor names.
+    it saves and loads meshes. MeshLab's format and .pts do not hold the system, and
+    ShapeWorks' and .tps neither the system nor names.
 
     Args:
-        path: its suffix is the format: .mrk.json, .fcsv, .pp, .csv, .tsv, .txt or
-            .particles.
+        path: its suffix is the format: .mrk.json, .fcsv, .pp, .tps, .pts, .csv, .tsv,
+            .txt or .particles.
         landmarks: points in any format; vertices in a table only.
 
     Raises:

@@ -1,0 +1,170 @@
+"""What `jfsf collection` carries from the template: landmarks, labels and values."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from jfsf.apps.cli._collection_jobs import file_of
+from jfsf.types import ArrayLike, Mesh
+
+SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
+
+
+def points_of(landmarks: Path | None, template: Path | None):
+    """The landmarks as points of the template; None without any.
+
+    Their vertices, if they are such, are those of its file: of what is kept of it they
+    would be others.
+    """
+    from jfsf.apps.landmarks import read_landmarks
+    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.mesh import read
+
+    if landmarks is None or template is None:
+        return None
+    found = read_landmarks(landmarks)
+    mesh = read(template, finite=False)  # --repair leaves them out
+    at = on_surface(found, mesh)
+    if found.vertices is None:
+        return found
+    return found._replace(points=at.points, vertices=None)
+
+
+def write_landmarks_of(
+    out: Path, rows, mesh: Mesh, landmarks, path: Path
+) -> list[Path]:
+    """Write the template's landmarks on each joined shape, and one array of all.
+
+    For each shape: in the format of their file, and as .mrk.json and .fcsv. Of all:
+    landmarks.csv and landmarks.tps. A landmark is missing where the shape has no
+    surface, and the template only bridges the gap.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        mesh: the template.
+        landmarks: read from `path`.
+    """
+    from jfsf.apps.landmarks import Landmarks, write_landmarks
+    from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
+    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.storage._atomic import write_text
+
+    found = on_surface(landmarks, mesh)
+    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
+    folder = out / "landmarks"
+    folder.mkdir(exist_ok=True)
+    names = sorted(row["name"] for row in rows if not row["reason"])
+    points = np.empty((len(names), len(landmarks.names), 3))
+    for i, name in enumerate(names):
+        with np.load(file_of(out, "registered", name)) as file:
+            vertices, bridged = file["vertices"], file["bridged"]
+        points[i] = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
+        points[i, bridged[found.corners].all(1)] = np.nan
+        there = np.flatnonzero(np.isfinite(points[i]).all(1))
+        own = tuple(landmarks.names[at] for at in there)
+        for end in dict.fromkeys((suffix, SLICER, ".fcsv")):
+            to = folder / f"{name}{end}"
+            if len(there):
+                kept = Landmarks(own, points[i, there], None, landmarks.system)
+                write_landmarks(to, kept)
+            else:
+                to.unlink(missing_ok=True)
+    tables = out / "landmarks.csv", out / "landmarks.tps"
+    write_text(tables[0], specimens_csv(names, landmarks.names, points))
+    write_text(tables[1], specimens_tps(names, points))
+    return [*tables, folder]
+
+
+class Carried(NamedTuple):
+    """A file of the template.
+
+    what: "labels" or "values"; the folder of the results has that name.
+    suffix: of the file, and of the results.
+    column: what it has for each vertex or face (`Column`).
+    """
+
+    what: str
+    suffix: str
+    column: ArrayLike
+
+
+def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
+    """The files to carry, read and checked against the template.
+
+    Args:
+        template: its file.
+        files: labels and values, by these names; None where there is none.
+
+    Raises:
+        ValueError: as `jfsf.apps.transfer.read_labels` and `read_values`.
+    """
+    from jfsf.apps.transfer._files import read_labels, read_values
+    from jfsf.mesh import read
+
+    found = []
+    for what, path in files.items():
+        if path is None or template is None:
+            continue
+        mesh = read(template, finite=False)  # --repair leaves them out
+        n, m = len(mesh.vertices), len(mesh.faces)
+        is_labels = what == "labels"
+        column = read_labels(path, n, m) if is_labels else read_values(path, n)
+        found.append(Carried(what, path.suffix.lower(), column))
+    return found
+
+
+def write_carried(
+    out: Path, rows, paths, shapes, template: str, carried, turned
+) -> list[Path]:
+    """Write them for the vertices or faces of the file of each joined shape.
+
+    Args:
+        out: the folder of the results.
+        rows: of the summary.
+        paths, shapes: the file, and what was kept of it, by name.
+        template: its name.
+        carried: of `carried_of`.
+        turned: names of the shapes that were mirrored back.
+
+    Returns:
+        The folders that were written to.
+    """
+    from jfsf.apps.registration import Registration
+    from jfsf.apps.transfer import labels, values
+    from jfsf.apps.transfer._files import write_column
+    from jfsf.apps.transfer._overlay import extended, overlay_template
+    from jfsf.mesh import read
+    from jfsf.mesh._edit import mirror_image
+
+    carry = {"labels": labels, "values": values}
+    for one in carried:
+        (out / one.what).mkdir(exist_ok=True)
+    # What is not finite is left out by --repair; without it there is none.
+    source = read(paths[template], finite=False)
+    for row in rows:
+        if not carried or row["reason"]:
+            continue
+        name = row["name"]
+        with np.load(file_of(out, "registered", name)) as file:
+            found = Registration(*(file[field] for field in Registration._fields))
+        part = overlay_template(shapes[template].mesh, shapes[name].mesh, found)
+        file = read(paths[name], finite=False)
+        scan = mirror_image(file) if name in turned else file
+        whole = extended(part, scan, source)
+        for one in carried:
+            result = one.column._replace(rows=carry[one.what](whole, one.column.rows))
+            write_column(out / one.what / f"{name}{one.suffix}", result)
+    return [out / one.what for one in carried]
+
+
+def carried_files(out: Path, name: str) -> list[Path]:
+    """The files of what was carried to a shape, landmarks included, that are there."""
+    from jfsf.apps.landmarks._files import SUFFIXES
+    from jfsf.apps.transfer._files import FORMATS, LABEL_FORMATS
+
+    columns = {"labels": LABEL_FORMATS, "values": FORMATS}
+    kinds = {"landmarks": (SLICER, *SUFFIXES), **columns}
+    paths = [out / kind / f"{name}{end}" for kind in kinds for end in kinds[kind]]
+    return [path for path in paths if path.exists()]
