@@ -23,7 +23,7 @@ from jfsf.matching._confidence import (
 from jfsf.matching._pairs import PairState
 from jfsf.matching._rigid import Moved
 from jfsf.matching._rivals import Ranking
-from jfsf.types import STAGES, Bent, Certificate, Match
+from jfsf.types import STAGES, Bent, Certificate, Match, Mesh
 
 HALF = Settings(retry_below=0.5)
 ONE = Settings(retry_below=0.5, nonisometric_attempts=1)
@@ -87,7 +87,7 @@ class Scripted:
         self.on_copies, self.missed = on_copies or others, missed
         self.mirror, self.ties = mirror, ties
         self.given = False
-        self.calls = []
+        self.calls, self.bent = [], 0
 
     def map(self, name, stage, inputs, at_a_time=1):
         self.calls.append((name, len(inputs)))
@@ -132,6 +132,7 @@ class Scripted:
             # Maps of the copies are refined already.
             refined = start.gap in (*self.first, self.guided)
             bent = isinstance(C_yx, Bent)
+            self.bent += bent
             assert bent or C_yx.shape == ((3, 3) if refined else (1, 1))
         return match_of(start, self.missed, landmarks, sign)
 
@@ -453,6 +454,20 @@ def test_where_a_motion_brings_shapes_near_its_map_is_the_match(
     assert match.info.sources.count("motion") == moved
     # Whatever the confidence of either.
     np.testing.assert_allclose(likely(match), 0.95, atol=1e-6)
+
+
+@pytest.mark.parametrize("mine", [False, True])
+def test_a_deform_of_ones_own_is_handed_the_map_of_a_motion(monkeypatch, mine):
+    found = Moved(Bent(*np.ones((2, 4, 3))), 0.001)
+    mesh = Mesh(np.zeros((3, 3)), np.zeros((1, 3), np.int32))
+    monkeypatch.setattr(_sources, "moved_by_map", lambda *args, **options: found)
+    monkeypatch.setattr(_sources, "is_disk", lambda spec: False)
+    monkeypatch.setattr(_sources, "surface_of", lambda spec: mesh)
+    monkeypatch.setattr(_sources, "pulled_back", lambda T, spectra, size: np.eye(3))
+    own = {"deform": lambda *args, **options: None} if mine else {}
+    runner = Scripted([0.95])
+    (match,) = run(runner, settings=Settings(**own))
+    assert match.info.start == "motion" and runner.bent == (not mine)
 
 
 def test_a_motion_is_not_asked_for_if_the_limit_is_0(monkeypatch):
