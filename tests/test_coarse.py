@@ -5,7 +5,9 @@ from functools import cache
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 from shapes import small
 
 import jfsf
@@ -15,6 +17,7 @@ from jfsf.initial import SearchSettings
 from jfsf.matching import Settings, carried
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._coarse import CoarseCopy, coarse_copy, padded_copies
+from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.runtime._sizes import pad
 from jfsf.spectral import functional_map
 from jfsf.types import Mesh, Spectrum
@@ -51,10 +54,29 @@ def test_a_copy_has_the_eigenfunctions_of_the_whole(name):
 def test_a_copy_lies_on_the_whole(name):
     spec, (own, on_whole, on_copy) = whole(name)[0], copy(name)
     points = np.asarray(spec.vertices)
-    near, at = KDTree(points).query(own.vertices)
-    np.testing.assert_array_equal(at, on_whole)
-    assert near.max() < 0.05
-    np.testing.assert_array_equal(KDTree(own.vertices).query(points)[1], on_copy)
+    nearest = KDTree(points).query(own.vertices)[0]
+    away = np.linalg.norm(points[on_whole] - own.vertices, axis=1)
+    assert away.max() < 0.06 and np.quantile(away - nearest, 0.9) < 0.01
+    nearest = KDTree(own.vertices).query(points)[0]
+    away = np.linalg.norm(own.vertices[on_copy] - points, axis=1)
+    assert away.max() < 0.1 and np.quantile(away - nearest, 0.9) < 0.01
+
+
+def test_a_copy_reads_the_sheet_that_it_lies_on():
+    # A lens so thin that the nearest vertex may be on the other side.
+    ball = trimesh.creation.icosphere(4)
+    turn = Rotation.from_rotvec([0.3, 0.5, 0.2])  # else vertices lie above each other
+    points = turn.apply(ball.vertices) * [0.4, 0.4, 0.004]
+    mass = vertex_areas(points, ball.faces)
+    evecs = np.zeros((len(points), 2))
+    spec = Spectrum(np.zeros(2), evecs, mass, ball.faces, points)  # type: ignore
+    own, on_whole, _ = coarse_copy(spec, settings=FEW)
+    meshes = (points, ball.faces), (own.vertices, own.faces)
+    up, copy_up = (vertex_normals(*mesh)[:, 2] > 0 for mesh in meshes)
+    inner = np.hypot(*np.asarray(own.vertices).T[:2]) < 0.3  # not at the rim
+    np.testing.assert_array_equal(up[on_whole][inner], copy_up[inner])
+    nearest = KDTree(points).query(own.vertices)[1]
+    assert np.mean(up[nearest][inner] != copy_up[inner]) > 0.1
 
 
 def test_a_functional_map_of_the_copies_is_one_of_the_whole_shapes():

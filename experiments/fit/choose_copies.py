@@ -7,26 +7,39 @@ first (`upsample.py`) where --vertices asks for more than a shape has. Of each s
 says mean error, log odds of the evidence and the seconds of the bending. The embedded
 shapes were used to choose, FAUST was looked at before, SMAL's animals only report.
 
-    python -m experiments.fit.choose_copies [--vertices 30000] [--number 6] \
-        [--data ROOT] [--out RESULT.json]
+With --jumps it says of each shape, in place of that, along how many edges of its copy
+eigenfunctions jump, for some weights of the normals (`READ_NORMAL` of
+`jfsf/matching/_coarse.py`): where both ends are read from vertices of the whole that
+are `FAR` farther apart, along its edges, than twice the length of the edge.
+
+    python -m experiments.fit.choose_copies [SET ...] [--vertices 30000] [--number 6] \
+        [--jumps] [--data ROOT] [--out RESULT.json]
 """
 
 import jax
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import KDTree
 
 import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.bench.upsample import upsample
 from jfsf.geometry import GeodesicSolver
+from jfsf.matching._coarse import _with_normals
 from jfsf.matching._match import attempted_pair
-from jfsf.mesh import surface_area
+from jfsf.matching._settings import COARSE_VERTICES
+from jfsf.mesh import decimate, surface_area
+from jfsf.types import Mesh
 
 SETS = "embedded", "faust_r", "smal_whole"
 COPIES = (1200, 2500)
 ROUNDS = (1, 2)
 POINTS = 150  # of ground truth, at most, chosen at random
 STAGE = "bending and conversion"
+WEIGHTS = (0.0, 0.01, 0.02, 0.03, 0.05, 0.1)  # of the normals, in sqrt(area)
+FAR = 0.15  # in sqrt(area)
 
 
 def main() -> None:
@@ -34,9 +47,13 @@ def main() -> None:
     parser.add_argument("sets", nargs="*", default=SETS)
     parser.add_argument("--vertices", type=int, default=30_000)
     parser.add_argument("--number", type=int, default=6, help="pairs of a set")
+    parser.add_argument("--jumps", action="store_true", help="of the copies only")
     args = command_line.parse(parser)
     root = args.data
     rows = []
+    if args.jumps:
+        _jumps_of_sets(args)
+        return
     for data_set in protocol.named(args.sets):
         own = protocol.below(data_set, root)
         for pair in datasets.spread(datasets.pairs_of(own), args.number):
@@ -81,6 +98,49 @@ def summaries(rows: list[dict]) -> list[dict]:
             line["log_odds"] = float(np.median(odds))
             found.append({**line, "seconds": float(np.median(seconds))})
     return found
+
+
+def _jumps_of_sets(args) -> None:
+    """Of the shapes of the pairs, each once."""
+    out = args.out.with_stem("choose_copies_jumps")
+    rows: list[dict] = []
+    for data_set in protocol.named(args.sets):
+        own = protocol.below(data_set, args.data)
+        shapes = {}
+        for pair in datasets.spread(datasets.pairs_of(own), args.number):
+            both = datasets.load_pair_of(own, pair)
+            shapes |= zip((pair.x, pair.y), both, strict=True)
+        for name, shape in shapes.items():
+            rows.append({"set": own.name, "shape": name, **jumps(shape.mesh)})
+            print(rows[-1], flush=True)
+            results_file.write(out, weights=WEIGHTS, far=FAR, rows=rows)
+
+
+def jumps(mesh: Mesh) -> dict:
+    """Edges of the coarse copy, and along how many a reading jumps, by weight."""
+    mesh = mesh._replace(vertices=mesh.vertices / np.sqrt(surface_area(mesh)))
+    copy = decimate(mesh, COARSE_VERTICES)
+    edges, lengths = _edges(copy)
+    own, sizes = _edges(mesh)
+    graph = coo_matrix((sizes, tuple(own.T)), (len(mesh.vertices),) * 2).tocsr()
+    counts = []
+    for weight in WEIGHTS:
+        tree = KDTree(_with_normals(*mesh, weight))
+        ends = np.asarray(tree.query(_with_normals(*copy, weight))[1])[edges]
+        some, row = np.unique(ends[:, 0], return_inverse=True)
+        limit = FAR + 2 * lengths
+        away = dijkstra(graph, False, some, limit=limit.max())[row, ends[:, 1]]
+        counts.append(int(np.sum(away > limit)))
+    return {"edges": len(edges), "jumps": counts}
+
+
+def _edges(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
+    """Each edge once, (e, 2), and its length."""
+    faces = np.asarray(mesh.faces)
+    ends = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), 1)
+    edges = np.unique(ends, axis=0)
+    across = np.diff(np.asarray(mesh.vertices)[edges], axis=1)[:, 0]
+    return edges, np.linalg.norm(across, axis=1)
 
 
 def _larger(shape: datasets.Shape, vertices: int) -> datasets.Shape:

@@ -8,9 +8,9 @@ more. The more confident match is kept.
 
 The last source, of starts for other proportions, finds them on the whole shapes and
 tries all of them on coarse copies (`_coarse`), which takes little time, together with
-the map so far. Only if another map
-ranks above this one it goes on to the whole shapes. Maps that differ and rank nearly as
-high are rivals: a map that cannot be told from another one is not certain.
+the map so far. Only if another map ranks above this one it goes on to the whole shapes.
+Maps that differ and rank nearly as high are rivals: a map that cannot be told from
+another one is not certain.
 
 Shapes of many vertices are bent as such copies, too (`_bent_copies`), and follow them.
 

@@ -14,7 +14,6 @@ from scipy.spatial import KDTree
 from jfsf.matching._arguments import MatchInputs, padded_inputs
 from jfsf.matching._settings import Settings
 from jfsf.mesh import decimate
-from jfsf.mesh._closest import nearest_vertices
 from jfsf.mesh._geometry import vertex_areas, vertex_normals
 from jfsf.refine._rest import at_rest, follow, rotations_of
 from jfsf.runtime._sizes import padded, padded_shapes
@@ -25,6 +24,10 @@ LEAST_MASS = 1e-3
 # Vertices of a copy that a vertex of the whole follows, and half the distance that
 # opposite normals count for among these, in sqrt(area): more than between neighbours.
 CARRIED_BY, NORMAL = 4, 0.05
+# The same where a vertex of the copy is looked for on the whole. With 0, where limbs
+# touch, some are found on the other limb, whose eigenfunctions they then read
+# (`experiments/fit/choose_copies.py` counts the edges of copies that jump so).
+READ_NORMAL = 0.03
 
 
 class CoarseCopy(NamedTuple):
@@ -32,8 +35,10 @@ class CoarseCopy(NamedTuple):
 
     spectrum: evals of the whole, evecs of the whole at the nearest vertices; mass,
         faces and vertices of the copy.
-    on_whole: (n_copy,), the vertex of the whole nearest to each of the copy.
-    on_copy: (n,), the vertex of the copy nearest to each of the whole.
+    on_whole: (n_copy,), the vertex of the whole nearest to each of the copy, on the
+        same sheet.
+    on_copy: (n,), the vertex of the copy nearest to each of the whole, on the same
+        sheet.
     """
 
     spectrum: Spectrum
@@ -58,7 +63,10 @@ def coarse_copy(spec: Spectrum, *, settings: Settings) -> CoarseCopy:
         mesh = whole
     areas = vertex_areas(mesh.vertices, mesh.faces)
     areas = np.maximum(areas / areas.sum(), LEAST_MASS / len(areas))
-    on_whole, on_copy = nearest_vertices(whole, mesh), nearest_vertices(mesh, whole)
+    on_whole, on_copy = (
+        _nearest(whole, mesh, READ_NORMAL),
+        _nearest(mesh, whole, NORMAL),
+    )
     copy: Any = (
         evals,
         evecs[on_whole],
@@ -131,6 +139,14 @@ def carried(
     return found
 
 
-def _with_normals(points: ArrayLike, faces: ArrayLike) -> np.ndarray:
+def _nearest(points: Mesh, queries: Mesh, weight: float) -> np.ndarray:
+    """(q,) int32, the vertex of `points` nearest to each vertex of `queries`."""
+    known, asked = (_with_normals(*mesh, weight) for mesh in (points, queries))
+    return np.asarray(KDTree(known).query(asked)[1], np.int32)
+
+
+def _with_normals(
+    points: ArrayLike, faces: ArrayLike, weight: float = NORMAL
+) -> np.ndarray:
     """So that sheets that touch, whose normals are opposite, are not near."""
-    return np.concatenate([points, NORMAL * vertex_normals(points, faces)], 1)
+    return np.concatenate([points, weight * vertex_normals(points, faces)], 1)
