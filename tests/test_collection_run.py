@@ -162,6 +162,7 @@ def test_a_terminal_shows_all_stages_beforehand(collected, monkeypatch, capsys):
     begun = text[: text.index("registered", text.index("model"))]
     assert all(re.search(rf"{name} .*estimating", begun) for name in STAGES)
     assert re.search(r"registered .*5/5 done, \d+ s", text)
+    assert re.search(r"mirror images .*0/0 not needed", text)
     assert "estimating" not in text[text.rindex("files") :].split("mirror")[0]
     # The log, which is no terminal, has its lines all the same.
     assert "registered 5/5: " in capsys.readouterr().out
