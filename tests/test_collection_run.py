@@ -12,6 +12,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,6 +23,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection_runner import KEPT, STAGES
+from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._runs import _kept
 from jfsf.apps.cli._stages import Stage, duration
 from jfsf.apps.collections import _member
@@ -162,9 +164,27 @@ def test_a_terminal_shows_all_stages_beforehand(collected, monkeypatch, capsys):
     begun = text[: text.index("registered", text.index("model"))]
     assert all(re.search(rf"{name} .*estimating", begun) for name in STAGES)
     assert re.search(r"registered .*5/5 done, \d+ s", text)
+    assert re.search(r"mirror images .*0/0 not needed", text)
     assert "estimating" not in text[text.rindex("files") :].split("mirror")[0]
     # The log, which is no terminal, has its lines all the same.
     assert "registered 5/5: " in capsys.readouterr().out
+
+
+def test_what_is_odd_beside_the_others_is_named():
+    def one(mesh, factor=1.0):
+        signature = factor * np.sqrt(np.arange(1, 31) / 30)
+        return SimpleNamespace(mesh=mesh, sketch=SimpleNamespace(signature=signature))
+
+    whole = [one(blob(i)) for i in range(3)]
+    assert doubts("abc", whole) == []
+    half = Mesh(BLOB.vertices, BLOB.faces[BLOB.vertices[BLOB.faces, 2].min(1) > 0])
+    odd = [one(half), one(BLOB._replace(vertices=BLOB.vertices / 100)), one(BLOB, 2)]
+    said = doubts("abcdef", whole + odd)
+    assert [line[0] for line in said] == ["d", "e", "f"]
+    for line, words in zip(
+        said, ("is open", "100 times as small", "kind"), strict=True
+    ):
+        assert words in line
 
 
 def test_time_left_follows_from_what_was_measured():

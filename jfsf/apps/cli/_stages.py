@@ -54,6 +54,8 @@ class Stage:
 
     def said(self, now: float) -> str:
         """The time left, in words."""
+        if self.total == 0:
+            return "not needed"
         if self.total is not None and self.ended == self.total:
             return f"done, {duration(self.took)}" if self.made else "done"
         left = self.left(now)
@@ -166,6 +168,12 @@ class Stages:
             self._tasks[stage.name], completed=stage.ended, total=stage.total
         )
 
+    def close(self) -> None:
+        """All is done: stages without a job were not needed."""
+        for stage in self._stages.values():
+            stage.total = stage.total or 0
+            self._show(stage)
+
     def last_words(self, line: str) -> None:
         """Print a line and show nothing more: for the handler of a signal.
 
@@ -188,3 +196,4 @@ def stages(names: Sequence[str]) -> Iterator[Stages]:
     shown = Stages(names)
     with shown.bars:
         yield shown
+        shown.close()
