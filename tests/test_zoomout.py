@@ -62,7 +62,9 @@ def test_several_widths_agree_with_the_plain_loop():
     np.testing.assert_allclose(ours, oracles.zoomout(*specs, C, ks), atol=1e-8)
 
 
-@pytest.mark.parametrize("bidirectional", [False, True])
+@pytest.mark.parametrize(
+    "bidirectional", [pytest.param(False, marks=pytest.mark.slow), True]
+)
 def test_the_plain_loop_agrees_on_samples(bidirectional):
     # Eigenvectors at samples are not orthonormal: each size has a least squares
     # problem of its own.
@@ -95,13 +97,8 @@ def test_weighted_columns_match_the_plain_loop(spec_x, spec_y, seed):
 def test_slack_evens_the_weights_of_columns():
     spec_x, spec_y = pair(0)
     C = start(spec_x, spec_y)
-    plain = run(spec_x, spec_y, C)
-    sharp, even = (
-        run(spec_x, spec_y, C, weighted=True, settings=ZoomOutSettings(slack=slack))
-        for slack in (0.05, 1e9)
-    )
-    np.testing.assert_allclose(even, plain, atol=1e-8)
-    assert np.abs(sharp - plain).max() > 1e-3
+    even = run(spec_x, spec_y, C, weighted=True, settings=ZoomOutSettings(slack=1e9))
+    np.testing.assert_allclose(even, run(spec_x, spec_y, C), atol=1e-8)
 
 
 def test_one_size_converts_nothing():
@@ -111,14 +108,17 @@ def test_one_size_converts_nothing():
     assert np.array_equal(ours, C[:7, :7])
 
 
-@pytest.mark.parametrize("converter", [nearest, filtered])
-def test_a_known_permutation_is_recovered(converter):
+both_ways = partial(zoomout, ks=KS, converter=filtered, bidirectional=True)
+
+
+@pytest.mark.parametrize("refine, converter", [(run, nearest), (both_ways, filtered)])
+def test_a_known_permutation_is_recovered(refine, converter):
     spec_x = testing.blob_spectrum(2, K)
     order = np.random.default_rng(0).permutation(N)
     spec_y = testing.relabel_spectrum(spec_x, order)
     truth = jnp.asarray(np.argsort(order), jnp.int32)
     rough = functional_map(truth[close_to_identity(0)], spec_x, spec_y)
-    C = zoomout(spec_x, spec_y, rough, ks=KS, converter=converter)
+    C = refine(spec_x, spec_y, rough)
     maps = converter(*embeddings(C, spec_x.evecs, spec_y.evecs, space="direct"))
     assert np.array_equal(maps.T_xy, truth) and np.array_equal(maps.T_yx, order)
 
@@ -148,14 +148,11 @@ def test_labels_and_signs_change_nothing_but_C(
     np.testing.assert_allclose(moved, plain, atol=1e-8)
 
 
-@pytest.mark.parametrize("converter", [filtered])
-def test_padding_is_invisible(converter):
+def test_padding_is_invisible():
     spec_x, spec_y = pair(3)
     C = start(spec_x, spec_y)
-    plain = zoomout(spec_x, spec_y, C, ks=KS, converter=converter, bidirectional=True)
-    wide = pad(spec_x, N + 5, 330), pad(spec_y, N + 9, 340)
-    padded = zoomout(*wide, C, ks=KS, converter=converter, bidirectional=True)
-    np.testing.assert_allclose(padded, plain, atol=1e-8)
+    padded = both_ways(pad(spec_x, N + 5, 330), pad(spec_y, N + 9, 340), C)
+    np.testing.assert_allclose(padded, both_ways(spec_x, spec_y, C), atol=1e-8)
 
 
 def test_a_mirrored_shape_wants_the_other_sign():
