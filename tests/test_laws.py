@@ -118,12 +118,15 @@ def test_flipping_eigenvectors_changes_nothing(by_x, by_y):
     equal(refined(*flipped, start(*flipped)), plain())
 
 
+# Programs of their own; each of their parts is tested so, too.
+@pytest.mark.slow
 def test_padding_is_invisible():
     wide = pad(pair()[0], N_X + 20, 400), pad(pair()[1], N_Y + 7, 400)
     found = refined(*wide, start(*pair()))
     equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), plain())
 
 
+@pytest.mark.slow
 def test_vmap_equals_the_loop():
     pairs = [shapes(seed) for seed in range(3)]
     starts = [start(*p) for p in pairs]
@@ -136,6 +139,7 @@ def test_vmap_equals_the_loop():
         equal(Maps(found.T_xy[i], found.T_yx[i]), refined(*own, C))
 
 
+@pytest.mark.slow
 def test_float32_agrees_but_for_near_ties():
     low = [testing.cast(s, jnp.float32) for s in pair()]
     found = refined(*low, start(*low))

@@ -202,6 +202,7 @@ def test_padding_is_invisible(pair, seed):
     assert padded.empty_x == padded.empty_y == 0
 
 
+@pytest.mark.slow
 @given(order=testing.permutations(N_X), seed=testing.seeds)
 def test_coincident_embeddings_give_the_permutation(order, seed):
     emb_x = draw(seed % 50)[0]
@@ -283,6 +284,7 @@ def test_the_plan_has_the_entries_that_are_listed():
     np.testing.assert_allclose(found.weight_xy.sum() + found.weight_yx.sum(), 1)
 
 
+@pytest.mark.slow
 def test_the_quick_filter_is_the_filter_with_other_settings():
     emb_x, emb_y = draw(n_x=60, n_y=80)
     options = {"k0": 10, "lam": 80.0, "num_iters": 8, "relax": 1.0}

@@ -257,7 +257,7 @@ def test_gradients_in_float32_under_jit_and_vmap():
         np.testing.assert_allclose(found[i], exact, atol=5e-3 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("tol", [None, 1e-3])
+@pytest.mark.parametrize("tol", [pytest.param(None, marks=pytest.mark.slow), 1e-3])
 @pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,

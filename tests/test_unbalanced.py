@@ -128,7 +128,9 @@ def test_pot_agrees(total):
 
 
 @pytest.mark.parametrize("reach", [jnp.inf, 1e12])
-@pytest.mark.parametrize("options", [{}, {"tol": 1e-6, "k0": FULL}])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"tol": 1e-6, "k0": FULL}, marks=pytest.mark.slow)]
+)
 @given(pair=pairs, seed=testing.seeds)
 @settings(max_examples=8)
 def test_without_limit_it_is_the_filter(reach, options, pair, seed):
@@ -272,7 +274,7 @@ def test_float32_is_near_float64(tol):
     assert (np.asarray(low.T_xy) != np.asarray(high.T_xy)).mean() < 0.01
 
 
-@pytest.mark.parametrize("tol", [None, 1e-3])
+@pytest.mark.parametrize("tol", [pytest.param(None, marks=pytest.mark.slow), 1e-3])
 @pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,
