@@ -40,6 +40,12 @@ set_xla_flags(FAST_COMPILE)
 # Tracing makes many objects and few cycles: to look for them takes 7 % of the time.
 gc.set_threshold(50_000, 20, 20)
 
+# Nor does anyone read from which line of Python a program's operations come: to write
+# that down takes an eighth of the time, here and in the processes that tests start.
+for name in ("traceback_in_locations_limit", "include_full_tracebacks_in_locations"):
+    jax.config.update(f"jax_{name}", 0)
+    os.environ[f"JAX_{name.upper()}"] = "0"
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -56,8 +62,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # A process takes a whole file (--dist loadfile). The longest go first, in this order:
 # one of them begun at the end would keep a single process busy for minutes.
 LONGEST = """
-match among_tiles cli examples unbalanced tolerance parts attempt sinkhorn fuzz runs
-manual report coarse nonlinear_fit batch report_page soft extremities viz arap
+match examples cli among_tiles parts sinkhorn unbalanced zoomout attempt mutual
+manual extremities tolerance runs nonlinear_fit report fuzz batch arap viz soft
 """.split()
 
 

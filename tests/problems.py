@@ -3,9 +3,12 @@
 import jax.numpy as jnp
 import numpy as np
 
+from jfsf.convert import sinkhorn
 from jfsf.convert._scaling import plan_entries
 
 N_X, N_Y, WIDTH = 23, 31, 3
+K0, NUM = 5, 20
+FULL = max(N_X, N_Y)
 
 
 def draw(seed=0, n_x=N_X, n_y=N_Y, dtype=jnp.float64):
@@ -22,6 +25,21 @@ def weights(seed, n, low=0.2, total=1.0):
     """Random marginals with this sum."""
     found = np.random.default_rng(seed).uniform(low, 1, n)
     return jnp.asarray(total * found / found.sum())
+
+
+def filtered(emb_x, emb_y, marginal_x=None, marginal_y=None, **options):
+    """`sinkhorn` with few neighbours and updates.
+
+    All that the tests vary is given in every call, so that calls with equal sizes and
+    static options share a program: to compile one takes seconds.
+    """
+    if marginal_x is None:
+        marginal_x = jnp.full(len(emb_x), 1 / len(emb_x), emb_x.dtype)
+    if marginal_y is None:
+        marginal_y = jnp.full(len(emb_y), 1 / len(emb_y), emb_y.dtype)
+    plain = {"k0": K0, "num_iters": NUM, "lam": 120.0, "relax": 1.7}
+    plain |= {"scale": "nearest", "unilateral_weight": 1.0, "power": 1.0}
+    return sinkhorn(emb_x, emb_y, marginal_x, marginal_y, **(plain | options))
 
 
 def dense(found):

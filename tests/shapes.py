@@ -1,4 +1,4 @@
-"""Meshes that many tests share, and how they are written."""
+"""Meshes and settings that many tests share, and how meshes are written."""
 
 from functools import cache
 
@@ -7,8 +7,18 @@ import numpy as np
 import trimesh
 from scipy.spatial import KDTree
 
-from jfsf.data import load
+from jfsf import SearchSettings, Settings
+from jfsf.data import Sample, load
 from jfsf.types import Mesh
+
+# A match by small programs, where neither the search nor the details are under test.
+SMALL = Settings(
+    k=40,
+    ks=(30, 40),
+    bend_rounds=3,
+    retry_below=0,
+    search=SearchSettings(samples=60, final_samples=100, assignments=20),
+)
 
 
 @cache
@@ -20,6 +30,18 @@ def small(name, faces):
     )
     near = np.asarray(KDTree(points).query(mesh.vertices)[1])
     return Mesh(points.astype(np.float64), corners.astype(np.int32)), near[vertex]
+
+
+@cache
+def manifold(name):
+    """One of two bodies, decimated without harm, and large enough for a sure map."""
+    body = load(name)
+    points, faces = fast_simplification.simplify(
+        *body.mesh, target_count={"man_walk": 1400, "man_up": 1340}[name], agg=3
+    )
+    template = body.mesh.vertices[body.template_to_vertex]
+    mesh = Mesh(points.astype(np.float64), faces.astype(np.int32))
+    return Sample(mesh, np.asarray(KDTree(mesh.vertices).query(template)[1]))
 
 
 def sphere(subdivisions=2):

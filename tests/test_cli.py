@@ -12,7 +12,6 @@ from io import StringIO
 from pathlib import Path
 from unittest import mock
 
-import fast_simplification
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -20,7 +19,7 @@ import pytest
 import trimesh
 from rich.console import Console
 from scipy.spatial import KDTree
-from shapes import write_off
+from shapes import manifold, write_off
 from typer.testing import CliRunner
 
 from jfsf import __version__
@@ -33,7 +32,6 @@ from jfsf.apps.mapfiles import read_map, read_match, write_map
 from jfsf.apps.plot._colours import body_colours, texture_coordinates
 from jfsf.apps.plot._frames import frame
 from jfsf.apps.report._words import warnings_of
-from jfsf.data import Sample, load
 from jfsf.evaluate import geodesic_error
 from jfsf.matching import match
 from jfsf.mesh import closest, read
@@ -43,7 +41,6 @@ from jfsf.types import Certificate, Mesh
 
 ROOT = Path(__file__).parents[1]
 PAIR = ("man_walk", "man_up")
-FACES = {"man_walk": 1400, "man_up": 1340}  # which leave clean manifolds
 VALUES = {
     "region_cost": np.nan,
     "empty": 0,
@@ -73,19 +70,9 @@ def refused(*args):
     return result.stderr
 
 
-def small(name):
-    sample = load(name)
-    vertices, faces = fast_simplification.simplify(
-        *sample.mesh, target_count=FACES[name], agg=3
-    )[:2]
-    vertices, faces = vertices.astype(np.float64), faces.astype(np.int32)
-    points = sample.mesh.vertices[sample.template_to_vertex]
-    return Sample(Mesh(vertices, faces), np.asarray(KDTree(vertices).query(points)[1]))
-
-
 @pytest.fixture(scope="module")
 def shapes():
-    return {name: small(name) for name in PAIR}
+    return {name: manifold(name) for name in PAIR}
 
 
 @pytest.fixture(scope="module")
@@ -664,6 +651,7 @@ sys.meta_path.insert(0, Finder())
 gc.callbacks.append(at_collection)
 runpy.run_module("jfsf", run_name="__main__", alter_sys=True)
 """
+slow = lambda *values: [pytest.param(v, marks=pytest.mark.slow) for v in values]
 WITH_SIGNALS = pytest.mark.skipif(os.name == "nt", reason="needs signals of POSIX")
 
 
@@ -690,14 +678,17 @@ def ended(process, tmp_path):
 @WITH_SIGNALS
 @pytest.mark.parametrize(
     "when",
-    ["jfsf.apps.cli", "numpy._core.shape_base", "jax.lax", "jfsf.mesh", "collection"],
+    [
+        *("jfsf.apps.cli", "collection"),
+        *slow("numpy._core.shape_base", "jax.lax", "jfsf.mesh"),
+    ],
 )
 def test_an_interrupt_is_not_lost(tmp_path, x, y, when):
     ended(interrupted_match(tmp_path, x, y, when), tmp_path)
 
 
 @WITH_SIGNALS
-@pytest.mark.parametrize("seconds", [0, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6])
+@pytest.mark.parametrize("seconds", [0, 0.2, *slow(0.05, 0.1, 0.4, 0.8, 1.2, 1.6)])
 def test_an_interrupt_is_heeded_at_any_time(tmp_path, x, y, seconds):
     process = interrupted_match(tmp_path, x, y, "never")
     assert process.stdout and process.stdout.read(5) == "ready"

@@ -12,8 +12,6 @@ from shapes import small
 
 import jfsf
 from jfsf import testing
-from jfsf.evaluate import geodesic_error
-from jfsf.initial import SearchSettings
 from jfsf.matching import Settings, carried
 from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._coarse import CoarseCopy, coarse_copy, padded_copies
@@ -213,45 +211,6 @@ def test_arguments_move_to_the_copies():
         real = np.asarray(own.mass) > 0
         assert len(values) == len(real) > real.sum()
         assert np.linalg.norm(values - own.vertices, axis=1)[real].max() < 0.05
-
-
-@pytest.fixture(scope="module")
-def by_copies(all_run_once):
-    # No first map is sure enough. Small programs: the way is under test. The copies are
-    # padded to the size of the whole shapes.
-    search = SearchSettings(samples=60, final_samples=100, assignments=20)
-    doubtful = Settings(
-        k=40,
-        ks=(30, 40),
-        search=search,
-        bend_rounds=3,
-        retry_below=1.0,
-        coarse_vertices=200,
-        nonisometric_attempts=2,
-    )
-    names = []
-    (x, _), (y, _) = small("man_walk", 620), small("man_up", 600)
-    found = jfsf.match(x, y, settings=doubtful, cache=False, progress=names.append)
-    return found, names
-
-
-def test_a_doubtful_pair_is_matched_by_its_copies(by_copies):
-    found, names = by_copies
-    candidates = Settings().search.nonisometric_candidates
-    assert names.count("further starts") == 1 and names.count("spectra") == 1
-    # Those of the first map, those of all on the copies, and no other.
-    assert names.count("refinement") == 2 and candidates > 1
-    tried = len(found.info.source)
-    assert found.info.sources == ["search", *["coarse copies"] * (tried - 1)]
-    assert 1 <= tried <= 3 and names.count("bending and conversion") == 2 + tried - 1
-    assert 0 <= found.certificate.share <= 1
-    assert found.info.confidence.shape == (tried,)
-
-
-def test_the_right_map_stays_the_best(by_copies):
-    (_, gt_x), (y, gt_y) = small("man_walk", 620), small("man_up", 600)
-    at = slice(None, None, 20)
-    assert geodesic_error(by_copies[0].T_xy, y, gt_x[at], gt_y[at]).mean() < 0.05
 
 
 def test_few_coarse_vertices_are_an_error():

@@ -16,9 +16,9 @@ import jax
 import numpy as np
 import pytest
 from documents import PAGES, SOURCES, blocks, docstrings, name
+from shapes import manifold, write_off
 
 from jfsf.apps.mapfiles import write_map
-from jfsf.data import load
 from jfsf.testing import blob_spectrum
 
 PAIR = "man_walk", "man_up"
@@ -46,17 +46,10 @@ def folder(tmp_path_factory):
     """The files of the README's block, and a cache that all pages share."""
     folder = tmp_path_factory.mktemp("pages")
     for shape in PAIR:
-        sample = load(shape)
-        (folder / f"{shape}.off").write_text(off(sample.mesh))
+        sample = manifold(shape)
+        write_off(folder / f"{shape}.off", sample.mesh)
         write_map(folder / f"{shape}.vts", sample.template_to_vertex)
     return folder
-
-
-def off(mesh):
-    counts = f"{len(mesh.vertices)} {len(mesh.faces)} 0"
-    points = [" ".join(map(repr, row)) for row in mesh.vertices.tolist()]
-    faces = [f"3 {a} {b} {c}" for a, b, c in mesh.faces.tolist()]
-    return "\n".join(["OFF", counts, *points, *faces, ""])
 
 
 @pytest.mark.parametrize("page", [of_speed(page) for page in PROGRAMS])

@@ -46,16 +46,20 @@ def test_damage_is_damage_and_comes_from_its_seed(name, monkeypatch):
     [
         ("die", "the process ended with -6"),
         ("hang", "took more than"),
-        ("grow", "MB"),
         ("warn", "warning: of it"),
         ("wrong", "IndexError: list index"),
-        ("nameless", "ValueError: invalid literal"),
-        ("unsound", "AssertionError"),
-        ("print", "loud"),
+        # Each needs a new process.
+        pytest.param("grow", "MB", marks=pytest.mark.slow),
+        pytest.param("nameless", "ValueError: invalid", marks=pytest.mark.slow),
+        pytest.param("unsound", "AssertionError", marks=pytest.mark.slow),
+        pytest.param("print", "loud", marks=pytest.mark.slow),
     ],
 )
-def test_whatever_goes_wrong_is_noticed(reader, tmp_path, suffix, said):
+def test_whatever_goes_wrong_is_noticed(reader, tmp_path, suffix, said, monkeypatch):
+    if suffix == "hang":
+        monkeypatch.setattr(reader, "seconds", 2)
     assert said in reader.read(tmp_path / f"a.{suffix}")
+    monkeypatch.undo()
     # And the next file is read.
     (path := tmp_path / "a.txt").write_bytes(FORMATS["txt"].data)
     assert not reader.read(path)

@@ -1,6 +1,6 @@
 """The laws, from spectra to maps: ZoomOut and conversion."""
 
-from functools import partial
+from functools import cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -60,25 +60,33 @@ PART = smaller(testing.blob(0)).vertices
 N_X, N_Y = len(WHOLE), len(PART)
 # Vertex numbers are those of the sphere, whatever the seed.
 TRUTH = np.argmin(np.linalg.norm(WHOLE[:, None] - PART[None], axis=2), 1)
-PAIR = shapes(0)
-PLAIN = refined(*PAIR, start(*PAIR))
+
+
+@cache
+def pair():
+    return shapes(0)
+
+
+@cache
+def plain():
+    return refined(*pair(), start(*pair()))
 
 
 def test_the_map_is_near_the_truth():
     assert 100 < N_Y < N_X
-    gap = np.linalg.norm(PART[PLAIN.T_xy] - WHOLE, axis=1)
+    gap = np.linalg.norm(PART[plain().T_xy] - WHOLE, axis=1)
     assert gap.mean() < 0.2  # edges are 0.4 long
 
 
 @few
 @given(testing.permutations(N_X), testing.permutations(N_Y))
 def test_relabelling_the_vertices_relabels_the_map(order_x, order_y):
-    pair = [
+    moved = [
         testing.relabel_spectrum(s, o)
-        for s, o in zip(PAIR, (order_x, order_y), strict=True)
+        for s, o in zip(pair(), (order_x, order_y), strict=True)
     ]
-    found = refined(*pair, start(*PAIR))
-    equal(found, testing.relabel_maps(PLAIN, order_x, order_y))
+    found = refined(*moved, start(*pair()))
+    equal(found, testing.relabel_maps(plain(), order_x, order_y))
 
 
 @few
@@ -86,7 +94,7 @@ def test_relabelling_the_vertices_relabels_the_map(order_x, order_y):
 def test_relabelling_the_mesh_relabels_its_spectrum(order):
     mesh = testing.relabel(testing.blob(0), order)
     found = testing.cast(spectrum(mesh, K, tol=1e-9, cache=False), jnp.float64)
-    truth = testing.relabel_spectrum(PAIR[0], order)
+    truth = testing.relabel_spectrum(pair()[0], order)
     np.testing.assert_allclose(found.evals, truth.evals, atol=1e-6)
     overlap = (found.evecs.T * found.mass[None]) @ truth.evecs
     np.testing.assert_allclose(jnp.abs(overlap), np.eye(K), atol=1e-5)
@@ -95,25 +103,30 @@ def test_relabelling_the_mesh_relabels_its_spectrum(order):
 @few
 @given(testing.motions(), testing.seeds)
 def test_rigid_motion_and_scaling_change_nothing(motion, seed):
-    pair = shapes(0, motion, unit=(1e-3, 1.0, 1e3)[seed % 3])
-    equal(refined(*pair, start(*pair)), PLAIN)
+    moved = shapes(0, motion, unit=(1e-3, 1.0, 1e3)[seed % 3])
+    equal(refined(*moved, start(*moved)), plain())
 
 
 @few
 @given(testing.signs(K), testing.signs(K))
 def test_flipping_eigenvectors_changes_nothing(by_x, by_y):
-    pair = [testing.flip_signs(s, b) for s, b in zip(PAIR, (by_x, by_y), strict=True)]
-    equal(refined(*pair, testing.flip_map(start(*PAIR), by_x, by_y)), PLAIN)
+    flipped = [
+        testing.flip_signs(s, b) for s, b in zip(pair(), (by_x, by_y), strict=True)
+    ]
+    equal(refined(*flipped, testing.flip_map(start(*pair()), by_x, by_y)), plain())
     # The start changes with the eigenvectors by itself.
-    equal(refined(*pair, start(*pair)), PLAIN)
+    equal(refined(*flipped, start(*flipped)), plain())
 
 
+# Programs of their own; each of their parts is tested so, too.
+@pytest.mark.slow
 def test_padding_is_invisible():
-    wide = pad(PAIR[0], N_X + 20, 400), pad(PAIR[1], N_Y + 7, 400)
-    found = refined(*wide, start(*PAIR))
-    equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), PLAIN)
+    wide = pad(pair()[0], N_X + 20, 400), pad(pair()[1], N_Y + 7, 400)
+    found = refined(*wide, start(*pair()))
+    equal(Maps(found.T_xy[:N_X], found.T_yx[:N_Y]), plain())
 
 
+@pytest.mark.slow
 def test_vmap_equals_the_loop():
     pairs = [shapes(seed) for seed in range(3)]
     starts = [start(*p) for p in pairs]
@@ -122,15 +135,16 @@ def test_vmap_equals_the_loop():
         for side in zip(*pairs, strict=True)
     ]
     found = jax.vmap(refined)(*stacked, jnp.stack(starts))
-    for i, (pair, C) in enumerate(zip(pairs, starts, strict=True)):
-        equal(Maps(found.T_xy[i], found.T_yx[i]), refined(*pair, C))
+    for i, (own, C) in enumerate(zip(pairs, starts, strict=True)):
+        equal(Maps(found.T_xy[i], found.T_yx[i]), refined(*own, C))
 
 
+@pytest.mark.slow
 def test_float32_agrees_but_for_near_ties():
-    low = [testing.cast(s, jnp.float32) for s in PAIR]
+    low = [testing.cast(s, jnp.float32) for s in pair()]
     found = refined(*low, start(*low))
-    assert (np.asarray(found.T_xy) != np.asarray(PLAIN.T_xy)).mean() < 0.03
-    assert (np.asarray(found.T_yx) != np.asarray(PLAIN.T_yx)).mean() < 0.03
+    assert (np.asarray(found.T_xy) != np.asarray(plain().T_xy)).mean() < 0.03
+    assert (np.asarray(found.T_yx) != np.asarray(plain().T_yx)).mean() < 0.03
 
 
 def test_the_mirror_image_is_wound_outward():

@@ -1,6 +1,7 @@
 """Two meshes to a map, and what must not change it. One size: one compilation."""
 
 import ast
+from dataclasses import replace
 from functools import cache, partial
 from threading import Barrier
 
@@ -8,9 +9,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from conftest import quick_compiler
 from documents import ROOT, blocks
 from scipy.spatial import KDTree
-from shapes import small
+from shapes import SMALL, small
 
 import jfsf
 from jfsf import testing
@@ -25,6 +27,7 @@ from jfsf.matching import (
     _shapes,
     _stages,
     attempt,
+    attempted_pair,
     shape_samples,
 )
 from jfsf.matching._arguments import MatchInputs, checked_initial
@@ -527,21 +530,62 @@ def ten_lines(emb_x, emb_y, marginal_x, marginal_y, search):
     return Maps(T_xy, jnp.argmin(square + far_x[:, None], 0))
 
 
-@pytest.mark.usefixtures("run_once")
-def test_settings_change_any_stage():
+# Another number of eigenpairs, other converters, and copies of both shapes.
+OTHER = replace(
+    SMALL,
+    search=Settings().search,  # with SMALL's the first map is wrong
+    refine_converter=ten_lines,
+    converter=partial(sinkhorn, k0=40),
+    coarse_vertices=200,
+)
+
+
+@pytest.fixture(scope="module")
+def by_copies():
+    """No first map is sure enough. The copies are padded to the size of the shapes."""
     (mesh_x, _), (mesh_y, _) = shapes()
-    mine = jfsf.Settings(
-        retry_below=0,
-        k=150,
-        ks=(30, 60, 100, 150),
-        refine_converter=ten_lines,
-        converter=partial(sinkhorn, k0=40),
-        bend_rounds=0,
-    )
-    found = match(mesh_x, mesh_y, settings=mine)
-    k = len(mesh_x.vertices) // 4  # a quarter of the vertices of the smaller
-    assert found.C_yx.shape == (k, k)
-    assert error(found) < 0.06 and 0 < found.certificate.nn_agreement <= 1
+    doubtful, names = replace(OTHER, retry_below=1.0, nonisometric_attempts=2), []
+    with quick_compiler():
+        found = match(mesh_x, mesh_y, settings=doubtful, progress=names.append)
+    return found, names
+
+
+def test_settings_change_any_stage(by_copies):
+    found, _ = by_copies
+    assert found.C_yx.shape == (40, 40)
+    assert error(found) < 0.05 and 0 < found.certificate.nn_agreement <= 1
+
+
+def test_a_doubtful_pair_is_matched_by_its_copies(by_copies):
+    found, names = by_copies
+    candidates = Settings().search.nonisometric_candidates
+    assert names.count("further starts") == 1 and names.count("spectra") == 1
+    # Those of the first map, those of all on the copies, and no other.
+    assert names.count("refinement") == 2 and candidates > 1
+    tried = len(found.info.source)
+    assert found.info.sources == ["search", *["coarse copies"] * (tried - 1)]
+    assert 1 <= tried <= 3 and names.count("bending and conversion") == 2 + tried - 1
+    assert 0 <= found.certificate.share <= 1
+    assert found.info.confidence.shape == (tried,)
+
+
+@pytest.mark.usefixtures("by_copies", "run_once")  # which compiles most of it
+def test_to_bend_copies_is_as_good_as_to_bend_the_whole():
+    (mesh_x, _), (mesh_y, _) = shapes()
+    large = replace(OTHER, rigid_below=0, copies_above=100)
+    states = [
+        attempted_pair(mesh_x, mesh_y, settings=settings, cache=False)
+        for settings in (large, replace(large, copies_above=10**6))
+    ]
+    found, plain = states
+    assert found.coarse is not None and plain.coarse is None
+    sizes = len(mesh_x.vertices), len(mesh_y.vertices)
+    bent, whole = (s.result(large).without_padding(*sizes) for s in states)
+    assert error(bent) < 1.1 * error(whole) + 1e-3 and error(bent) < 0.05
+    odds = [float(state.best.certificate.log_odds) for state in states]
+    assert odds[0] > odds[1] - 1
+    assert found.seconds["bending and conversion"] > 0
+    assert not np.array_equal(found.best.T_xy, plain.best.T_xy)
 
 
 def functions_of_the_guide():

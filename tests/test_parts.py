@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
+from shapes import SMALL
 
 import jfsf
 from jfsf import data, testing
 from jfsf.apps.mapfiles import MapFileError, read_match, write_match
 from jfsf.geometry import geodesics, pair_distances
-from jfsf.initial import SearchSettings
 from jfsf.matching import _partial
 from jfsf.matching._confidence import region_confidence
 from jfsf.matching._kept_landmarks import MISSED
@@ -66,18 +66,8 @@ PART = cut(WHOLE, HEIGHT < np.quantile(HEIGHT, 0.7))
 N = len(WHOLE.vertices)
 
 
-# Small programs: neither the search nor the details are under test.
-SETTINGS = jfsf.Settings(
-    k=40,
-    ks=(30, 30, 40),
-    retry_below=0,
-    bend_rounds=3,
-    search=SearchSettings(samples=60, final_samples=100, assignments=20),
-)
-
-
 def partial_match(mesh_x, mesh_y, **options):
-    options |= {"settings": SETTINGS, "cache": False}
+    options |= {"settings": SMALL, "cache": False}
     return jfsf.match(mesh_x, mesh_y, partial=True, **options)
 
 
@@ -100,7 +90,7 @@ def found(steps, all_run_once):
 
 
 def test_each_step_says_its_name(found, steps):
-    parts = SETTINGS.parts
+    parts = SMALL.parts
     drawn = [name for name in steps if name.startswith("registration")]
     again = sum("again" in name for name in drawn)
     assert 0 < again <= parts.registered_again
@@ -194,7 +184,7 @@ def test_a_given_map_is_the_only_start_and_landmarks_are_judged(
         initial=TO_PART,
         landmarks=rows,
         orientation="reverse",  # the map knows better
-        settings=replace(SETTINGS, parts=QUICK),
+        settings=replace(SMALL, parts=QUICK),
         cache=False,
         progress=steps.append,
     )
@@ -216,7 +206,7 @@ def test_a_functional_map_is_turned_into_a_map_of_points(found, monkeypatch):
         raise SeenError(np.asarray(T_xy), T_yx)
 
     monkeypatch.setattr(_partial, "match_parts", see)
-    options = {"partial": True, "settings": SETTINGS, "cache": False}
+    options = {"partial": True, "settings": SMALL, "cache": False}
     pair = turned(PART.mesh), WHOLE
     with pytest.raises(SeenError) as seen:
         jfsf.match(*pair, initial=found.C_yx, **options)

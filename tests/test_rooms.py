@@ -6,6 +6,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -18,9 +19,14 @@ LISTED = re.compile(r"^- `(\w+)`: ", re.MULTILINE)
 LINES = 300  # a longer file says why in its docstring
 
 
+@cache
+def parsed(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def listed(package: Path) -> list[str]:
     """The names that the docstring of a package lists, in its order."""
-    tree = ast.parse((package / "__init__.py").read_text())
+    tree = parsed(package / "__init__.py")
     return LISTED.findall(ast.get_docstring(tree) or "")
 
 
@@ -35,7 +41,7 @@ def modules(package: Path) -> set[str]:
 def imported(path: Path) -> list[str]:
     """What a file imports from the package, as dotted names below it."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
             found += [n for n in names if n.startswith("jfsf.")]
@@ -65,12 +71,6 @@ def listed_first(name: list[str], own: list[str]) -> bool:
 ORDER = listed(PACKAGE)
 FOLDERS = sorted(path.parent for path in FILES if path.name == "__init__.py")
 ROOMS = [folder for folder in FOLDERS if folder != PACKAGE]
-each_file = pytest.mark.parametrize(
-    "path", FILES, ids=lambda path: str(path.relative_to(PACKAGE))
-)
-each_room = pytest.mark.parametrize(
-    "room", ROOMS, ids=lambda path: str(path.relative_to(PACKAGE))
-)
 
 
 def test_the_package_lists_its_rooms():
@@ -79,24 +79,24 @@ def test_the_package_lists_its_rooms():
     assert len([p for p in PACKAGE.iterdir() if p.is_file()]) <= 12
 
 
-@each_room
-def test_a_room_lists_its_files(room):
-    names = listed(room)
-    assert set(names) == modules(room) and len(names) == len(set(names))
-    # What is not private is a room of its own, or a page of the guide.
-    public = {name for name in names if not name.startswith("_")}
-    assert room.name == "guide" or all((room / name).is_dir() for name in public)
+def test_a_room_lists_its_files():
+    for room in ROOMS:
+        names = listed(room)
+        assert set(names) == modules(room) and len(names) == len(set(names)), room
+        # What is not private is a room of its own, or a page of the guide.
+        public = {name for name in names if not name.startswith("_")}
+        assert room.name == "guide" or all((room / name).is_dir() for name in public)
 
 
-@each_file
-def test_imports_point_up(path):
-    own = place(path)
-    for name in imported(path) if own else ():
-        module = name.split(".")
-        while module and not is_module(module):
-            module.pop()  # what is imported from the module
-        if name != "__version__":
-            assert listed_first(module, own), f"{path} imports {name}"
+def test_imports_point_up():
+    for path in FILES:
+        own = place(path)
+        for name in imported(path) if own else ():
+            module = name.split(".")
+            while module and not is_module(module):
+                module.pop()  # what is imported from the module
+            if name != "__version__":
+                assert listed_first(module, own), f"{path} imports {name}"
 
 
 def is_module(name: list[str]) -> bool:
@@ -104,32 +104,33 @@ def is_module(name: list[str]) -> bool:
     return path.with_suffix(".py").is_file() or (path / "__init__.py").is_file()
 
 
-@each_file
-def test_the_library_never_imports_an_application(path):
-    if place(path)[:1] not in ([], ["apps"]):
-        assert not [name for name in imported(path) if name.split(".")[0] == "apps"]
+def test_the_library_never_imports_an_application():
+    for path in FILES:
+        if place(path)[:1] not in ([], ["apps"]):
+            apps = [n for n in imported(path) if n.split(".")[0] == "apps"]
+            assert not apps, path
 
 
-@each_file
-def test_public_functions_and_classes_have_docstrings(path):
-    tree = ast.parse(path.read_text())
-    assert ast.get_docstring(tree), f"{path} has no docstring"
-    for node in tree.body:
-        if not isinstance(node, ast.FunctionDef | ast.ClassDef):
-            continue
-        overload = any(ast.unparse(d) == "overload" for d in node.decorator_list)
-        if node.name.startswith("_") or overload:
-            continue
-        assert ast.get_docstring(node), f"{path}: {node.name} has no docstring"
+def test_public_functions_and_classes_have_docstrings():
+    for path in FILES:
+        tree = parsed(path)
+        assert ast.get_docstring(tree), f"{path} has no docstring"
+        for node in tree.body:
+            if not isinstance(node, ast.FunctionDef | ast.ClassDef):
+                continue
+            overload = any(ast.unparse(d) == "overload" for d in node.decorator_list)
+            if node.name.startswith("_") or overload:
+                continue
+            assert ast.get_docstring(node), f"{path}: {node.name} has no docstring"
 
 
-@each_file
-def test_a_long_file_says_why(path):
-    text = path.read_text()
-    if len(text.splitlines()) > LINES:
-        head = ast.get_docstring(ast.parse(text)) or ""
-        said = "file is long because" in " ".join(head.split())
-        assert said, f"{path}: over {LINES} lines without a reason"
+def test_a_long_file_says_why():
+    for path in FILES:
+        text = path.read_text()
+        if len(text.splitlines()) > LINES:
+            head = ast.get_docstring(parsed(path)) or ""
+            said = "file is long because" in " ".join(head.split())
+            assert said, f"{path}: over {LINES} lines without a reason"
 
 
 def test_all_public_names_resolve_without_further_imports():
@@ -157,14 +158,15 @@ def test_the_package_imports_its_parts_on_first_use():
     assert set(jfsf.__all__) | public <= set(dir(jfsf))
 
 
-@each_room
-def test_no_function_shadows_a_module(room):
-    module = importlib.import_module(".".join(["jfsf", *place(room)]))
-    for info in pkgutil.iter_modules(module.__path__):
-        if info.name != "__main__":
-            own = importlib.import_module(f"{module.__name__}.{info.name}")
-            assert getattr(module, info.name) is own
-    assert all(hasattr(module, name) for name in getattr(module, "__all__", ()))
+def test_no_function_shadows_a_module():
+    for room in ROOMS:
+        module = importlib.import_module(".".join(["jfsf", *place(room)]))
+        for info in pkgutil.iter_modules(module.__path__):
+            if info.name != "__main__":
+                own = importlib.import_module(f"{module.__name__}.{info.name}")
+                assert getattr(module, info.name) is own
+        lacks = [n for n in getattr(module, "__all__", ()) if not hasattr(module, n)]
+        assert not lacks, room
 
 
 @pytest.mark.parametrize(
@@ -179,7 +181,7 @@ def test_one_file_imports_a_solver(package, files):
 def roots_imported(path: Path) -> set[str]:
     """Top-level names of the packages that a file imports."""
     found = set()
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in ast.walk(parsed(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             found.add(node.module.partition(".")[0])
         elif isinstance(node, ast.Import):
@@ -187,15 +189,17 @@ def roots_imported(path: Path) -> set[str]:
     return found
 
 
-@each_file
-def test_text_is_read_and_written_as_utf8(path):
-    # Ruff's PLW1514 sees only objects that it knows to be paths or files. Functions
-    # of these names that are not methods are the package's own.
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-            if node.func.attr in ("read_text", "write_text"):
-                names = [keyword.arg for keyword in node.keywords]
-                assert "encoding" in names, f"{path}:{node.lineno}: name the encoding"
+def test_text_is_read_and_written_as_utf8():
+    for path in FILES:
+        # Ruff's PLW1514 sees only objects that it knows to be paths or files. Functions
+        # of these names that are not methods are the package's own.
+        for node in ast.walk(parsed(path)):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                if node.func.attr in ("read_text", "write_text"):
+                    names = [keyword.arg for keyword in node.keywords]
+                    assert "encoding" in names, (
+                        f"{path}:{node.lineno}: name the encoding"
+                    )
 
 
 def test_products_are_precise_in_one_place():

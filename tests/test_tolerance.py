@@ -143,14 +143,14 @@ def test_vmap_equals_the_loop():
     run = lambda *args: sinkhorn(*args[:-2], lam=args[-2], k0=FULL, tol=args[-1])
     found = jax.vmap(run)(*batch, lam, tol)
     for i in range(3):
-        single = run(*(a[i] for a in batch), lam[i], tol[i])
+        single = run(*(a[i] for a in batch), float(lam[i]), float(tol[i]))
         assert single.num_iters == found.num_iters[i] and found.converged[i]
         np.testing.assert_allclose(found.f[i], single.f, atol=1e-8)
 
 
 def test_padding_is_invisible():
     emb_x, emb_y, a, b = problem(3)
-    plain = sinkhorn(emb_x, emb_y, a, b, lam=20.0, k0=9, tol=1e-8)
+    plain = sinkhorn(emb_x, emb_y, a, b, lam=20.0, k0=FULL, tol=1e-8)
     pad = lambda e, m: jnp.pad(e, ((0, m), (0, 0)), constant_values=0.3)
     padded = sinkhorn(
         pad(emb_x, 3),
@@ -158,7 +158,7 @@ def test_padding_is_invisible():
         jnp.pad(a, (0, 3)),
         jnp.pad(b, (0, 5)),
         lam=20.0,
-        k0=9,
+        k0=FULL,
         tol=1e-8,
     )
     np.testing.assert_allclose(dense(padded)[:N_X, :N_Y], dense(plain), atol=1e-10)
@@ -198,13 +198,15 @@ def feasible(seed):
     return sinkhorn(emb_x @ C, emb_y, *marginals, lam=lam, k0=6, tol=1e-12).converged
 
 
-SEEDS = [seed for seed in range(0, 40) if feasible(seed)][:6]
+# Those of the first that are feasible.
+SEEDS = [0, 1, 3, 4, 6, 12]
 ONE_QUICK = [SEEDS[0], *(pytest.param(s, marks=pytest.mark.slow) for s in SEEDS[1:3])]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", SEEDS)
 def test_implicit_gradients_are_finite_differences(seed):
+    assert feasible(seed)
     args, values = arguments(seed), functions(seed)
     value = partial(converged, values=values)
     slopes = jax.grad(value, range(6))(*args)
@@ -255,7 +257,7 @@ def test_gradients_in_float32_under_jit_and_vmap():
         np.testing.assert_allclose(found[i], exact, atol=5e-3 * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("tol", [None, 1e-3])
+@pytest.mark.parametrize("tol", [pytest.param(None, marks=pytest.mark.slow), 1e-3])
 @pytest.mark.parametrize("dtype", FLOATS)
 @given(
     seed=testing.seeds,

@@ -1,6 +1,7 @@
 """Which transformations of jax each function takes: a table of functions by these.
 
-What is traced alone is quick, and tells whether types fit; the slow cells run, too.
+To trace a function under vmap is quick, and tells whether types fit; all other cells
+are for the slow tests, but for those of a few small functions.
 """
 
 import os
@@ -69,6 +70,7 @@ def by_shard_map(run, p):
 def by_vmap(run, p):
     found = jax.eval_shape(jax.vmap(run), stacked(p.C_yx.dtype))
     assert all(x.shape[0] == 2 for x in jax.tree.leaves(found))
+    check_precision(found, p)
 
 
 def by_checking_leaks(run, p):
@@ -77,7 +79,10 @@ def by_checking_leaks(run, p):
 
 
 def by_jit(run, p):
-    found = jax.eval_shape(jax.jit(run), p)
+    check_precision(jax.eval_shape(jax.jit(run), p), p)
+
+
+def check_precision(found, p):
     kinds = {x.dtype for x in jax.tree.leaves(found) if is_real(x)}
     assert kinds <= {p.C_yx.dtype}
 
@@ -132,7 +137,7 @@ RUN = {
     "grad_with_debug_nans": by_grad_with_debug_nans,
     "transfer_guard": by_transfer_guard,
 }
-# Their programs are small. All others are for the slow tests.
+# Their programs are small.
 SMALL = "embeddings", "polar", "pull_back", "plan", "orthogonality", "coverage"
 # These take seconds to trace.
 LONG = (
@@ -148,7 +153,7 @@ def cells():
                 continue
             for dtype in (jnp.float32, jnp.float64):
                 quick = dtype == jnp.float32 and (
-                    name in SMALL if kind in RUN else name not in LONG
+                    name in SMALL or (kind == "vmap" and name not in LONG)
                 )
                 marks = () if quick else (pytest.mark.slow,)
                 at = f"{name}-{kind}-{jnp.dtype(dtype)}"
@@ -160,14 +165,15 @@ def test_cell(name, kind, dtype):
     (TRACED | RUN)[kind](CASES[name].run, problem(dtype))
 
 
-@pytest.mark.parametrize(
-    "name, kind",
-    [(n, "shard_map") for n, case in CASES.items() if "shard_map" in case.cannot],
-)
-def test_what_cannot_be_does_not_work(name, kind):
+SHARDED = [n for n, case in CASES.items() if "shard_map" not in case.cannot]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(CASES.keys() - SHARDED))
+def test_what_cannot_be_does_not_work(name):
     """Else the reason in the table is out of date."""
     with pytest.raises((TypeError, ValueError), match="varying|inconsistent"):
-        TRACED[kind](CASES[name].run, problem(jnp.float32))
+        by_shard_map(CASES[name].run, problem(jnp.float32))
 
 
 @pytest.mark.slow
@@ -187,12 +193,12 @@ def test_vmap_equals_the_loop(name, dtype):
                 assert np.mean(np.asarray(a[i]) == np.asarray(b)) > 0.8
 
 
-def check_two_devices(names):
+def check_two_devices():
     """In a process with two devices: each has the result of its own problem."""
     assert len(jax.devices()) == 2
     mesh = Mesh(np.array(jax.devices()), ("pairs",))
     p, batch = problem(jnp.float64), stacked(jnp.float64)
-    for name in names:
+    for name in SHARDED:
         run = CASES[name].run
         function, given = sharded(run, mesh, p, batch, p._fields)
         found = jax.jit(function)(given)
@@ -206,29 +212,19 @@ TWO_DEVICES = """
 import jax
 jax.config.update("jax_enable_x64", True)
 from test_transformations import check_two_devices
-check_two_devices({names})
+check_two_devices()
 """
 
 
-@pytest.mark.parametrize(
-    "names",
-    [
-        ("zoomout_energy", "embeddings"),
-        pytest.param(
-            tuple(n for n, case in CASES.items() if "shard_map" not in case.cannot),
-            marks=pytest.mark.slow,
-        ),
-    ],
-    ids=["few", "all"],
-)
-def test_two_devices(names):
+@pytest.mark.slow
+def test_two_devices():
     root = Path(__file__).parents[1]
     flags = os.environ.get("XLA_FLAGS", "")
     flags += " --xla_force_host_platform_device_count=2"
     paths = os.pathsep.join([str(root), str(root / "tests")])
     env = {"PYTHONPATH": paths, "JAX_PLATFORMS": "cpu", "XLA_FLAGS": flags}
     done = subprocess.run(
-        [sys.executable, "-c", TWO_DEVICES.format(names=names)],
+        [sys.executable, "-c", TWO_DEVICES],
         env=os.environ | env,
         capture_output=True,
         text=True,

@@ -57,14 +57,12 @@ def test_its_rows_alone_have_neighbours():
     found = algorithm_2(emb_x, emb_y, lam=LAM, k0=K0)
     assert (dense(found) > 0).sum(1).max() <= K0
     assert not np.isfinite(found.kernel.log_yx).any()
-    both = sinkhorn(emb_x, emb_y, k0=K0)
-    assert np.isfinite(both.kernel.log_yx).any()
 
 
 def test_its_sharpness_has_a_unit():
     emb_x, emb_y = draw()
-    plain = algorithm_2(emb_x, emb_y, lam=LAM)
-    twice = algorithm_2(2 * emb_x, 2 * emb_y, lam=LAM / 4)
+    plain = algorithm_2(emb_x, emb_y, lam=LAM, k0=K0)
+    twice = algorithm_2(2 * emb_x, 2 * emb_y, lam=LAM / 4, k0=K0)
     np.testing.assert_allclose(dense(twice), dense(plain), rtol=1e-9, atol=1e-15)
 
 
@@ -195,14 +193,11 @@ def test_the_paper_s_algorithm_differentiates():
 
 
 def test_values_out_of_range_are_refused_by_each_step():
-    emb = jnp.asarray(np.random.default_rng(0).normal(size=(9, 3)))
-    found = sinkhorn(emb, emb, k0=3)
-    mass = jnp.full(9, 1 / 9)
+    found = algorithm_2(*draw(), lam=LAM, k0=K0)
+    mass, other = jnp.full(N_X, 1 / N_X), jnp.full(N_Y, 1 / N_Y)
     with pytest.raises(ValueError, match="algorithm_2: lam is -1.0; give 0 or more"):
-        algorithm_2(emb, emb, lam=-1.0, k0=3)
-    with pytest.raises(ValueError, match="algorithm_2: k0 is 0; give a whole number"):
-        algorithm_2(emb, emb, lam=1.0, k0=0)
-    with pytest.raises(ValueError, match="scale_kernel: marginal_y sums to 2.0"):
-        scale_kernel(found.kernel, mass, 2 * mass)
+        algorithm_2(*draw(), lam=-1.0, k0=K0)
+    with pytest.raises(ValueError, match="scale_kernel: marginal_y sums to"):
+        scale_kernel(found.kernel, mass, 4 * other)
     with pytest.raises(ValueError, match="scale_kernel: relax is 3; give more than 0"):
-        scale_kernel(found.kernel, mass, mass, relax=3)
+        scale_kernel(found.kernel, mass, other, relax=3)
