@@ -417,7 +417,7 @@ def test_so_are_those_of_algorithm_2(lam):
 
 @pytest.mark.parametrize("wrong", [{"relax": 2.5}, {"marginal_y": -np.ones(N_Y)}])
 def test_so_are_those_of_scale_kernel(wrong):
-    found = filtered(*draw(), *(np.full(n, 1 / n) for n in (N_X, N_Y)))
+    found = filtered(*draw())
     given = {"marginal_x": np.full(N_X, 1 / N_X), "marginal_y": np.full(N_Y, 1 / N_Y)}
     run = lambda values: scale_kernel(found.kernel, num_iters=3, **values)
     found = jax.jit(run)(jax.tree.map(jnp.asarray, given | wrong))
