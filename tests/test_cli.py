@@ -27,7 +27,7 @@ from jfsf import __version__
 from jfsf._figures import FIGURES
 from jfsf.apps.cli._app import app
 from jfsf.apps.cli._print import certificate_table, stage_bar
-from jfsf.apps.cli._summary import doubtful_first
+from jfsf.apps.cli._runs import doubtful_first
 from jfsf.apps.export import export_mesh
 from jfsf.apps.mapfiles import read_map, read_match, write_map
 from jfsf.apps.plot._colours import body_colours, texture_coordinates
@@ -370,7 +370,7 @@ def test_match_writes_a_report(folder, x, y, in_pieces, monkeypatch, no_search):
 def test_batch_writes_pages_and_an_index(folder, x, y, monkeypatch, no_search):
     from jfsf.apps.cli._batch_jobs import is_complete, is_matched, work
     from jfsf.apps.cli._pair import pages_of
-    from jfsf.apps.cli._summary import batch_index
+    from jfsf.apps.cli._runs import batch_index
     from jfsf.batch._jobs import Job
     from jfsf.batch._pair_list import PairOptions
 

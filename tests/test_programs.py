@@ -27,8 +27,7 @@ from jfsf.matching import Settings
 from jfsf.runtime import _program_files, _programs
 from jfsf.runtime._programs import compile_ahead, large_jit
 from jfsf.runtime._shared import shared_context
-from jfsf.storage._cache import stored_files
-from jfsf.storage._private import read_private, write_private
+from jfsf.storage._cache import read_private, stored_files, write_private
 
 
 def centred(x, *, axis):

@@ -14,8 +14,7 @@ Read in this order:
 - `_register`: `jfsf register`
 - `_match`: `jfsf match`
 - `_demo`: the comparison that `jfsf demo` runs
-- `_runs`: what the commands of many jobs share
-- `_summary`: the results of many pairs, as a table and as files
+- `_runs`: what the commands of many jobs share; the summary of many pairs
 - `_batch_jobs`: the options of each pair of `jfsf batch`, and its jobs
 - `_batch`: `jfsf batch`
 - `_collection_jobs`: the jobs of `jfsf collection`

@@ -19,10 +19,13 @@ from jfsf.apps.cli._batch_jobs import (
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._known import landmark_names
 from jfsf.apps.cli._print import said, say_result
-from jfsf.apps.cli._runs import bars, begin, note_drawing, raising_interrupts
-from jfsf.apps.cli._summary import (
+from jfsf.apps.cli._runs import (
+    bars,
     batch_index,
+    begin,
     doubtful_first,
+    note_drawing,
+    raising_interrupts,
     summary_row,
     summary_table,
     write_summary,

@@ -44,7 +44,7 @@ def nothing(path: Path) -> None:
 def keep(job, largest: bool, mend: bool) -> None:
     """Write what is kept of a mesh, and put its spectrum into the cache."""
     from jfsf.apps.collections._collection import check_surface
-    from jfsf.apps.collections._pairs import sketch
+    from jfsf.apps.collections._cycles import sketch
     from jfsf.matching import basis
     from jfsf.storage._atomic import write_atomically
 
@@ -65,7 +65,7 @@ def keep(job, largest: bool, mend: bool) -> None:
 
 def kept(path: Path) -> Kept:
     """What `keep` wrote."""
-    from jfsf.apps.collections._pairs import Sketch
+    from jfsf.apps.collections._cycles import Sketch
 
     with np.load(path) as file:
         mesh = Mesh(file["vertices"], file["faces"])

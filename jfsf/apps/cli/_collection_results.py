@@ -13,7 +13,7 @@ from rich.table import Table
 
 from jfsf.apps.cli._collection_jobs import file_of, picture_of_shape
 from jfsf.apps.cli._pair import pages_of
-from jfsf.apps.cli._summary import INDEX
+from jfsf.apps.cli._runs import INDEX
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
 from jfsf.apps.report._html import Row, thumbnail

@@ -11,13 +11,11 @@ Read in this order:
 - `_programs`: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
-- `_place`: landmarks on a mesh
-- `_pair`: which landmarks of two shapes belong together
+- `_place`: landmarks on a mesh, and which of two shapes belong together
 """
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
-from jfsf.apps.landmarks._pair import pair_landmarks
-from jfsf.apps.landmarks._place import to_vertices
+from jfsf.apps.landmarks._place import pair_landmarks, to_vertices
 from jfsf.apps.landmarks._record import Landmarks
 
 __all__ = [
