@@ -365,7 +365,7 @@ def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
         (folder / path.name).write_bytes(b"another's")
         return opened
 
-    monkeypatch.setattr(storage._private, "_open_folder", swapped)
+    monkeypatch.setattr(storage._cache, "_open_folder", swapped)
     assert read_private(path) == private
     assert not marker.exists()
 
