@@ -356,7 +356,7 @@ def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
     # Folder and file are checked as opened: another folder of that name is not read.
     path, marker = hostile
     private = path.read_bytes()
-    real = storage._private._open_folder
+    real = storage._cache._open_folder
 
     def swapped(folder):
         opened = real(folder)
