@@ -95,7 +95,8 @@ class NeighboursBothWays(NamedTuple):
     recall: among tiles the share of points whose nearest neighbour was found, or one at
         most 0.1 % farther; the smaller of both directions. 1 for a direction in which
         all points were compared, else estimated on a sample, by exhaustive search. With
-        `NeighbourSettings.bins` the share of all neighbours, estimated so. nan if no point of the samples takes part.
+        `NeighbourSettings.bins` the share of all neighbours, estimated so. nan if no
+        point of the samples takes part.
     searched_all: whether all points were compared in at least one direction, because
         its recall among tiles was too small or there were no tiles.
     """
