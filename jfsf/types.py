@@ -97,10 +97,9 @@ class NeighboursBothWays(NamedTuple):
     near_yx: the neighbours in X of each point of Y.
     recall: the share of neighbours that the search found, the smaller of both
         directions, estimated by exhaustive search of a sample. Among tiles it counts
-        the points whose nearest neighbour was found, or one at most 0.1 % farther
-        (`NeighbourSettings.tolerance`); with `NeighbourSettings.bins` it counts all
-        neighbours. 1 where all points were compared and all neighbours found. nan if no
-        point of the sample takes part.
+        the points whose nearest neighbour was found, or one at most 0.1 % farther; with
+        `NeighbourSettings.bins` it counts all neighbours. 1 where all points were
+        compared and all neighbours found. nan if no point of the sample takes part.
     searched_all: whether all points were compared in at least one direction, because
         its recall among tiles was too small or there were no tiles.
     """

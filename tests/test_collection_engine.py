@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from jfsf.apps.collections._cycles import Sketch
 from jfsf.apps.collections._engine import join_shapes
 from jfsf.apps.collections._grow import Matched
-from jfsf.apps.collections._pairs import Sketch
 from jfsf.types import Maps
 
 N = 40

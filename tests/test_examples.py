@@ -29,9 +29,9 @@ PROGRAMS = {name(page): "\n".join(blocks(page.read_text(), "python")) for page i
 PROGRAMS = {page: code for page, code in PROGRAMS.items() if code}
 # Programs that run once compile in less time, as with the fixture `run_once`.
 QUICK = """\
-from jfsf.runtime import _compiler
-_compiler.CPU_OPTIONS["xla_backend_optimization_level"] = 0
-del _compiler
+from jfsf.runtime import _programs
+_programs.CPU_OPTIONS["xla_backend_optimization_level"] = 0
+del _programs
 """
 
 

@@ -211,13 +211,6 @@ def test_values_are_attributes_of_the_vertices(tmp_path):
             export_mesh(tmp_path / "bad.ply", X, values={"confidence": bad})
 
 
-def test_own_texture_coordinates_are_carried(tmp_path):
-    uv_y = np.random.default_rng(1).uniform(size=(N_Y, 2))
-    export_map(tmp_path / "x.glb", X, Y, T_XY, uv_y=uv_y)
-    found = by_trimesh(tmp_path / "x.glb")[3]
-    np.testing.assert_allclose(found, uv_y[T_XY], atol=1e-6)
-
-
 def test_up_is_that_of_the_colours(tmp_path):
     standing = coordinate_colours(Y.vertices)[T_XY]
     lying = Y._replace(vertices=Y.vertices[:, [0, 2, 1]] * [1, -1, 1])
@@ -265,7 +258,6 @@ def test_failed_writes_leave_the_old_file(suffix, tmp_path, monkeypatch):
         ("a.ply", {"T_xy": T_XY + 1}, f"from 1 to {N_Y}"),
         ("a.ply", {"T_xy": T_XY * 1.0}, "float64"),
         ("a.ply", {"up": "w"}, "-z; got 'w'"),
-        ("a.obj", {"uv_y": np.zeros((N_X, 2))}, f"Y has {N_Y} vertices, uv_y has"),
         ("a.obj", {"mesh_x": X._replace(faces=X.faces[:0])}, "cloud has no texture"),
         ("a.obj", {"mesh_x": X._replace(faces=X.faces + 2)}, f"names vertex {N_X}"),
     ],

@@ -15,7 +15,7 @@ from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection import _meshes_in
 from jfsf.apps.cli._collection_jobs import keep, kept
 from jfsf.apps.cli._files import matchable
-from jfsf.apps.collections._pairs import Sketch
+from jfsf.apps.collections._cycles import Sketch
 from jfsf.batch._jobs import Job
 from jfsf.mesh import (
     MeshError,
@@ -266,7 +266,9 @@ def test_a_collection_remembers_what_was_said(tmp_path, monkeypatch):
     path = write(tmp_path / "a.off", with_pieces(BLOB, 1))
     numbers = Sketch(*[np.zeros(2)] * len(Sketch._fields))
     monkeypatch.setattr("jfsf.matching.basis", lambda mesh, name: mesh)
-    monkeypatch.setattr("jfsf.apps.collections._pairs.sketch", lambda spectrum: numbers)
+    monkeypatch.setattr(
+        "jfsf.apps.collections._cycles.sketch", lambda spectrum: numbers
+    )
     monkeypatch.setattr(
         "jfsf.apps.collections._collection.check_surface", lambda mesh, name: None
     )

@@ -17,7 +17,16 @@ from jfsf.apps.collections import (
     trust,
     unlikeness,
 )
-from jfsf.apps.collections._cycles import AGREE, Triangle, distance, triangles
+from jfsf.apps.collections._cycles import (
+    AGREE,
+    Sketch,
+    Triangle,
+    distance,
+    first_pairs,
+    more_pairs,
+    sketch,
+    triangles,
+)
 from jfsf.apps.collections._engine import mirrored
 from jfsf.apps.collections._grow import (
     Graph,
@@ -28,7 +37,6 @@ from jfsf.apps.collections._grow import (
 )
 from jfsf.apps.collections._member import Member
 from jfsf.apps.collections._mirror import grow_with_mirrors, mirror_images, suspects
-from jfsf.apps.collections._pairs import Sketch, first_pairs, more_pairs, sketch
 from jfsf.apps.registration import Registration
 from jfsf.mesh import MeshError
 from jfsf.spectral import spectrum

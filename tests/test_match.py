@@ -27,11 +27,11 @@ from jfsf.matching import (
     _shapes,
     _stages,
     attempt,
-    attempted_pair,
     shape_samples,
 )
 from jfsf.matching._arguments import MatchInputs, checked_initial
 from jfsf.matching._kept_landmarks import MISSED
+from jfsf.matching._match import attempted_pair
 from jfsf.matching._pairs import PairState
 from jfsf.matching._steps import given_start, refine_start
 from jfsf.runtime import _programs, _runners

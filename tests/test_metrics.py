@@ -16,6 +16,7 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.fit.reliability import reliability
 from jfsf.evaluate import (
     auc,
     bijectivity,
@@ -30,7 +31,6 @@ from jfsf.evaluate import (
     zoomout_energy,
 )
 from jfsf.evaluate._evaluate import MEASURED
-from jfsf.evaluate._reliability import reliability
 from jfsf.spectral._laplacian import operators
 from jfsf.types import Maps, Mesh
 
@@ -456,16 +456,3 @@ def test_reliability_compares_probabilities_with_what_came():
     rng = np.random.default_rng(0)
     p = rng.uniform(size=50_000)
     assert reliability(p, rng.uniform(size=len(p)) < p).calibration_error < 0.01
-    for bad in ([], [1.1], [np.nan], [[0.5]]):
-        with pytest.raises(ValueError, match="reliability: prob"):
-            reliability(bad, [True] * len(bad))
-    with pytest.raises(ValueError, match=r"right \(2,\)"):
-        reliability([0.5], [True, True])
-    for right in ([7], [np.nan], [0.5]):
-        with pytest.raises(ValueError, match="right runs from"):
-            reliability([0.5], right)
-    for weights in ([0], [-1], [np.nan], [np.inf]):
-        with pytest.raises(ValueError, match="weights run from"):
-            reliability([0.5], [True], weights=weights)
-    with pytest.raises(ValueError, match="bins is 0"):
-        reliability([0.5], [True], bins=0)

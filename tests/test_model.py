@@ -166,21 +166,6 @@ def test_laws_of_alignment(scale):
     np.testing.assert_allclose(renamed, known[:, names], atol=1e-9)
 
 
-def test_missing_vertices_are_not_read():
-    sizes = np.linspace(0.5, 2, S)
-    shapes = np.einsum("sab,nb->sna", TURNS, MEAN) * sizes[:, None, None] + SHIFTS
-    missing = RNG.random((S, N)) < 0.3
-    missing[0, missing.all(0)] = False
-    damaged = np.where(missing[..., None], np.nan, shapes)
-    found = room.align(jnp.asarray(damaged), scale=True, missing=missing)
-    known = room.align(jnp.asarray(shapes), scale=True)
-    np.testing.assert_allclose(found.scale, known.scale, rtol=1e-9)
-    # The first shape is scaled about the centroid of what it has.
-    shift = np.asarray(known.mean).mean(0) - np.asarray(found.mean).mean(0)
-    moved = np.asarray(found.positions) + shift
-    np.testing.assert_allclose(moved, known.positions, atol=1e-8)
-
-
 # Models
 
 
@@ -385,8 +370,6 @@ def test_files_that_are_no_model(tmp_path):
 
 # Bad input
 
-MISSED = np.zeros((S, N), bool)
-MISSED[:, 3] = True
 HOLE = np.zeros((S, N, 1), bool)
 HOLE[2, 5] = True
 
@@ -400,8 +383,6 @@ HOLE[2, 5] = True
         (lambda: room.align(np.where(HOLE, np.nan, MOVED)), "vertex 5 of shape 2"),
         (lambda: room.align(POINTS, weights=np.ones(3)), "weights are .3,"),
         (lambda: room.align(POINTS, weights=-np.ones(N)), "none negative"),
-        (lambda: room.align(POINTS, missing=MISSED[:2]), "missing is"),
-        (lambda: room.fit_model(POINTS, FACES, missing=MISSED), "miss vertex 3"),
         (lambda: room.align((MOVED[0], MOVED[1][:9])), "same vertices"),
         (
             lambda: room.fit_model(np.float32(MOVED + 1e5), FACES),

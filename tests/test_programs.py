@@ -27,8 +27,7 @@ from jfsf.matching import Settings
 from jfsf.runtime import _program_files, _programs
 from jfsf.runtime._programs import compile_ahead, large_jit
 from jfsf.runtime._shared import shared_context
-from jfsf.storage._cache import stored_files
-from jfsf.storage._private import read_private, write_private
+from jfsf.storage._cache import read_private, stored_files, write_private
 
 
 def centred(x, *, axis):
@@ -357,7 +356,7 @@ def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
     # Folder and file are checked as opened: another folder of that name is not read.
     path, marker = hostile
     private = path.read_bytes()
-    real = storage._private._open_folder
+    real = storage._cache._open_folder
 
     def swapped(folder):
         opened = real(folder)
@@ -366,7 +365,7 @@ def test_what_is_swapped_after_the_check_is_not_read(hostile, monkeypatch):
         (folder / path.name).write_bytes(b"another's")
         return opened
 
-    monkeypatch.setattr(storage._private, "_open_folder", swapped)
+    monkeypatch.setattr(storage._cache, "_open_folder", swapped)
     assert read_private(path) == private
     assert not marker.exists()
 

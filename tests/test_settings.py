@@ -13,7 +13,6 @@ import pytest
 
 import jfsf
 from jfsf import (
-    ArapSettings,
     FeatureSettings,
     NeighbourSettings,
     PartSettings,
@@ -22,6 +21,7 @@ from jfsf import (
 from jfsf.array._jit import static, static_key, static_text
 from jfsf.convert import authors_sinkhorn, sinkhorn
 from jfsf.matching import Settings
+from jfsf.refine import ArapSettings
 
 
 def test_equal_content_is_one_key():
@@ -129,7 +129,7 @@ def test_repr_is_what_one_would_write():
     assert "0x" not in text  # no address: the same text in every process
     names = {"partial": partial, **vars(jfsf.convert)}
     names |= {"Weights": jfsf.initial.Weights, "features": jfsf.spectral.features}
-    names |= vars(jfsf.matching)
+    names |= vars(jfsf.matching) | vars(jfsf.refine)
     names |= {name: getattr(jfsf, name) for name in jfsf.__all__}
     assert eval(text, names) == mine
 

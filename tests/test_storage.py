@@ -366,7 +366,7 @@ def test_files_that_vanish_meanwhile_are_no_error(place, monkeypatch):
     assert [file.path for file in files] == paths
     paths[0].unlink()
     limit(monkeypatch, 250)
-    monkeypatch.setattr(storage._folder, "stored_files", lambda: files)
+    monkeypatch.setattr(storage._cache, "stored_files", lambda: files)
     make_room()
     # The first counts as removed.
     assert [path.exists() for path in paths] == [False, False, True, True]

@@ -17,7 +17,7 @@ import numpy as np
 from experiments import command_line, results_file
 from experiments.accuracy import protocol
 from experiments.fit import calibration
-from jfsf.evaluate._reliability import Reliability, reliability
+from experiments.fit.reliability import Reliability, reliability
 
 COLUMNS = 4
 

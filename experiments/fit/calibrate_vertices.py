@@ -22,7 +22,7 @@ from scipy.special import expit, logit
 import jfsf
 from experiments import command_line
 from experiments.accuracy import protocol, vertex_rows
-from jfsf.evaluate._reliability import reliability
+from experiments.fit.reliability import reliability
 from jfsf.matching._vertices import SURE, VERTEX_EVIDENCE, WITHIN
 from jfsf.storage._atomic import write_text
 

@@ -38,8 +38,8 @@ from scipy.stats import mannwhitneyu
 import jfsf
 from experiments import command_line
 from experiments.accuracy import protocol
+from experiments.fit.reliability import reliability
 from jfsf.apps.report._words import LIKELY
-from jfsf.evaluate._reliability import reliability
 from jfsf.matching._confidence import regressor
 from jfsf.storage._atomic import write_text
 

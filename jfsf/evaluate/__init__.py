@@ -4,7 +4,6 @@ Read in this order:
 
 - `_map_metrics`: error, bijectivity, coverage and smoothness of a map; error curves
 - `_functional_metrics`: orthogonality, commutativity and energy of a functional map
-- `_reliability`: whether probabilities hold
 - `_evaluate`: all figures of one map in one call
 """
 

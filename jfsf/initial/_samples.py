@@ -23,7 +23,7 @@ from jfsf.initial._settings import FIT_SIZE, SearchSettings
 from jfsf.initial._terms import ShapeTerms, shape_terms
 from jfsf.neighbours import neighbours
 from jfsf.spectral import Features, farthest_points
-from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic
+from jfsf.spectral._sampling import biharmonic
 from jfsf.types import Spectrum
 
 
@@ -34,7 +34,7 @@ def sample_cells(spec: Spectrum, samples: Int[Array, " s"]) -> Int[Array, "n 2"]
     The first is the sample whose cell has the vertex. Padding lies at the origin of the
     biharmonic embedding.
     """
-    points = biharmonic(spec, DISTANCE_PAIRS)
+    points = biharmonic(spec)
     return neighbours(points, points[samples], k0=2).idx
 
 

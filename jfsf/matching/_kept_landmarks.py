@@ -9,7 +9,7 @@ from jfsf.initial import Start
 from jfsf.matching._settings import Settings
 from jfsf.spectral import Features, embeddings
 from jfsf.spectral._features import LANDMARK_TIMES
-from jfsf.spectral._sampling import DISTANCE_PAIRS, biharmonic, rms_distance
+from jfsf.spectral._sampling import biharmonic, rms_distance
 from jfsf.types import Spectrum
 
 Landmarks = tuple[Int[Array, " l"], Int[Array, " l"]]  # of X, and their partners
@@ -23,17 +23,14 @@ def landmark_distances(
     images: Int[Array, " l"],
     partners: Int[Array, " l"],
     spec: Spectrum,
-    *,
-    distance_pairs: int = DISTANCE_PAIRS,
 ) -> Float[Array, " l"]:
     """Spectral distance from image to partner, relative to the mean of the shape.
 
     Args:
         images, partners: vertices of the shape.
         spec: of the shape; mass 0 is padding.
-        distance_pairs: eigenpairs of the biharmonic distance.
     """
-    points = biharmonic(spec, distance_pairs)
+    points = biharmonic(spec)
     apart = jnp.linalg.norm(points[images] - points[partners], axis=1)
     return apart / rms_distance(points, spec.mass)
 

@@ -22,14 +22,12 @@ from jfsf.runtime._shared import shared_context
 from jfsf.storage import key
 from jfsf.storage._cache import (
     PROGRAM,
+    NotPrivateError,
     limit_bytes,
+    make_private,
     make_room,
     mark_used,
     programs_folders,
-)
-from jfsf.storage._private import (
-    NotPrivateError,
-    make_private,
     read_private,
     write_private,
 )

@@ -26,7 +26,7 @@ from jfsf.runtime._program_files import (
     program_path,
     save_program,
 )
-from jfsf.storage._private import NotPrivateError
+from jfsf.storage._cache import NotPrivateError
 
 # Measured on `match`: half of XLA's time to compile for a CPU, and no more to run. With
 # jax 0.12, whose XLA has no fusion emitters to leave out, the programs take 63 CPU

@@ -10,7 +10,7 @@ from jfsf._exported import exported
 from jfsf.array._jit import check_types, jit
 from jfsf.spectral._descriptors import curvature, hks, standardise, wks
 from jfsf.spectral._orientation import FUNCTIONS, at_vertices, brackets
-from jfsf.spectral._sampling import DISTANCE_PAIRS, restrict
+from jfsf.spectral._sampling import restrict
 from jfsf.types import Spectrum
 
 LANDMARK_TIMES = 10  # heat kernel signatures a landmark
@@ -68,12 +68,10 @@ class Features(NamedTuple):
         """
         return at_vertices(self.spec, self.brackets)
 
-    def at(
-        self, samples: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
-    ) -> "Features":
+    def at(self, samples: Int[Array, " s"]) -> "Features":
         """The features at these vertices alone; see `restrict`."""
         return Features(
-            restrict(self.spec, samples, distance_pairs=distance_pairs),
+            restrict(self.spec, samples),
             self.descriptors[samples],
             self.curvature[samples],
             self.columns[samples],

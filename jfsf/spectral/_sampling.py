@@ -19,13 +19,12 @@ from jfsf.types import Spectrum
 DISTANCE_PAIRS = 30
 
 
-@jit(static_argnames=("num", "distance_pairs"))
+@jit(static_argnames="num")
 def farthest_points(
     spec: Spectrum,
     among: Int[Array, " p"] | None = None,
     *,
     num: int,
-    distance_pairs: int = DISTANCE_PAIRS,
 ) -> Int[Array, " num"]:
     """`num` vertices, each the farthest from those before it.
 
@@ -38,7 +37,6 @@ def farthest_points(
         among: the vertices to choose from; all when absent. Of a large shape, some that
             are spread evenly (`even_points`) save time.
         num: how many.
-        distance_pairs: number of eigenpairs of the distance.
 
     Raises:
         ValueError: `num` is not in 1..n, or above the length of `among`.
@@ -48,7 +46,7 @@ def farthest_points(
         raise ValueError(
             f"farthest_points: num is {num}, there are {count} vertices to choose from"
         )
-    points, mass = biharmonic(spec, distance_pairs), spec.mass
+    points, mass = biharmonic(spec), spec.mass
     if among is not None:
         points, mass = points[among], mass[among]
     square = jnp.sum(points**2, 1)
@@ -71,10 +69,8 @@ def farthest_points(
     return chosen.astype(jnp.int32)
 
 
-@jit(static_argnames=("num", "distance_pairs"))
-def tile_points(
-    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
-) -> Int[Array, " s"]:
+@jit(static_argnames="num")
+def tile_points(spec: Spectrum, *, num: int) -> Int[Array, " s"]:
     """The middle vertex of each of `num` tiles, if that is a power of two below n.
 
     Otherwise there are as many tiles as halving the shape makes: more than num / 2 and
@@ -90,7 +86,7 @@ def tile_points(
     if not 1 <= num <= n:
         raise ValueError(f"tile_points: num is {num}, the shape has {n} vertices")
     held = spectral_tiles(spec, size=-(-n // num))
-    points = biharmonic(spec, distance_pairs)[held.member]
+    points = biharmonic(spec)[held.member]
     weight = held.valid.astype(points.dtype)
     share = weight / jnp.maximum(weight.sum(1), 1)[:, None]
     centre = einsum("tsd,ts->td", points, share)
@@ -99,16 +95,14 @@ def tile_points(
     return jnp.take_along_axis(held.member, at[:, None], 1)[:, 0]
 
 
-@jit(static_argnames=("num", "distance_pairs"))
-def even_points(
-    spec: Spectrum, *, num: int, distance_pairs: int = DISTANCE_PAIRS
-) -> Int[Array, " s"]:
+@jit(static_argnames="num")
+def even_points(spec: Spectrum, *, num: int) -> Int[Array, " s"]:
     """`tile_points`, or all vertices, with padding behind, of a shape that has no more.
 
     Raises:
         ValueError: `num` is not in 1..n.
     """
-    chosen = tile_points(spec, num=num, distance_pairs=distance_pairs)
+    chosen = tile_points(spec, num=num)
     if len(chosen) != num:
         return chosen
     real = spec.mass > 0
@@ -116,10 +110,8 @@ def even_points(
     return jnp.asarray(jnp.where(real.sum() <= num, every, chosen))
 
 
-@jit(static_argnames="distance_pairs")
-def restrict(
-    spec: Spectrum, at: Int[Array, " s"], *, distance_pairs: int = DISTANCE_PAIRS
-) -> Spectrum:
+@jit
+def restrict(spec: Spectrum, at: Int[Array, " s"]) -> Spectrum:
     """The spectrum at the vertices `at`, each with the mass of the cell around it.
 
     Eigenvectors are rows of the full ones, so they are orthonormal only roughly. The
@@ -129,9 +121,8 @@ def restrict(
     Args:
         spec: n vertices.
         at: (s,) vertices, in range (not checked).
-        distance_pairs: number of eigenpairs of the distance that defines the cells.
     """
-    points = biharmonic(spec, distance_pairs)
+    points = biharmonic(spec)
     cell = neighbours(points, points[at], spec.mass[at] > 0, k0=1).idx[:, 0]
     mass = jnp.zeros(len(at), spec.mass.dtype).at[cell].add(spec.mass)
     return Spectrum(spec.evals, spec.evecs[at], mass, spec.faces[:0], spec.vertices[at])

@@ -4,8 +4,7 @@ Read in this order:
 
 - `_text`: files of text that people bring: encodings, tables, stand-ins
 - `_atomic`: files written completely or not at all, and arrays read to their end
-- `_private`: files that only this user can have written
-- `_cache`: the cache folder, its limit, and records kept under a digest of their inputs
+- `_cache`: the cache folder: its limit, records under a digest, and private files
 """
 
 from jfsf.storage._cache import folder, key

@@ -49,7 +49,7 @@ def keep(job, largest: bool, mend: bool) -> None:
     what was made of it counts.
     """
     from jfsf.apps.collections._collection import check_surface
-    from jfsf.apps.collections._pairs import sketch
+    from jfsf.apps.collections._cycles import sketch
     from jfsf.batch._jobs import is_done
     from jfsf.matching import basis
     from jfsf.storage._atomic import write_atomically
@@ -92,7 +92,7 @@ def is_kept(job, largest: bool, mend: bool) -> bool:
 
 def kept(path: Path) -> Kept:
     """What `keep` wrote."""
-    from jfsf.apps.collections._pairs import Sketch
+    from jfsf.apps.collections._cycles import Sketch
 
     with np.load(path) as file:
         mesh = Mesh(file["vertices"], file["faces"])

@@ -110,7 +110,7 @@ def doubts(names: Sequence[str], shapes: Sequence) -> list[str]:
 
 def _apart(signatures) -> np.ndarray:
     """Of each shape the `spectrum_gap` to the most alike one."""
-    from jfsf.apps.collections._pairs import evals_of
+    from jfsf.apps.collections._cycles import evals_of
     from jfsf.matching._certificate import EIGENVALUES
     from jfsf.matching._confidence import LEAST
 

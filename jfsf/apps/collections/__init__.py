@@ -2,8 +2,7 @@
 
 Read in this order:
 
-- `_pairs`: what is kept of each shape; a sparse graph of pairs, from the spectra alone
-- `_cycles`: which maps are right, by the maps round triangles
+- `_cycles`: a sparse graph of pairs, and which maps are right, by those round triangles
 - `_grow`: pairs are matched until sure maps reach every shape, from the template
 - `_mirror`: which shapes are mirror images of the others
 - `_member`: the template on one shape, by its own map and by all ways that lead there
@@ -15,11 +14,10 @@ from typing import TYPE_CHECKING
 
 from jfsf._moved import names_of
 from jfsf.apps.collections._collection import Collection, collection
-from jfsf.apps.collections._cycles import trust
+from jfsf.apps.collections._cycles import trust, unlikeness
 from jfsf.apps.collections._engine import reason
 from jfsf.apps.collections._grow import grow
 from jfsf.apps.collections._member import CollectionSettings, agreed_map
-from jfsf.apps.collections._pairs import unlikeness
 
 __all__ = [
     "Collection",

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from jfsf.apps.collections._cycles import Edge, sketch
 from jfsf.apps.collections._engine import join_shapes, reason
 from jfsf.apps.collections._grow import Graph, Matched, matched
 from jfsf.apps.collections._member import (
@@ -18,7 +19,6 @@ from jfsf.apps.collections._member import (
     member,
 )
 from jfsf.apps.collections._mirror import Mirror, check_mirror
-from jfsf.apps.collections._pairs import Edge, sketch
 from jfsf.apps.model import ShapeModel, fit_model
 from jfsf.initial import orientation_sign
 from jfsf.initial._search import Orientation

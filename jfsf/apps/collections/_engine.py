@@ -13,9 +13,9 @@ from typing import Protocol
 import numpy as np
 from jaxtyping import Int
 
+from jfsf.apps.collections._cycles import Edge, Sketch
 from jfsf.apps.collections._grow import PAIRS_A_SHAPE, Graph, Matched, map_along
 from jfsf.apps.collections._mirror import MatchPairs, Mirror, grow_with_mirrors
-from jfsf.apps.collections._pairs import Edge, Sketch
 from jfsf.initial._search import Orientation
 from jfsf.types import ArrayLike
 

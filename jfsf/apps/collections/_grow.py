@@ -12,12 +12,14 @@ from jaxtyping import Int
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from jfsf.apps.collections._cycles import Triangle, triangles, trust
-from jfsf.apps.collections._pairs import (
+from jfsf.apps.collections._cycles import (
     Edge,
     Sketch,
+    Triangle,
     first_pairs,
     more_pairs,
+    triangles,
+    trust,
     unlikeness,
 )
 from jfsf.types import ArrayLike, Maps, Match

@@ -16,6 +16,7 @@ from typing import Literal, get_args
 import numpy as np
 from jaxtyping import Float
 
+from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
     MIRROR_SHEAR,
     PAIRS_A_SHAPE,
@@ -24,7 +25,6 @@ from jfsf.apps.collections._grow import (
     MirrorTest,
     grow,
 )
-from jfsf.apps.collections._pairs import Edge, Sketch, edge_of, unlikeness
 from jfsf.types import ArrayLike
 
 Mirror = Literal["name", "auto"]

@@ -42,7 +42,6 @@ def export_map(
     *,
     up: Up = "y",
     checker: bool = False,
-    uv_y: Float[ArrayLike, "n_y 2"] | None = None,
     matched_x: Bool[ArrayLike, " n_x"] | None = None,
     colours_y: Float[ArrayLike, "n_y 3"] | None = None,
     values: Mapping[str, ArrayLike] | None = None,
@@ -60,10 +59,9 @@ def export_map(
         up: the axis that points up in Y's file. Y is coloured alone, so that both can
             be written one by one; in a picture it is turned onto X first, and if it
             stands otherwise in its file, colours differ from those.
-        checker: carry a checker from Y to X too, as texture (OBJ and GLB). Viewers
-            multiply it with the colours, or show it alone.
-        uv_y: texture coordinates of Y for it; by default a projection from the front,
-            with `TILES` squares along the longer side.
+        checker: carry a checker from Y to X too, as texture (OBJ and GLB): a projection
+            from the front, with `TILES` squares along the longer side. Viewers multiply
+            it with the colours, or show it alone.
         matched_x: for a match of parts, `Match.matched_x`; all other vertices are grey.
         colours_y: sRGB in [0, 1] of each vertex of Y, such as those of its file
             (`jfsf.mesh.vertex_colours`). When absent its vertices are coloured by their
@@ -91,15 +89,7 @@ def export_map(
             f"{np.shape(colours_y)}"
         )
     colours = matched_colours(pull_back(np.asarray(colours_y), T_xy), matched_x)
-    uv = None
-    if checker or uv_y is not None:
-        if uv_y is None:
-            uv_y = texture_coordinates(body) * (TILES / 2)
-        if np.shape(uv_y) != (n_y, 2):
-            raise ValueError(
-                f"export_map: Y has {n_y} vertices, uv_y has shape {np.shape(uv_y)}"
-            )
-        uv = pull_back(uv_y, T_xy)
+    uv = texture_coordinates(body)[T_xy] * (TILES / 2) if checker else None
     export_mesh(path, mesh_x, colours=colours, uv=uv, values=values)
 
 

@@ -12,13 +12,11 @@ Read in this order:
 - `_morphometrics`: .tps and .pts, and tables of many specimens
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
-- `_place`: landmarks on a mesh
-- `_pair`: which landmarks of two shapes belong together
+- `_place`: landmarks on a mesh, and which of two shapes belong together
 """
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
-from jfsf.apps.landmarks._pair import pair_landmarks
-from jfsf.apps.landmarks._place import to_vertices
+from jfsf.apps.landmarks._place import pair_landmarks, to_vertices
 from jfsf.apps.landmarks._record import Landmarks
 
 __all__ = [

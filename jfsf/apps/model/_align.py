@@ -19,7 +19,6 @@ from jfsf.apps.model._checks import check_shapes, check_weights
 from jfsf.array import einsum, matmul
 from jfsf.array._jit import jit
 from jfsf.array._precision import safe_divide
-from jfsf.geometry._surface import root
 from jfsf.types import ArrayLike
 
 MOST_STEPS = 100  # two shapes need one; twelve bodies in all poses about 20
@@ -30,11 +29,11 @@ ROUNDINGS = 100
 class AlignedShapes(NamedTuple):
     """Shapes moved onto their mean: scale * shape @ rotation.T + translation.
 
-    positions: of all vertices; those of the mean where a shape misses one.
+    positions: of all vertices.
     rotation: of each shape.
     translation: of each shape.
     scale: factor of each shape.
-    mean: of the positions, over the shapes that have the vertex.
+    mean: of the positions.
     size: root of the mean squared distance of a vertex from the centroid, under the
         weights, which all shapes have in common; 0 without `scale`.
     """
@@ -52,7 +51,6 @@ def align(
     *,
     scale: bool = False,
     weights: Float[ArrayLike, " n"] | None = None,
-    missing: Bool[ArrayLike, "s n"] | None = None,
 ) -> AlignedShapes:
     """Move shapes onto their common mean, each by a rotation and a translation.
 
@@ -63,22 +61,18 @@ def align(
     Args:
         shapes: (s, n, 3) positions of vertices that correspond, in one unit.
         scale: also make all shapes equally large, as in geometric morphometrics: their
-            `AlignedShapes.size` agrees, on the vertices that they have. The geometric
-            mean of the scales is 1, so that the unit stays.
+            `AlignedShapes.size` agrees. The geometric mean of the scales is 1, so that
+            the unit stays.
         weights: how much each vertex counts, such as its area; all alike if None.
-        missing: vertices that a shape does not have. Their positions are not read.
-
-    Returns:
-        The shapes; nan in the mean at a vertex that all shapes miss.
 
     Raises:
         ValueError: fewer than two shapes, arrays that do not fit each other, or
             positions or weights that are not finite; or shapes so far from the origin,
             so small or so large that their precision is too coarse.
     """
-    shapes, present = check_shapes("align", shapes, missing, least=2)
+    shapes = check_shapes("align", shapes, least=2)
     weights = check_weights("align", weights, shapes)
-    return align_checked(shapes, weights, present, jnp.asarray(scale))
+    return align_checked(shapes, weights, jnp.asarray(scale))
 
 
 @jit
@@ -98,110 +92,83 @@ def align_onto(
         weights: how much each vertex counts.
         size: `AlignedShapes.size`, to which the shape is scaled; 0 keeps its scale.
     """
-    share = (weights / weights.sum())[None]
-    fit = _fit(shape[None], mean, share, share[0])
-    shape_size = _size(shape, share[0])
-    size = jnp.asarray(size, shape_size.dtype)
-    scale = jnp.where(size > 0, safe_divide(size, shape_size), 1)
-    return _moved(fit, scale[None])[0]
+    share = weights / weights.sum()
+    fit = _fit(shape[None], mean, share)
+    size = jnp.asarray(size, shape.dtype)
+    scale = jnp.where(size > 0, size / jnp.exp(fit.log_size), 1)
+    return _moved(fit, scale)[0] + einsum("n,nd->d", share, mean)[None]
 
 
 @jit
 def align_checked(
     shapes: Float[Array, "s n 3"],
     weights: Float[Array, " n"],
-    present: Bool[Array, "s n"],
     scaled: Bool[Array, ""],
 ) -> AlignedShapes:
-    """`align`, traced: which vertices there are and whether to scale are arrays."""
+    """`align`, traced: whether to scale is an array."""
     share = weights / weights.sum()
-    shapes = jnp.where(present[..., None], shapes, 0)
-    mass = jnp.where(present, share[None], 0)
     tol = ROUNDINGS * float(jnp.finfo(shapes.dtype).eps)
+    onto = lambda fit: _moved(fit, _scales(fit, scaled)).mean(0)
 
     def step(state):
         mean, _, number = state
-        fit = _fit(shapes, mean, mass, share)
-        new = _mean(_moved(fit, _scales(fit, scaled)), present)
+        new = onto(_fit(shapes, mean, share))
         return new, jnp.max(jnp.abs(new - mean)) / jnp.max(jnp.abs(new)), number + 1
 
     def moves(state):
         _, change, number = state
         return (change > tol) & (number < MOST_STEPS)
 
-    # First onto the first shape, by the vertices that both have.
-    first = _fit(shapes, shapes[0], jnp.where(present[:1], mass, 0), share)
-    mean = _mean(_moved(first, _scales(first, scaled)), present)
-    mean = mean - first.at[:1]  # far from the origin floats are coarse
+    # First onto the first shape. The mean is about the origin: far away floats are
+    # coarse.
+    mean = onto(_fit(shapes, shapes[0], share))
     start = mean, jnp.asarray(jnp.inf, mean.dtype), 0
     mean, _, _ = jax.lax.while_loop(moves, step, start)
-    fit = _fit(shapes, mean, mass, share)
+    fit = _fit(shapes, mean, share)
     scale = _scales(fit, scaled)
     # All are turned back together, so that the first keeps its pose.
-    back = fit.rotation[0]
-    at = einsum("sa,ab->sb", fit.at - fit.at[:1], back) + fit.centre[:1]
-    rotation = einsum("ba,sbc->sac", back, fit.rotation)
-    fit = fit._replace(rotation=rotation, at=at)
-    positions = _moved(fit, scale)
-    mean = jnp.where(present.any(0)[:, None], _mean(positions, present), jnp.nan)
-    positions = jnp.where(present[..., None], positions, mean[None])
+    rotation = einsum("ba,sbc->sac", fit.rotation[0], fit.rotation)
+    positions = _moved(fit._replace(rotation=rotation), scale) + fit.centre[:1, None]
     moved = scale[:, None] * einsum("sab,sb->sa", rotation, fit.centre)
-    size = jnp.where(scaled, jnp.exp(jnp.mean(-fit.log_growth)), 0)
-    return AlignedShapes(positions, rotation, at - moved, scale, mean, size)
+    size = jnp.where(scaled, jnp.exp(jnp.mean(fit.log_size)), 0)
+    translation = fit.centre[:1] - moved
+    mean = positions.mean(0)
+    return AlignedShapes(positions, rotation, translation, scale, mean, size)
 
 
 class _Fit(NamedTuple):
-    """Each shape moved onto the mean.
+    """Each shape turned onto the mean.
 
     offsets: of its vertices from its centroid.
-    centre: its centroid before.
-    at: its centroid after.
+    centre: its centroid.
     rotation: of each shape.
-    log_growth: the logarithm of what makes its size 1, were it complete.
+    log_size: the logarithm of its size, 0 for a point.
     """
 
     offsets: Array
     centre: Array
-    at: Array
     rotation: Array
-    log_growth: Array
+    log_size: Array
 
 
-def _fit(shapes, mean, mass, whole):
-    """The best rotation of each shape onto the mean, under its own masses."""
-    total = mass.sum(1, keepdims=True)
-    share = safe_divide(mass, total)
-    centre = einsum("sn,snd->sd", share, shapes)
-    at = einsum("sn,nd->sd", share, mean)
-    offsets, target = shapes - centre[:, None], mean[None] - at[:, None]
-    rotation = nearest_rotation(einsum("sn,sna,snb->sab", share, target, offsets))
-    squares = lambda values: einsum("sn,snd->s", share, values**2)
-    # What the mean's size is on these vertices, beside all of it: a body without its
-    # legs is not a small one.
-    seen = safe_divide(squares(target), _size(mean, whole) ** 2)
-    growth = safe_divide(seen, squares(offsets))
-    log_growth = jnp.log(jnp.where(growth > 0, growth, 1)) / 2
-    return _Fit(offsets, centre, at, rotation, log_growth)
-
-
-def _size(points, share):
-    offsets = points - einsum("n,nd->d", share, points)[None]
-    return root(einsum("n,nd->", share, offsets**2))
+def _fit(shapes, mean, share):
+    """The best rotation of each shape onto the mean, whose centroid does not count."""
+    centre = einsum("n,snd->sd", share, shapes)
+    offsets = shapes - centre[:, None]
+    target = mean - einsum("n,nd->d", share, mean)[None]
+    rotation = nearest_rotation(einsum("n,na,snb->sab", share, target, offsets))
+    squares = einsum("n,snd->s", share, offsets**2)
+    log_size = jnp.log(jnp.where(squares > 0, squares, 1)) / 2
+    return _Fit(offsets, centre, rotation, log_size)
 
 
 def _scales(fit, scaled):
-    log = fit.log_growth - fit.log_growth.mean()
-    return jnp.where(scaled, jnp.exp(log), 1)
+    return jnp.where(scaled, jnp.exp(fit.log_size.mean() - fit.log_size), 1)
 
 
 def _moved(fit, scale):
-    turned = einsum("sab,snb->sna", fit.rotation, fit.offsets)
-    return scale[:, None, None] * turned + fit.at[:, None]
-
-
-def _mean(positions, present):
-    total = einsum("sn,sna->na", present.astype(positions.dtype), positions)
-    return safe_divide(total, present.sum(0).astype(total.dtype)[:, None])
+    """The shapes, turned and scaled, about the origin."""
+    return scale[:, None, None] * einsum("sab,snb->sna", fit.rotation, fit.offsets)
 
 
 @jax.custom_jvp

@@ -14,10 +14,8 @@ from jfsf.mesh._values import check_values
 COARSE = 1e-4
 
 
-def check_shapes(
-    name: str, shapes: Any, missing: Any = None, *, least: int
-) -> tuple[Array, Array]:
-    """Positions (s, n, 3) as floats, and which vertices a shape has (s, n).
+def check_shapes(name: str, shapes: Any, *, least: int) -> Array:
+    """Positions (s, n, 3) as floats.
 
     They are refused where their precision is too coarse for where they lie, or for
     their size.
@@ -25,7 +23,6 @@ def check_shapes(
     Args:
         name: the function that asks; it opens the message.
         shapes: what it was given.
-        missing: (s, n) vertices whose positions are not read, so they may be nan.
         least: how many shapes it needs.
 
     Raises:
@@ -47,40 +44,29 @@ def check_shapes(
         raise ValueError(
             f"{name}: there are {len(shapes)} shapes, it needs {least} or more"
         )
-    if missing is None:
-        missing = np.zeros(shapes.shape[:2], bool)
-    if np.shape(missing) != shapes.shape[:2]:
-        raise ValueError(
-            f"{name}: missing is {np.shape(missing)}, shapes are {shapes.shape[:2]}"
-        )
-    present = ~np.asarray(missing, bool)
-    bad = present & ~np.isfinite(np.asarray(shapes)).all(2)
+    bad = ~np.isfinite(np.asarray(shapes)).all(2)
     if bad.any():
         shape, vertex = np.argwhere(bad)[0]
         raise ValueError(
-            f"{name}: vertex {vertex} of shape {shape} is not finite; name it in "
-            "`missing`, or leave the shape out"
+            f"{name}: vertex {vertex} of shape {shape} is not finite; leave the shape "
+            "out"
         )
-    _check_precision(name, np.asarray(shapes), present)
-    return shapes, jnp.asarray(present)
+    _check_precision(name, np.asarray(shapes))
+    return shapes
 
 
-def _check_precision(name: str, shapes: np.ndarray, present: np.ndarray) -> None:
+def _check_precision(name: str, shapes: np.ndarray) -> None:
     """ValueError for shapes too far away, too small or too large for their precision.
 
     Args:
         name: the function that asks.
         shapes: (s, n, 3).
-        present: (s, n), the vertices that count.
     """
-    at, limits = present[..., None], np.finfo(shapes.dtype)
-    most = np.where(at, shapes, -np.inf).max(1)
-    least = np.where(at, shapes, np.inf).min(1)
-    size = (most - least).max(1)
-    away = np.maximum(np.abs(most), np.abs(least)).max(1)
+    limits = np.finfo(shapes.dtype)
+    size, away = np.ptp(shapes, axis=1).max(1), np.abs(shapes).max((1, 2))
     # Squares of areas are computed.
     smallest, largest = 1e3 * limits.tiny**0.25, 0.1 * limits.max**0.25
-    for i in np.flatnonzero(present.any(1) & (size > 0)):
+    for i in np.flatnonzero(size > 0):
         if limits.eps * away[i] > COARSE * size[i]:
             raise ValueError(
                 f"{name}: shape {i} has size {size[i]:.3g} and lies {away[i]:.3g} from "

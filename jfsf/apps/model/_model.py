@@ -8,7 +8,6 @@ the small matrix of products have half their digits.
 from typing import NamedTuple
 
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from jfsf.apps.model._align import align_checked, align_onto
@@ -55,7 +54,6 @@ def fit_model(
     modes: int | None = None,
     scale: bool = False,
     weights: Float[ArrayLike, " n"] | None = None,
-    missing: Bool[ArrayLike, "s n"] | None = None,
 ) -> ShapeModel:
     """The mean of shapes in correspondence, and how they vary about it, linearly.
 
@@ -74,30 +72,23 @@ def fit_model(
         scale: take away differences of size too.
         weights: weights of the vertices. If None, a third of the area of a vertex's
             faces, as a share of the shape's area, in the mean over the shapes.
-        missing: vertices that a shape does not have; they are put at the mean.
 
     Raises:
-        ValueError: as `align`; a vertex that all shapes miss; or more modes than s - 1.
+        ValueError: as `align`; or more modes than s - 1.
         MeshError: faces that do not fit.
     """
     name = "fit_model"
-    shapes, present = check_shapes(name, positions, missing, least=2)
+    shapes = check_shapes(name, positions, least=2)
     corners = check_faces(name, faces, shapes)
-    nowhere = np.flatnonzero(~present.any(0))
-    if len(nowhere):
-        raise ValueError(
-            f"{name}: all shapes miss vertex {nowhere[0]}, and {len(nowhere)} vertices "
-            "in all; take them out of the shapes and the faces"
-        )
     most = len(shapes) - 1
     if modes is not None and not 1 <= modes <= most:
         raise ValueError(
             f"{name}: modes is {modes}; so many shapes have 1 to {most}, None keeps all"
         )
     if weights is None:
-        weights = vertex_shares(shapes, corners, present)
+        weights = vertex_shares(shapes, corners)
     mass = check_weights(name, weights, shapes)
-    model = fit_checked(shapes, corners, mass, present, jnp.asarray(scale))
+    model = fit_checked(shapes, corners, mass, jnp.asarray(scale))
     return model._replace(
         modes=model.modes[:modes],
         variance=model.variance[:modes],
@@ -109,12 +100,11 @@ def fit_checked(
     shapes: Float[Array, "s n 3"],
     faces: Int[Array, "m 3"],
     weights: Float[Array, " n"],
-    present: Bool[Array, "s n"],
     scaled: Bool[Array, ""],
 ) -> ShapeModel:
     """`fit_model`, traced, with all modes. What it takes is as for `align_checked`."""
     mass = weights / weights.sum()
-    aligned = align_checked(shapes, mass, present, scaled)
+    aligned = align_checked(shapes, mass, scaled)
     mean, modes, variance, scores = _principal(aligned.positions, mass)
     total = variance.sum()
     return ShapeModel(mean, modes, variance, scores, faces, mass, total, aligned.size)
@@ -199,18 +189,15 @@ def _principal(positions, weights):
 
 @jit
 def vertex_shares(
-    shapes: Float[Array, "s n 3"], faces: Int[Array, "m 3"], present: Bool[Array, "s n"]
+    shapes: Float[Array, "s n 3"], faces: Int[Array, "m 3"]
 ) -> Float[Array, " n"]:
     """A third of the area of each vertex's faces, in the mean over the shapes.
 
-    As a share of the shape's area, so each shape counts the same. A face counts in the
-    shapes that have its three corners. The shapes need not be aligned.
+    As a share of the shape's area, so each shape counts the same. The shapes need not
+    be aligned.
     """
-    whole = present[:, faces].all(2)
-    shapes = jnp.where(present[..., None], shapes, 0)
-    areas = jnp.where(whole, face_areas(shapes, faces), 0)
-    areas = safe_divide(areas, areas.sum(1, keepdims=True))
-    mean = safe_divide(areas.sum(0), whole.sum(0).astype(areas.dtype))
+    areas = face_areas(shapes, faces)
+    mean = safe_divide(areas, areas.sum(1, keepdims=True)).mean(0)
     corners = jnp.broadcast_to(mean[:, None], faces.shape)
     return sum_at_vertices(corners, faces, shapes.shape[1]) / mean.sum() / 3
 

@@ -95,7 +95,7 @@ def generality(
             shapes do not have; as `fit`.
         MeshError: as `fit`.
     """
-    shapes, _ = check_shapes("generality", positions, least=3)
+    shapes = check_shapes("generality", positions, least=3)
     corners = check_faces("generality", faces, shapes)
     numbers = jnp.array(_checked("generality", counts, len(shapes) - 2))
     distance, length = _left_out(shapes, corners, numbers, jnp.asarray(scale))
@@ -130,7 +130,7 @@ def specificity(
         ValueError: no samples, numbers of modes that the model does not have, or shapes
             of other vertices.
     """
-    shapes, _ = check_shapes("specificity", positions, least=1)
+    shapes = check_shapes("specificity", positions, least=1)
     if shapes.shape[1:] != model.mean.shape:
         raise ValueError(
             f"specificity: shapes are {shapes.shape}, the model's mean is "
@@ -149,12 +149,11 @@ def specificity(
 def _left_out(shapes, faces, counts, scaled):
     """Distances (s, c), and sqrt(area) (s,) of the shape that is left out."""
     s = len(shapes)
-    present = jnp.ones((s - 1, shapes.shape[1]), bool)
 
     def without(i):
         others = shapes[(i + 1 + jnp.arange(s - 1)) % s]
-        weights = vertex_shares(others, faces, present)
-        model = fit_checked(others, faces, weights, present, scaled)
+        weights = vertex_shares(others, faces)
+        model = fit_checked(others, faces, weights, scaled)
         left = align_onto(model.mean, shapes[i], model.weights, model.size)
         scores = scores_of(model, left, aligned=True)
 

@@ -9,7 +9,7 @@ from jaxtyping import Int
 
 from jfsf._figures import FIGURES
 from jfsf.apps.collections import unlikeness
-from jfsf.apps.collections._pairs import sketch
+from jfsf.apps.collections._cycles import sketch
 from jfsf.apps.mapfiles import MapFileError
 from jfsf.apps.pieces._pieces import (
     TIE,

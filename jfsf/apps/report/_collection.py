@@ -34,7 +34,6 @@ def write_collection_page(
     names: Sequence[str],
     *,
     links: Mapping[str, str] | None = None,
-    title: str = "Shapes by confidence",
 ) -> None:
     """Write the page of a collection.
 
@@ -48,13 +47,12 @@ def write_collection_page(
         graph: of the shapes that could be matched.
         names: of these, in the order of their numbers.
         links: what else there is to open: text -> address relative to the page.
-        title: above all.
     """
     left = sum(row.failed for row in rows)
     counts = f"{len(rows)} shapes, {len(rows) - left} joined, template "
     counts += f"{names[graph.paths.template]}, {len(graph.matched)} pairs matched"
     record = {
-        "title": title,
+        "title": "Shapes by confidence",
         "counts": counts,
         "rows": listed(rows, failed="left out"),
         "links": dict(links or {}),

@@ -108,21 +108,18 @@ class Row(NamedTuple):
 def write_index(
     path: str | os.PathLike[str],
     rows: Sequence[Row],
-    *,
-    title: str = "Pairs by confidence",
 ) -> None:
     """Write a page with a row for each pair, failed and least confident ones first.
 
     Args:
         path: the page, written completely or not at all.
         rows: the pairs, in any order.
-        title: above all.
     """
     failed = sum(row.failed for row in rows)
     counts = f"{len(rows)} pairs, {len(rows) - failed} matched"
     if failed:
         counts += f", {failed} failed"
-    record = {"title": title, "counts": counts, "rows": listed(rows)}
+    record = {"title": "Pairs by confidence", "counts": counts, "rows": listed(rows)}
     write_text(path, page("index", record))
 
 

@@ -43,35 +43,9 @@ def reliability(
         right: (p,) whether each prediction came true.
         weights: (p,) weights of the predictions, not negative; equal when absent.
         bins: number of bins of equal width from 0 to 1.
-
-    Raises:
-        ValueError: no vectors of one length, numbers outside [0, 1], nan, weights that
-            are negative or all 0, or no bins.
     """
     p, right = np.asarray(probability, np.float64), np.asarray(right, np.float64)
     w = np.ones_like(p) if weights is None else np.asarray(weights, np.float64)
-    if p.ndim != 1 or not len(p) or not p.shape == right.shape == w.shape:
-        raise ValueError(
-            f"reliability: probability is {p.shape}, right {right.shape} and weights "
-            f"{w.shape}; pass (p,) of each, p > 0"
-        )
-    if not ((p >= 0) & (p <= 1)).all():
-        raise ValueError(
-            f"reliability: probabilities run from {p.min():g} to {p.max():g}, expected "
-            "numbers in [0, 1]"
-        )
-    if not ((right == 0) | (right == 1)).all():
-        raise ValueError(
-            f"reliability: right runs from {right.min():g} to {right.max():g}, "
-            "expected truth values, 0 or 1"
-        )
-    if not (np.isfinite(w).all() and (w >= 0).all() and w.sum() > 0):
-        raise ValueError(
-            f"reliability: weights run from {w.min():g} to {w.max():g}; pass finite "
-            "numbers, none negative and not all 0"
-        )
-    if bins < 1:
-        raise ValueError(f"reliability: bins is {bins}, it must be 1 or more")
     at = np.minimum((p * bins).astype(int), bins - 1)
     total = np.bincount(at, w, bins)
     sums = [np.bincount(at, w * values, bins) for values in (p, right)]
