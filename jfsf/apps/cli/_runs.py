@@ -114,7 +114,7 @@ def _stop(out, parts, shown: Stages, *_: object) -> None:
             worker.kill()
         remove_unfinished()
         remove_left_over(out)
-        # As at any exit: else semaphores stay. The process of Python that looks for them
+        # As at any exit: else semaphores stay. Python's process that looks for them
         # would name those that another thread makes meanwhile.
         multiprocessing.util._run_finalizers(0)  # type: ignore
         tracker = multiprocessing.resource_tracker._resource_tracker  # type: ignore
