@@ -3,6 +3,7 @@
 import csv
 import io
 import json
+import multiprocessing.resource_tracker
 import multiprocessing.util
 import os
 import signal
@@ -113,8 +114,12 @@ def _stop(out, parts, shown: Stages, *_: object) -> None:
             worker.kill()
         remove_unfinished()
         remove_left_over(out)
-        # As at any exit: else semaphores stay, and a process of Python names them.
+        # As at any exit: else semaphores stay. Python's process that looks for them
+        # would name those that another thread makes meanwhile.
         multiprocessing.util._run_finalizers(0)  # type: ignore
+        tracker = multiprocessing.resource_tracker._resource_tracker  # type: ignore
+        if (number := getattr(tracker, "_pid", None)) is not None:
+            os.kill(number, signal.SIGKILL)
     finally:
         os._exit(INTERRUPTED)
 
