@@ -340,6 +340,11 @@ class Match(NamedTuple):
         within 0.05 of its true partner, geodesically, in sqrt(area)
         (`jfsf.matching.vertex_confidence`); nan where the shapes were not bent onto
         each other, 0 on padding. None for parts.
+    radius_x, radius_y: for each vertex a length in sqrt(area) of the shape that its
+        image lies on. If the map is right on the whole, the image is less than that
+        from the true partner with 90 % probability, geodesically
+        (`jfsf.matching.vertex_radius`); nan where the shapes were not bent onto each
+        other, inf on padding. None for parts.
     membership_x, membership_y: of parts, how clearly each vertex is in the region that
         both share, in [0, 1]; matched_x and matched_y are where it is above one half.
         It falls with the distance of the surfaces after bending, and across their
@@ -362,6 +367,8 @@ class Match(NamedTuple):
     matched_y: Bool[Array, " n_y"] | None = None
     confidence_x: Float[Array, " n_x"] | None = None
     confidence_y: Float[Array, " n_y"] | None = None
+    radius_x: Float[Array, " n_x"] | None = None
+    radius_y: Float[Array, " n_y"] | None = None
     membership_x: Float[Array, " n_x"] | None = None
     membership_y: Float[Array, " n_y"] | None = None
     overlap_x: Float[Array, ""] | None = None
@@ -370,9 +377,9 @@ class Match(NamedTuple):
 
     def without_padding(self, n_x: int, n_y: int) -> "Match":
         """That of the first n_x vertices of X and n_y of Y."""
-        sizes = {
-            **dict.fromkeys(("T_xy", "matched_x", "confidence_x", "membership_x"), n_x),
-            **dict.fromkeys(("T_yx", "matched_y", "confidence_y", "membership_y"), n_y),
-        }
+        kinds = "matched", "confidence", "radius", "membership"
+        of_x, of_y = ([f"{kind}_{side}" for kind in kinds] for side in "xy")
+        sizes = dict.fromkeys(("T_xy", *of_x), n_x)
+        sizes |= dict.fromkeys(("T_yx", *of_y), n_y)
         known = [name for name in sizes if getattr(self, name) is not None]
         return self._replace(**{n: getattr(self, n)[: sizes[n]] for n in known})

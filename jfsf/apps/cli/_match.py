@@ -42,8 +42,8 @@ def match(
             metavar="FILE",
             help="X in the colours of Y, those of its file if it has any, for MeshLab, "
             "Blender and the like: .ply, .obj or .glb. PLY and GLB hold the confidence "
-            "of each vertex too, or of parts the membership. May be given several "
-            "times.",
+            "and the radius of each vertex too, in the unit of Y, or of parts the "
+            "membership. May be given several times.",
         ),
     ] = None,
     checker: opt.CheckerOption = False,
@@ -88,8 +88,10 @@ def match(
 
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the other way; both int32,
     counted from 0), C_yx (the functional map), certificate_* (evidence of quality),
-    confidence_x and confidence_y (how likely each vertex is mapped right) and info_*
-    (which starts were attempted, and how long it took).
+    confidence_x and confidence_y (how likely each vertex is mapped right), radius_x and
+    radius_y (a length for each vertex, in sqrt(area) of the other shape: with 90 %
+    probability its image is less than that off) and info_* (which starts were
+    attempted, and how long it took).
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """
