@@ -12,12 +12,11 @@ from jfsf import testing
 from jfsf.geometry._stretches import MOST_STRETCH
 from jfsf.matching import vertex_confidence, vertex_radius
 from jfsf.matching._vertices import (
-    COVERED,
+    CONFIDENCE_FACTORS,
     EIGENPAIRS,
     LEAST_SLOPE,
     OFFSETS,
     SIGNATURE_TIME,
-    STEEPNESS,
     TIME,
     VERTEX_EVIDENCE,
     VERTEX_FACTORS,
@@ -107,11 +106,12 @@ def test_evidence_against_numpy():
 def test_the_confidence_is_that_of_the_radius():
     radius = jnp.asarray([0.0, WITHIN / 2, WITHIN, 2 * WITHIN, jnp.inf])
     found = np.asarray(vertex_confidence(radius, 0.8))
-    # At the radius it is `COVERED`, by the definition of the radius.
-    np.testing.assert_allclose(found[[0, 2, 4]], [0.8, 0.8 * COVERED, 0], atol=1e-12)
-    missed = (1 - COVERED) ** (2.0**STEEPNESS)
-    np.testing.assert_allclose(found[1], 0.8 * (1 - missed))
-    assert (np.diff(found) <= 0).all()
+    constant, margin, likely = CONFIDENCE_FACTORS.values()
+    logits = constant + likely * np.log(4) + margin * np.log([2, 1, 0.5])
+    np.testing.assert_allclose(found, [1, *1 / (1 + np.exp(-logits)), 0], atol=1e-12)
+    assert (np.diff(found) < 0).all()
+    shares = [vertex_confidence(radius[2], p) for p in (0.0, 0.2, 0.5, 0.9, 1.0)]
+    assert (np.diff(shares) > 0).all()
     assert np.isnan(vertex_confidence(radius, jnp.nan)).all()
     assert np.isnan(vertex_confidence(jnp.asarray([jnp.nan]), 0.8)).all()
 

@@ -1,19 +1,19 @@
 """Fit the radius of a vertex, and test it on kinds that it was not fitted to.
 
-Every set counts alike, of it every pair, and of a pair both directions. Only maps that
-are right on the whole count: the radius is said of these.
+Every set counts alike, of it every pair, and of a pair both directions. For the radius
+only maps that are right on the whole count: it is said of these.
 
 1. Factors: least squares of the logarithm of the error, no piece of evidence counting
    for a vertex where it speaks against it.
 2. The constant: such that 0.9 of the scores, error divided by radius, are at most 1
    (split conformal calibration). The scores of each set are those of factors fitted to
    all others.
-3. The steepness: by the likelihood of "the error is below 0.05 of sqrt(area)".
+3. The confidence, of all maps: logistic, of "the error is below 0.05 of sqrt(area)".
 
 Each set is held out once, with those that share its shapes: all three are fitted to the
 others, and the table says of it what share of the errors the radius holds, how the
-radius ranks the errors within a pair (Spearman), and what it is beside the error. Three
-of the sets have landmarks by people, whose scatter is in the error: `scatter`.
+radius ranks the errors within a pair (Spearman), and what it is beside the error. The
+scatter of landmarks that people set is in their errors (`by_people`).
 
     python -m experiments.fit.calibrate_vertices [RESULT.json] [--out CONSTANTS.json]
 
@@ -25,14 +25,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.optimize import lsq_linear, minimize_scalar
+from scipy.optimize import lsq_linear, minimize
+from scipy.special import expit, logit
 from scipy.stats import spearmanr
 
 import jfsf
 from experiments import command_line
 from experiments.accuracy import protocol, vertex_rows
 from jfsf.evaluate import reliability
-from jfsf.matching._vertices import COVERED, VERTEX_EVIDENCE, WITHIN
+from jfsf.matching._vertices import COVERED, SURE, VERTEX_EVIDENCE, WITHIN
 from jfsf.storage._atomic import write_text
 
 RESULTS = command_line.RESULTS / "vertex_rows.json"
@@ -40,7 +41,7 @@ CONSTANTS = Path(jfsf.__file__).parent / "matching" / "vertex_constants.json"
 LEAST_ERROR = 0.005  # of sqrt(area): smaller ones are the spacing of the vertices
 RIDGE = 1e-3  # on standardised columns, beside the mean loss
 # Landmarks by people, on shapes whose parts need not correspond exactly.
-BY_PEOPLE = "shrec07", "shrec20_full", "calcanei", "cortex_species", "mouse_skulls"
+BY_PEOPLE = "shrec07", "shrec20_full", "calcanei", "mouse_skulls"
 
 
 class Side(NamedTuple):
@@ -59,10 +60,10 @@ class Side(NamedTuple):
 
 
 class Fitted(NamedTuple):
-    """Constant and factors (1 + f,), and k."""
+    """Constants and factors: (1 + f,) of the radius, (3,) of the confidence."""
 
     factors: np.ndarray
-    steepness: float
+    confidence: np.ndarray
 
 
 Sets = dict[str, list[Side]]
@@ -94,12 +95,18 @@ def calibrate(sets: Sets) -> dict[str, Any]:
     shipped = fit(sets)
     names = ("constant", *VERTEX_EVIDENCE)
     held_out = {name: fit(without(sets, name)) for name in sets}
-    table = {name: scores(own, held_out[name]) for name, own in sets.items()}
-    known = [(side, held_out[name]) for name, own in sets.items() for side in own]
-    weights = [1 / len(own) / len(side.errors) for own in sets.values() for side in own]
+    table = {
+        name: {"by_people": name in BY_PEOPLE} | scores(own, held_out[name])
+        for name, own in sets.items()
+    }
+    found = [
+        expit(_columns(side, held_out[name].factors) @ held_out[name].confidence)
+        for name, own in sets.items()
+        for side in own
+    ]
     return {
         "factors": _named(names, shipped.factors),
-        "steepness": round(shipped.steepness, 3),
+        "confidence": _named(("constant", "margin", "likely"), shipped.confidence),
         "radius": f"{COVERED} of the errors of right maps are below",
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "held_out": {
@@ -107,7 +114,7 @@ def calibrate(sets: Sets) -> dict[str, Any]:
                 key: round(float(np.median([row[key] for row in table.values()])), 3)
                 for key in ("coverage", "spearman", "radius_by_error")
             },
-            "confidence": _confidence(known, weights),
+            "confidence": _held(np.concatenate(found), sets),
         },
         "sets": table,
     }
@@ -115,6 +122,7 @@ def calibrate(sets: Sets) -> dict[str, Any]:
 
 def fit(sets: Sets) -> Fitted:
     """All constants."""
+    every = sets
     sets = {name: [s for s in own if s.right] for name, own in sets.items()}
     sets = {name: own for name, own in sets.items() if own}
     factors, (errors, weights) = regressed(sets), _joined(sets)[1:]
@@ -125,8 +133,7 @@ def fit(sets: Sets) -> Fitted:
     ]
     margin = quantile(np.log(np.maximum(errors, 1e-9)) - np.concatenate(found), weights)
     factors[0] += margin
-    radius = np.exp(np.concatenate(found) + margin)
-    return Fitted(factors, _steepness(radius, errors < WITHIN, weights))
+    return Fitted(factors, _logistic(every, factors))
 
 
 def regressed(sets: Sets) -> np.ndarray:
@@ -163,15 +170,28 @@ def quantile(values: np.ndarray, weights: np.ndarray, share: float = COVERED) ->
     return float(values[order][np.searchsorted(below, share - 1e-12)])
 
 
-def _steepness(radius: np.ndarray, right: np.ndarray, weights: np.ndarray) -> float:
-    """k of largest likelihood of "the error is below `WITHIN`"."""
+def _columns(side: Side, factors: np.ndarray) -> np.ndarray:
+    """What the confidence is read from (p, 3), as `jfsf.matching.vertex_confidence`."""
+    margin = np.log(WITHIN) - log_radius(side, factors)
+    one = np.ones(len(margin))
+    likely = logit(np.clip(side.confidence, 1 - SURE, SURE))
+    return np.column_stack([one, margin, likely * one])
 
-    def loss(log_k):
-        missed = (1 - COVERED) ** ((WITHIN / radius) ** np.exp(log_k))
-        likely = np.clip(np.where(right, 1 - missed, missed), 1e-12, 1)
-        return -weights @ np.log(likely)
 
-    return float(np.exp(minimize_scalar(loss, bounds=(-2, 2), method="bounded").x))
+def _logistic(sets: Sets, factors: np.ndarray) -> np.ndarray:
+    """Constant and factors (3,) of the confidence; these are not negative."""
+    columns = np.vstack([_columns(s, factors) for own in sets.values() for s in own])
+    _, errors, weights = _joined(sets)
+    sign = np.where(errors < WITHIN, 1, -1)
+
+    def loss(b):
+        margin = sign * (columns @ b)
+        slope = columns.T @ (-weights * sign * expit(-margin))
+        return weights @ np.logaddexp(0, -margin), slope
+
+    bounds = [(None, None), (0, None), (0, None)]
+    how: Any = {"jac": True, "method": "L-BFGS-B", "bounds": bounds}
+    return minimize(loss, np.zeros(3), **how).x
 
 
 def without(sets: Sets, name: str) -> Sets:
@@ -200,22 +220,14 @@ def scores(own: list[Side], fitted: Fitted) -> dict[str, Any]:
     return sizes | {name: round(float(value), 4) for name, value in values.items()}
 
 
-def _confidence(known: list[tuple[Side, Fitted]], weights: list[float]):
-    """How well the confidence holds, of right maps and wrong ones."""
-    found = [
-        side.confidence
-        * (1 - (1 - COVERED) ** ((WITHIN / np.exp(log_radius(side, b))) ** k))
-        for side, (b, k) in known
-    ]
-    right = np.concatenate([side.errors < WITHIN for side, _ in known])
-    each = np.repeat(weights, [len(side.errors) for side, _ in known])
-    each, found = each / each.sum(), np.concatenate(found)
-    values = {
-        "probability": each @ found,
-        "right": each @ right,
-        "calibration_error": reliability(found, right, weights=each).calibration_error,
-    }
-    return {name: round(float(value), 3) for name, value in values.items()}
+def _held(found: np.ndarray, sets: Sets) -> dict[str, float]:
+    """How well the confidence of all points holds, of right maps and wrong ones."""
+    _, errors, weights = _joined(sets)
+    right = errors < WITHIN
+    held = reliability(found, right, weights=weights)
+    values = weights @ found, weights @ right, held.calibration_error
+    names = "probability", "right", "calibration_error"
+    return dict(zip(names, (round(float(v), 3) for v in values), strict=True))
 
 
 def _joined(sets: Sets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -10,15 +10,16 @@ holds the truth with 90 % probability. e are the numbers of `vertex_evidence`. T
 factors b, none of them negative, were fitted to the logarithms of errors; then b_0 was
 chosen such that 0.9 of the scores, error divided by r, are at most 1: split conformal
 calibration (Papadopoulos et al. 2002; of geodesic errors on manifolds arXiv
-2602.16015). With k, fitted to the same scores, an error is below d with the probability
+2602.16015). An error is below d = 0.05 with the probability
 
-    p_i = c (1 - 0.1^((d / r_i)^k)),
+    p_i = 1 / (1 + exp(-z_i)),  z_i = a_0 + a_margin log(d / r_i) + a_likely logit(c),
 
-c being the confidence of the whole map. All stand in vertex_constants.json beside this
-file, with the data that they were fitted to and the scores on data that they were not
-(experiments/fit/calibrate_vertices.py).
+c being the confidence of the whole map: a logistic regression, of maps that are wrong
+too. All stand in vertex_constants.json beside this file, with the scores on data that
+they were not fitted to (experiments/fit/calibrate_vertices.py).
 """
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -45,11 +46,13 @@ LEAST_SLOPE = 0.01
 LEAST_HEAT = 1e-9
 WITHIN = 0.05  # of sqrt(area): a vertex whose error is less is right
 COVERED = 0.9  # of the errors are below the radius
+SURE = 0.99  # the confidence of a whole map counts up to here, and down to 1 - SURE
 
 _CONSTANTS = read_constants("vertex_constants")
 # The factors b by name: constant, and those of `VERTEX_EVIDENCE`.
 VERTEX_FACTORS: dict[str, float] = _CONSTANTS["factors"]
-STEEPNESS: float = _CONSTANTS["steepness"]  # k above
+# The factors a by name: constant, margin and likely.
+CONFIDENCE_FACTORS: dict[str, float] = _CONSTANTS["confidence"]
 
 
 @jit
@@ -97,8 +100,11 @@ def vertex_confidence(
     Returns:
         In [0, 1]; 0 where the radius is inf; nan where it or `likely` is nan.
     """
-    missed = (1 - COVERED) ** ((WITHIN / radius) ** STEEPNESS)
-    return jnp.asarray(likely).astype(radius.dtype) * (1 - missed)
+    share = jnp.clip(jnp.asarray(likely), 1 - SURE, SURE)
+    of_map = CONFIDENCE_FACTORS["constant"]
+    of_map = of_map + CONFIDENCE_FACTORS["likely"] * jnp.log(share / (1 - share))
+    margin = CONFIDENCE_FACTORS["margin"] * jnp.log(WITHIN / radius)
+    return jax.nn.sigmoid(margin + of_map.astype(radius.dtype))
 
 
 @jit
