@@ -60,12 +60,13 @@ def measured(x: datasets.Shape, y: datasets.Shape) -> dict[str, Any]:
     """One row: mean error and confidence of the map, and both sides of the pair."""
     settings = jfsf.Settings()
     state = attempted_pair(x.mesh, y.mesh, settings=settings)
-    match = state.result(settings)
+    match = state.result(settings)  # without padding
     at = chosen(len(x.truth))
     on = x.truth[at], y.truth[at]
     roots = [np.sqrt(surface_area(shape.mesh)) for shape in (x, y)]
     errors = [
-        geodesics(goal.mesh, there)[np.arange(len(at)), np.asarray(T)[here]] / root
+        np.asarray(geodesics(goal.mesh, there))[range(len(at)), np.asarray(T)[here]]
+        / root
         for goal, here, there, T, root in (
             (y, *on, match.T_xy, roots[1]),
             (x, *on[::-1], match.T_yx, roots[0]),

@@ -204,9 +204,7 @@ def scores(own: list[Side], fitted: Fitted) -> dict[str, Any]:
     right = [side for side in own if side.right]
     radius = [np.exp(log_radius(side, fitted.factors)) for side in right]
     held = [(s.errors <= r).mean() for s, r in zip(right, radius, strict=True)]
-    ranks = [
-        spearmanr(s.errors, r).statistic for s, r in zip(right, radius, strict=True)
-    ]
+    ranks = [spearmanr(s.errors, r)[0] for s, r in zip(right, radius, strict=True)]
     error = np.median(np.concatenate([side.errors for side in right]))
     found = np.median(np.concatenate(radius))
     values = {

@@ -125,7 +125,10 @@ def vertex_evidence(
     - apart: the distance of i, when X is bent onto Y, from j at rest
 
     What is a mean is one over the surface, by the heat kernel of the shape; the column
-    is the logarithm of it plus its offset (`OFFSETS`). (TRIED)
+    is the logarithm of it plus its offset (`OFFSETS`). Turned normals, the way there
+    and back, the two bendings compared, the spacing of the vertices, how featureless
+    the surface is and the confidence of the map were tried beside these, and add
+    nothing on sets that the factors were not fitted to.
 
     Args:
         maps, aligned, pair: as `vertex_radius`.

@@ -170,10 +170,10 @@ def transfer(
         )
     if match is not None:
         radius = match.radius_y if source is Source.y else match.radius_x
-        if work.corners is not None and np.shape(radius) == (len(own.vertices),):
+        radius = np.asarray([] if radius is None else radius)
+        if work.corners is not None and len(radius) == len(own.vertices):
             # In the unit of the file they go to.
-            lengths = np.asarray(radius)[work.corners].max(1)
-            lengths = lengths * np.sqrt(surface_area(mesh_x))
+            lengths = radius[work.corners].max(1) * np.sqrt(surface_area(mesh_x))
             for number, length in enumerate(lengths):
                 name = result.names[number] or number + 1
                 say(f"{name}: within {length:.3g}, 90 %, if the map is right")
