@@ -37,14 +37,14 @@ class Work(NamedTuple):
     carry: what is laid -> the result.
     write: the result -> its file.
     unknown: what the result has where the shape with the things has no surface.
-    corners: (l, 3) the vertices round each landmark; None for what is no landmarks.
+    placed: where landmarks lie on their shape (`jfsf.apps.landmarks`); else None.
     """
 
     what: str
     carry: Callable[[Any], Any]
     write: Callable[[Any], None]
     unknown: str
-    corners: np.ndarray | None = None
+    placed: Any = None
 
 
 def transfer(
@@ -171,9 +171,10 @@ def transfer(
     if match is not None:
         radius = match.radius_y if source is Source.y else match.radius_x
         radius = np.asarray([] if radius is None else radius)
-        if work.corners is not None and len(radius) == len(own.vertices):
+        if work.placed is not None and len(radius) == len(own.vertices):
             # In the unit of the file they go to.
-            lengths = radius[work.corners].max(1) * np.sqrt(surface_area(mesh_x))
+            lengths = (radius[work.placed.corners] * work.placed.weights).sum(1)
+            lengths *= np.sqrt(surface_area(mesh_x))
             for number, length in enumerate(lengths):
                 name = result.names[number] or number + 1
                 say(f"{name}: within {length:.3g}, 90 %, if the map is right")
@@ -234,7 +235,7 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
         raise ValueError(f"{out}: landmarks are written as {FORMATS}")
     found = read_landmarks(path)
     try:
-        corners = np.asarray(on_surface(found, own).corners)
+        there = on_surface(found, own)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return Work(
@@ -242,7 +243,7 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
         lambda on: landmarks(on, found),
         lambda carried: write_landmarks(out, carried),
         "landmarks there are at the nearest points",
-        corners,
+        there,
     )
 
 
