@@ -103,7 +103,8 @@ def made_up(vertices, rng, *, sets=4, points=2000):
     factors = np.array([0.0, 0.6, 0.0, 0.4])
     for name in range(sets):
         evidence = rng.normal(size=(points, f))
-        scale = 0.02 * np.exp(factors[0] + evidence @ factors[1:])
+        # Far above `LEAST_ERROR`, which is added to errors.
+        scale = np.exp(factors[0] + evidence @ factors[1:])
         errors = scale * np.abs(rng.normal(size=points))
         # The second speaks for a vertex, which must not count.
         evidence[:, 1] = -np.log(errors)
