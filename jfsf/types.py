@@ -370,6 +370,14 @@ class Match(NamedTuple):
         its true partner, in geodesic distance over sqrt(area)
         (`jfsf.matching.vertex_confidence`); nan where the shapes were not deformed onto
         each other, 0 on padding. None for parts.
+    radius_x: for each vertex of X a length in sqrt(area) of Y: if the map is right on
+        the whole, the image is less than that from the true partner with 90 %
+        probability, in geodesic distance (`jfsf.matching.vertex_radius`); nan where the
+        shapes were not deformed onto each other, inf on padding. None for parts.
+    radius_y: for each vertex of Y a length in sqrt(area) of X: if the map is right on
+        the whole, the image is less than that from the true partner with 90 %
+        probability, in geodesic distance (`jfsf.matching.vertex_radius`); nan where the
+        shapes were not deformed onto each other, inf on padding. None for parts.
     membership_x: of parts, how clearly each vertex of X is in the region that both
         share, in [0, 1]; `matched_x` is where it is above one half. It falls with the
         distance of the surfaces after the deformation, and across their boundaries. It
@@ -393,6 +401,8 @@ class Match(NamedTuple):
     matched_y: Bool[Array, " n_y"] | None = None
     confidence_x: Float[Array, " n_x"] | None = None
     confidence_y: Float[Array, " n_y"] | None = None
+    radius_x: Float[Array, " n_x"] | None = None
+    radius_y: Float[Array, " n_y"] | None = None
     membership_x: Float[Array, " n_x"] | None = None
     membership_y: Float[Array, " n_y"] | None = None
     overlap_x: Float[Array, ""] | None = None
@@ -401,9 +411,9 @@ class Match(NamedTuple):
 
     def without_padding(self, n_x: int, n_y: int) -> "Match":
         """The match of the first n_x vertices of X and the first n_y of Y."""
-        sizes = {
-            **dict.fromkeys(("T_xy", "matched_x", "confidence_x", "membership_x"), n_x),
-            **dict.fromkeys(("T_yx", "matched_y", "confidence_y", "membership_y"), n_y),
-        }
+        kinds = "matched", "confidence", "radius", "membership"
+        of_x, of_y = ([f"{kind}_{side}" for kind in kinds] for side in "xy")
+        sizes = dict.fromkeys(("T_xy", *of_x), n_x)
+        sizes |= dict.fromkeys(("T_yx", *of_y), n_y)
         known = [name for name in sizes if getattr(self, name) is not None]
         return self._replace(**{n: getattr(self, n)[: sizes[n]] for n in known})

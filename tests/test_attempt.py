@@ -61,6 +61,10 @@ def test_spectra_are_matched():
     for likely, n in ((match.confidence_x, n_x), (match.confidence_y, n_y)):
         assert likely.dtype == "f4" and not likely[n:].any()
         assert 0.2 < likely[:n].mean() < 1 and likely.min() >= 0 and likely.max() <= 1
+    assert match.radius_x is not None and match.radius_y is not None
+    for radius, n in ((match.radius_x, n_x), (match.radius_y, n_y)):
+        assert radius.dtype == "f4" and np.isinf(radius[n:]).all()
+        assert np.isfinite(radius[:n]).all() and radius.min() > 0
 
 
 @pytest.mark.slow

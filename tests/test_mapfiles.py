@@ -122,6 +122,8 @@ def test_ground_truth(tmp_path):
 OPTIONAL = {
     "confidence_x": jnp.linspace(0, 1, 6, dtype="f4"),
     "confidence_y": jnp.array([0.1, np.nan, 0.3, 1]),
+    "radius_x": jnp.linspace(0, 3, 6, dtype="f4"),
+    "radius_y": jnp.array([0.1, np.nan, 0.3, np.inf]),
     "membership_x": jnp.linspace(0, 1, 6, dtype="f4"),
     "membership_y": jnp.array([0.1, 0.9, 0.3, 1]),
     "matched_x": jnp.arange(6) > 2,
@@ -148,6 +150,7 @@ def test_what_a_match_may_have_is_written_and_read(tmp_path):
         ("confidence_x", np.zeros(5, "f4"), r"float32 \(5,\), .*probabilities \(6,\)"),
         ("confidence_x", np.arange(6), "expected probabilities"),
         ("confidence_x", np.arange(6) / 2.5, "from 0 to 2"),
+        ("radius_x", np.arange(6) - 1.0, "lengths from 0 to inf"),
         ("membership_x", np.arange(6) / 2.5, "memberships from 0"),
         ("matched_x", np.zeros(6), r"float64 \(6,\), expected bool \(6,\)"),
         ("overlap_x", np.ones(3), "expected a number"),

@@ -660,6 +660,26 @@ def test_the_command_carries_a_texture_and_landmarks(folder):
     assert np.linalg.norm(tip.points - bent(at)) < 0.05 * UNIT
 
 
+def test_the_command_says_how_far_off_landmarks_may_be(folder):
+    figures = jnp.asarray(0.9)
+    evidence = Certificate(*(figures for _ in Certificate._fields))
+    radius = np.linspace(0.01, 0.02, N_Y)
+    match = jfsf.Match(
+        T_XY.astype(np.int32),
+        KDTree(COARSE.vertices).query(Y.vertices)[1].astype(np.int32),
+        np.eye(20),
+        evidence._replace(landmarks=jnp.zeros(0), finite=jnp.asarray(True)),
+        radius_y=radius,
+    )
+    write_match(folder / "sure.npz", match)
+    write_landmarks(folder / "tip.csv", Landmarks(("tip",), Y.vertices[[7]]))
+    args = "--landmarks", folder / "tip.csv", "--out", folder / "tip.pp"
+    found = run(folder / "x.off", folder / "y.off", folder / "sure.npz", *args)
+    assert found.exit_code == 0, found.output
+    length = radius[7] * np.sqrt(surface_area(read(folder / "x.off")))
+    assert f"tip: within {length:.3g}, 90 %" in " ".join(found.output.split())
+
+
 def test_the_command_takes_what_repair_is_for(folder):
     rows = [f"v {x} {y} {z}" for x, y, z in X.vertices] + ["v nan 0 0"]
     rows += [f"f {a} {b} {c}" for a, b, c in X.faces + 1]

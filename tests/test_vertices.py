@@ -1,4 +1,6 @@
-"""The confidence of a vertex: its evidence against plain numpy, and what it obeys."""
+"""The radius of a vertex: its evidence against plain numpy, and what it obeys."""
+
+from itertools import combinations
 
 import jax
 import jax.numpy as jnp
@@ -8,15 +10,17 @@ import pytest
 
 from jfsf import testing
 from jfsf.geometry._surface import MOST_STRETCH
-from jfsf.matching import vertex_confidence
+from jfsf.matching import vertex_confidence, vertex_radius
 from jfsf.matching._vertices import (
-    APART,
+    CONFIDENCE_FACTORS,
     EIGENPAIRS,
+    LEAST_SLOPE,
     OFFSETS,
+    SIGNATURE_TIME,
     TIME,
     VERTEX_EVIDENCE,
     VERTEX_FACTORS,
-    changed_vertex_confidence,
+    WITHIN,
     vertex_evidence,
 )
 from jfsf.runtime._sizes import pad
@@ -49,22 +53,35 @@ def strain_of(points, moved, faces):
     return np.sqrt(total / weight)
 
 
-def expected(spec, other, moved, T, other_strain):
-    points, faces, target, others, mass, evals, evecs = map(
-        np.asarray,
-        (
-            *(spec.vertices, spec.faces, other.vertices, other.faces),
-            *(spec.mass, spec.evals, spec.evecs),
-        ),
+def signature_of(spec):
+    """Its logarithm, and twice the mean square of its slopes along edges around."""
+    evals, evecs, faces, points = map(
+        np.asarray, (spec.evals, spec.evecs, spec.faces, spec.vertices)
     )
-    normal = oracles.normals(target, others)[T]
-    apart = np.linalg.norm(moved - target[T], axis=1)
-    alike = (oracles.normals(moved, faces) * normal).sum(1)
-    misfit = 1 - alike * np.sign(mass @ alike) + apart / APART
-    strain = (strain_of(points, moved, faces) + other_strain[T]) / 2
-    columns = np.stack([strain, misfit], 1)
+    values = np.log((evecs**2 * np.exp(-SIGNATURE_TIME * evals)).sum(1))
+    rise, run = np.zeros(len(points)), np.zeros(len(points))
+    for face in faces:
+        for a, b in combinations(face, 2):
+            rise[face] += (values[a] - values[b]) ** 2
+            run[face] += ((points[a] - points[b]) ** 2).sum()
+    return values, 2 * rise / run
+
+
+def expected(spec, other, moved, T, strain, other_strain):
+    target, mass, evals, evecs = map(
+        np.asarray, (other.vertices, spec.mass, spec.evals, spec.evecs)
+    )
+    (own, slope), (others, other_slope) = signature_of(spec), signature_of(other)
+    columns = [
+        (own - others[T]) ** 2,
+        (slope + other_slope[T]) / 2,
+        (strain + other_strain[T]) / 2,
+        np.linalg.norm(moved - target[T], axis=1),
+    ]
     heat = evecs @ np.diag(np.exp(-TIME * evals)) @ evecs.T @ np.diag(mass)
-    return np.log(np.maximum(heat @ columns, 0) + [*OFFSETS.values()])
+    differ, slope, strain, apart = np.maximum(heat @ np.stack(columns, 1), 0).T
+    shift = np.sqrt(differ / (slope + LEAST_SLOPE))
+    return np.log(np.stack([shift, strain, apart], 1) + [*OFFSETS.values()])
 
 
 def test_evidence_against_numpy():
@@ -74,54 +91,40 @@ def test_evidence_against_numpy():
         strain_of(np.asarray(s.vertices), m, np.asarray(s.faces))
         for s, m in zip(PAIR, moved, strict=True)
     ]
-    x = expected(SPEC, OTHER, moved[0], np.asarray(MAPS.T_xy), strains[1])
-    y = expected(OTHER, SPEC, moved[1], np.asarray(MAPS.T_yx), strains[0])
+    x = expected(SPEC, OTHER, moved[0], np.asarray(MAPS.T_xy), *strains)
+    y = expected(OTHER, SPEC, moved[1], np.asarray(MAPS.T_yx), *strains[::-1])
     found = vertex_evidence(MAPS, NOISY, PAIR)
     assert found[0].shape == (N, len(VERTEX_EVIDENCE))
     np.testing.assert_allclose(found[0], x, atol=1e-6)
     np.testing.assert_allclose(found[1], y, atol=1e-6)
     # As the factors say, too.
-    share = 0.8
-    logit = VERTEX_FACTORS["constant"] + VERTEX_FACTORS["likely"] * np.log(
-        share / (1 - share)
-    )
-    logit = logit + x @ [VERTEX_FACTORS[name] for name in VERTEX_EVIDENCE]
-    found = vertex_confidence(MAPS, NOISY, PAIR, share)[0]
-    np.testing.assert_allclose(found, 1 / (1 + np.exp(-logit)), atol=1e-6)
+    log_radius = x @ [VERTEX_FACTORS[name] for name in VERTEX_EVIDENCE]
+    radius = np.exp(log_radius + VERTEX_FACTORS["constant"])
+    np.testing.assert_allclose(vertex_radius(MAPS, NOISY, PAIR)[0], radius, rtol=1e-6)
 
 
-def test_more_evidence_against_it_never_helps():
-    assert VERTEX_FACTORS.keys() == {"constant", *VERTEX_EVIDENCE, "likely"}
-    assert all(VERTEX_FACTORS[name] < -0.1 for name in VERTEX_EVIDENCE)
-    assert VERTEX_FACTORS["likely"] > 0.1
-    sure = [
-        np.asarray(vertex_confidence(MAPS, NOISY, PAIR, p)[0])
-        for p in (0.0, 0.2, 0.5, 0.9, 1.0)
-    ]
-    assert (np.diff(sure, axis=0) > 0).all()
-    assert np.min(sure) >= 0 and np.max(sure) <= 1
+def test_the_confidence_is_that_of_the_radius():
+    radius = jnp.asarray([0.0, WITHIN / 2, WITHIN, 2 * WITHIN, jnp.inf])
+    found = np.asarray(vertex_confidence(radius, 0.8))
+    constant, margin, likely = CONFIDENCE_FACTORS.values()
+    logits = constant + likely * np.log(4) + margin * np.log([2, 1, 0.5])
+    np.testing.assert_allclose(found, [1, *1 / (1 + np.exp(-logits)), 0], atol=1e-12)
+    assert (np.diff(found) < 0).all()
+    shares = [vertex_confidence(radius[2], p) for p in (0.0, 0.2, 0.5, 0.9, 1.0)]
+    assert (np.diff(shares) > 0).all()
+    assert np.isnan(vertex_confidence(radius, jnp.nan)).all()
+    assert np.isnan(vertex_confidence(jnp.asarray([jnp.nan]), 0.8)).all()
 
 
-def test_it_follows_the_confidence_of_the_whole_map():
-    for before, now in ((0.3, 0.8), (0.999, 0.5), (0.0, 1.0)):
-        old, new = (vertex_confidence(MAPS, NOISY, PAIR, p)[0] for p in (before, now))
-        np.testing.assert_allclose(
-            changed_vertex_confidence(old, before, now), new, rtol=1e-9
-        )
-
-
-def test_a_mirrored_bending_is_no_turn():
-    flip = jnp.asarray([[-1.0, 1, 1]])
-    points = bent(SPEC.vertices, SPEC.vertices)
-    mirrored = SPEC._replace(vertices=SPEC.vertices * flip)
-    one = vertex_evidence(SAME, points, (SPEC, SPEC))[0]
-    # Y is the mirror image, wound as X: its normals point inward.
-    moved = bent(mirrored.vertices, SPEC.vertices)
-    inward = SPEC._replace(
-        vertices=mirrored.vertices, faces=SPEC.faces[:, jnp.array([0, 2, 1])]
-    )
-    other = vertex_evidence(SAME, moved, (SPEC, inward))[0]
-    np.testing.assert_allclose(one, other, atol=1e-6)
+def test_more_evidence_against_it_never_makes_the_radius_smaller():
+    assert VERTEX_FACTORS.keys() == {"constant", *VERTEX_EVIDENCE}
+    assert all(VERTEX_FACTORS[name] > 0.05 for name in VERTEX_EVIDENCE)
+    # Farther apart everywhere, and bent as much.
+    moved = NOISY.moved_x, NOISY.moved_y
+    farther = bent(*(m + 1.0 for m in moved if m is not None))
+    near, far = (vertex_radius(MAPS, one, PAIR) for one in (NOISY, farther))
+    for before, after in zip(near, far, strict=True):
+        assert (after > before).all()
 
 
 def test_a_damaged_map_is_doubted_just_there():
@@ -136,10 +139,9 @@ def test_a_damaged_map_is_doubted_just_there():
     maps = Maps(jnp.asarray(T), jnp.arange(n))
     # The bending follows the map.
     aligned = Aligned(spec.evecs, spec.evecs, jnp.asarray(points[T]), spec.vertices)
-    likely, back = map(np.asarray, vertex_confidence(maps, aligned, (spec, spec), 0.99))
-    assert likely[there].max() < likely[away > 0.3].min()
-    assert likely[there].mean() < 0.5 < 0.9 < likely[away > 0.3].mean()
-    assert back[away > 0.3].mean() > 0.9
+    radius, back = map(np.asarray, vertex_radius(maps, aligned, (spec, spec)))
+    assert radius[there].min() > radius[away > 0.4].max()
+    assert radius[there].mean() > 3 * max(radius[away > 0.4].mean(), back.mean())
 
 
 def test_relabelling_vertices_relabels_the_answer():
@@ -154,10 +156,8 @@ def test_relabelling_vertices_relabels_the_answer():
     maps = Maps(MAPS.T_xy[order], jnp.asarray(place)[MAPS.T_yx])
     moved = NOISY.moved_x
     assert moved is not None
-    found = vertex_confidence(
-        maps, NOISY._replace(moved_x=moved[order]), (x, OTHER), 0.9
-    )
-    plain = vertex_confidence(MAPS, NOISY, PAIR, 0.9)
+    found = vertex_radius(maps, NOISY._replace(moved_x=moved[order]), (x, OTHER))
+    plain = vertex_radius(MAPS, NOISY, PAIR)
     np.testing.assert_allclose(found[0], plain[0][order], atol=1e-8)
     np.testing.assert_allclose(found[1], plain[1], atol=1e-8)
 
@@ -168,37 +168,37 @@ def test_padding_is_invisible(filler):
     maps = Maps(jnp.pad(MAPS.T_xy, (0, 5)), jnp.pad(MAPS.T_yx, (0, 9)))
     longer = lambda moved, by: jnp.pad(moved, ((0, by), (0, 0)), constant_values=filler)
     moved = bent(longer(NOISY.moved_x, 5), longer(NOISY.moved_y, 9))
-    plain = vertex_confidence(MAPS, NOISY, PAIR, 0.9)
+    plain = vertex_radius(MAPS, NOISY, PAIR)
     if np.isnan(filler):  # no face of padding may touch it
         x, y = (
             s._replace(faces=own.faces) for s, own in zip((x, y), PAIR, strict=True)
         )
-    padded = vertex_confidence(maps, moved, (x, y), 0.9)
+    padded = vertex_radius(maps, moved, (x, y))
     for ours, theirs in zip(padded, plain, strict=True):
         np.testing.assert_allclose(ours[:N], theirs, atol=1e-8)
-        assert not ours[N:].any()
+        assert np.isinf(ours[N:]).all()
 
 
 def test_vmap_is_the_loop_and_float32_agrees():
-    shares = jnp.asarray([0.3, 0.9])
-    both = jax.vmap(lambda p: vertex_confidence(MAPS, NOISY, PAIR, p))(shares)
-    for i, share in enumerate(shares):
-        one = vertex_confidence(MAPS, NOISY, PAIR, share)
-        for ours, theirs in zip(both, one, strict=True):
+    moved = jnp.stack([NOISY.moved_x, NOISY.moved_x + 0.3])  # type: ignore
+    find = lambda points: vertex_radius(MAPS, NOISY._replace(moved_x=points), PAIR)
+    both = jax.vmap(find)(moved)
+    for i, points in enumerate(moved):
+        for ours, theirs in zip(both, find(points), strict=True):
             np.testing.assert_allclose(ours[i], theirs, atol=1e-10)
     cast = lambda leaf: leaf.astype("f4") if leaf.dtype.kind == "f" else leaf
     given = jax.tree.map(cast, (MAPS, NOISY, PAIR))
     for ours, theirs in zip(
-        vertex_confidence(*given, jnp.asarray(0.9, "f4")), one, strict=True
+        vertex_radius(*given), vertex_radius(MAPS, NOISY, PAIR), strict=True
     ):
-        assert ours.dtype == "f4"
-        np.testing.assert_allclose(ours, theirs, atol=1e-4)
+        assert ours.dtype == vertex_confidence(ours, 0.9).dtype == "f4"
+        np.testing.assert_allclose(ours, theirs, rtol=1e-3)
 
 
 def test_shapes_that_coincide_have_finite_derivatives():
     def mean(moved):
-        x, y = vertex_confidence(SAME, bent(moved, SPEC.vertices), (SPEC, SPEC), 0.9)
-        return x.mean() + y.mean()
+        radius = vertex_radius(SAME, bent(moved, SPEC.vertices), (SPEC, SPEC))
+        return sum(vertex_confidence(side, 0.9).mean() for side in radius)
 
     assert np.isfinite(jax.grad(mean)(SPEC.vertices)).all()
 
@@ -208,7 +208,5 @@ def test_without_bending_or_faces_it_is_not_known():
     cloud = OTHER._replace(faces=OTHER.faces[:0])
     padding = OTHER._replace(faces=jnp.zeros_like(OTHER.faces))
     for aligned, y in ((flat, OTHER), (NOISY, cloud), (NOISY, padding)):
-        for values in vertex_confidence(MAPS, aligned, (SPEC, y), 0.9):
+        for values in vertex_radius(MAPS, aligned, (SPEC, y)):
             assert values.shape == (N,) and np.isnan(values).all()
-    for values in vertex_confidence(MAPS, NOISY, PAIR, jnp.nan):
-        assert np.isnan(values).all()

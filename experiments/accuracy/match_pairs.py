@@ -13,12 +13,10 @@ Or the pairs of any folder of the forms that `datasets.py` reads, into one file:
 
 The JSON has for each pair the error, what the list says of a rival, the certificate of
 the match, and for each attempt its source, error and certificate; `won` is the number
-of the attempt that is the match. Of some vertices it has error, evidence and confidence
-(`vertex_rows.py`); the evidence is that of shapes bent once more, by the final
-map. Of the maps of coarse copies it has the error and what ranks them; the first is the
-map so far. Further starts are attempted only for pairs in doubt; --exhaustive attempts
-them for all, so that there are wrong maps to learn from, and writes
-results/match_SET_exhaustive.json.
+of the attempt that is the match. Of the maps of coarse copies it has the error and what
+ranks them; the first is the map so far. Further starts are attempted only for pairs in
+doubt; --exhaustive attempts them for all, so that there are wrong maps to learn from,
+and writes results/match_SET_exhaustive.json.
 
 `changes.py` says what may be done to X first: a rotation, another size, fewer vertices.
 
@@ -29,7 +27,6 @@ true ones.
 import argparse
 import os
 import time
-from functools import partial
 from pathlib import Path
 
 import jax
@@ -37,18 +34,14 @@ import numpy as np
 
 import jfsf
 from experiments import command_line, results_file
-from experiments.accuracy import changes, cuts, datasets, protocol, vertex_rows
+from experiments.accuracy import changes, cuts, datasets, protocol
 from jfsf.apps.report._words import LIKELY
-from jfsf.geometry import GeodesicSolver, geodesics
+from jfsf.geometry import GeodesicSolver
 from jfsf.matching._confidence import RANK_FACTORS
 from jfsf.matching._match import attempted_pair
 from jfsf.matching._pairs import PairState
-from jfsf.matching._stages import pair_search
-from jfsf.matching._vertices import vertex_evidence
 from jfsf.mesh import surface_area
-from jfsf.runtime._sizes import padded_pair, with_rows
-from jfsf.spectral import functional_map, truncate
-from jfsf.types import Maps, Match
+from jfsf.types import Match
 
 POINTS, SEED = 250, 0  # of ground truth, at most, chosen at random
 FURTHER = 3  # starts beside the first that --exhaustive attempts
@@ -166,7 +159,6 @@ def measure(
     at = some_points(len(x.truth))
     solver = GeodesicSolver(y.mesh)
     distances = solver.rows(y.truth[at]) / np.sqrt(surface_area(y.mesh))
-    vertices = None if part else _vertices(x, y, tried[won][1], at, distances, settings)
     attempts = [
         {
             "source": source,
@@ -184,7 +176,7 @@ def measure(
     if part:
         row |= _regions(x, y, tried[won][1])
     copies = _copies(state, x.truth[at], distances)
-    return {**row, "vertices": vertices, "copies": copies, "attempts": attempts}
+    return {**row, "copies": copies, "attempts": attempts}
 
 
 def _regions(x: datasets.Shape, y: datasets.Shape, match: Match) -> dict[str, float]:
@@ -259,43 +251,6 @@ def _copies(
         figures = match.certificate.figures()
         rows.append(row | {name: float(figures[name]) for name in RANK_FACTORS})
     return [{name: float(f"{v:.5g}") for name, v in row.items()} for row in rows]
-
-
-def _vertices(
-    x: datasets.Shape,
-    y: datasets.Shape,
-    match: Match,
-    at: np.ndarray,
-    from_y: np.ndarray,
-    settings: jfsf.Settings,
-) -> dict[str, dict[str, str]]:
-    """Of both directions; `from_y` are distances on Y from the points of truth `at`."""
-    meshes = x.mesh, y.mesh
-    specs = padded_pair(*(jfsf.basis(mesh, settings=settings) for mesh in meshes))
-    T_xy, T_yx = (np.asarray(T) for T in (match.T_xy, match.T_yx))
-    maps = Maps(*map(with_rows, (T_xy, T_yx), (len(spec.mass) for spec in specs)))
-    k = min(len(spec.evals) for spec in specs)
-    C_yx = functional_map(maps.T_xy, truncate(specs[0], k), specs[1])
-    evidence = _bent_evidence(specs, maps, C_yx, settings=settings)
-    some = vertex_rows.chosen(len(at))
-    on_x, on_y = x.truth[at][some], y.truth[at][some]
-    to_x = geodesics(x.mesh, on_x) / np.sqrt(surface_area(x.mesh))
-    number = np.arange(len(some))
-    errors = from_y[some][number, T_xy[on_x]], to_x[number, T_yx[on_y]]
-    found = match.confidence_x, match.confidence_y
-    sides = zip("xy", evidence, (on_x, on_y), errors, found, strict=True)
-    return {
-        name: vertex_rows.to_row(own, points, error, np.asarray(p))
-        for name, own, points, error, p in sides
-    }
-
-
-@partial(jax.jit, static_argnames="settings")
-def _bent_evidence(specs, maps, C_yx, *, settings):
-    aligned = settings.deform(
-        *specs, C_yx, 1.0, pair_search(*specs, settings=settings), settings=settings
-    )
-    return vertex_evidence(maps, aligned, specs)
 
 
 def some_points(number: int) -> np.ndarray:

@@ -35,7 +35,8 @@ How likely a map is right, from evidence that needs no ground truth:
 - `_confidence`: the probability that a map is right, that its mirror image is, and that
   the region of two parts is
 - `_rivals`: how a map compares with others that fit nearly as well
-- `_vertices`: the probability that a vertex is mapped right
+- `_vertices`: how far off the image of a vertex may be, and the probability that it is
+  mapped right
 - `_certificate`: all the evidence that `match` returns, and the cost of bending
 
 Two shapes and a start to a match:
@@ -80,7 +81,7 @@ from jfsf.matching._stages import (
     refine_by_zoomout,
 )
 from jfsf.matching._steps import shape_samples
-from jfsf.matching._vertices import vertex_confidence
+from jfsf.matching._vertices import vertex_confidence, vertex_radius
 
 __all__ = [
     "Deform",
@@ -100,5 +101,6 @@ __all__ = [
     "shape_samples",
     "symmetry",
     "vertex_confidence",
+    "vertex_radius",
     "warm_up",
 ]

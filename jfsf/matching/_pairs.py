@@ -16,7 +16,7 @@ from jfsf.matching._confidence import confidence_of
 from jfsf.matching._kept_landmarks import MISSED
 from jfsf.matching._settings import Settings
 from jfsf.matching._steps import SamplesPair, ShapeSamples, Work, begin
-from jfsf.matching._vertices import changed_vertex_confidence
+from jfsf.matching._vertices import vertex_confidence
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
 
 
@@ -171,10 +171,8 @@ class PairState:
         likely = confidence_of(evidence, told)
         evidence = evidence._replace(confidence=likely)
         x, y = (
-            side
-            if side is None
-            else changed_vertex_confidence(side, before.confidence, likely)
-            for side in (match.confidence_x, match.confidence_y)
+            side if side is None else vertex_confidence(side, likely)
+            for side in (match.radius_x, match.radius_y)
         )
         return match._replace(certificate=evidence, confidence_x=x, confidence_y=y)
 

@@ -27,7 +27,7 @@ from jfsf.matching._certificate import certify
 from jfsf.matching._kept_landmarks import Landmarks, kept_landmarks
 from jfsf.matching._settings import Settings
 from jfsf.matching._stages import pair_search
-from jfsf.matching._vertices import vertex_confidence
+from jfsf.matching._vertices import vertex_confidence, vertex_radius
 from jfsf.spectral import Features, functional_map, truncate, uniform
 from jfsf.spectral._orientation import FUNCTIONS, brackets, orientation_score
 from jfsf.spectral._sampling import even_points
@@ -174,10 +174,18 @@ def finish(
     k = min(len(spec.evals) for spec in pair)
     final = functional_map(maps.T_xy, truncate(pair[0], k), pair[1])
     evidence = certify(maps, aligned, final, pair, samples, sign, landmarks)
-    likely = vertex_confidence(maps_of(maps), aligned, pair, evidence.confidence)
+    radius = vertex_radius(maps_of(maps), aligned, pair)
+    likely = [vertex_confidence(side, evidence.confidence) for side in radius]
     evidence = evidence._replace(gap=start.gap, mirror_gap=start.mirror_gap)
-    match = Match(*maps_of(maps), final, evidence)
-    return match._replace(confidence_x=likely[0], confidence_y=likely[1])
+    return Match(
+        *maps_of(maps),
+        final,
+        evidence,
+        confidence_x=likely[0],
+        confidence_y=likely[1],
+        radius_x=radius[0],
+        radius_y=radius[1],
+    )
 
 
 def _functional_map_of(initial, spec_x: Spectrum, spec_y: Spectrum, k: int):

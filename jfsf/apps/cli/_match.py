@@ -42,8 +42,8 @@ def match(
             metavar="FILE",
             help="Write X in the colours of Y's file, or of Y coloured by place, for "
             "MeshLab, Blender and the like: .ply, .obj or .glb. PLY and GLB also hold "
-            "the confidence of each vertex, or for parts its membership. May be given "
-            "several times.",
+            "the confidence and the radius of each vertex, in the unit of Y, or for "
+            "parts its membership. May be given several times.",
         ),
     ] = None,
     checker: opt.CheckerOption = False,
@@ -99,7 +99,9 @@ def match(
     Writes T_xy (the vertex of Y for each vertex of X), T_yx (the vertex of X for each
     vertex of Y; both int32, from 0), C_yx (the functional map), certificate_* (evidence
     of quality), confidence_x and confidence_y (the probability that each vertex is
-    mapped right) and info_* (which starts were attempted, and how long it took).
+    mapped right), radius_x and radius_y (a length for each vertex, in sqrt(area) of the
+    other shape: with 90 % probability its image is less than that off) and info_*
+    (which starts were attempted, and how long it took).
 
     Example: jfsf match cat.off lion.off --out map.npz --report map.html
     """

@@ -46,6 +46,7 @@ class Seen(NamedTuple):
     matched_x, matched_y: vertices with a partner; the others are grey. None for all.
     confidence: (n_x,) of each vertex; None where it is not known of all.
     membership: (n_x,) of a match of parts; else None.
+    radius: (n_x,) of each vertex, in sqrt(area of Y); None where it is not known.
     """
 
     T_xy: np.ndarray
@@ -53,6 +54,7 @@ class Seen(NamedTuple):
     matched_y: Any = None
     confidence: Any = None
     membership: Any = None
+    radius: Any = None
 
 
 def both_matchable(paths, given) -> tuple[Shape, Shape]:
@@ -157,9 +159,12 @@ def notes_of(
 
 def seen(found: Match) -> Seen:
     """Of a match."""
-    region, likely = (found.matched_x, found.matched_y), found.confidence_x
-    likely = None if likely is None or np.isnan(likely).any() else np.asarray(likely)
-    return Seen(np.asarray(found.T_xy), *region, likely, found.membership_x)
+    region = found.matched_x, found.matched_y
+    likely, radius = (
+        None if values is None or np.isnan(values).any() else np.asarray(values)
+        for values in (found.confidence_x, found.radius_x)
+    )
+    return Seen(np.asarray(found.T_xy), *region, likely, found.membership_x, radius)
 
 
 def draw(
@@ -177,7 +182,7 @@ def draw(
         What to say of the colours, a line each.
     """
     from jfsf.apps.export import export_map
-    from jfsf.mesh import vertex_colours
+    from jfsf.mesh import surface_area, vertex_colours
 
     (x, y), colours = shapes, None
     how = {"up": pictures.up, "matched_x": found.matched_x}
@@ -192,6 +197,8 @@ def draw(
         if colours is not None and y.index is not None:
             colours = colours[np.asarray(y.index)]
     values = {"confidence": found.confidence, "membership": found.membership}
+    if found.radius is not None and (area := surface_area(y.mesh)):
+        values["radius"] = found.radius * np.sqrt(area)
     how |= {"checker": pictures.checker, "colours_y": colours}
     how["values"] = {name: rows for name, rows in values.items() if rows is not None}
     for path in pictures.exports:

@@ -52,7 +52,7 @@ def _repaired(shape: Shape):
 
 def _values_at(match: Match, at_x, at_y) -> Match:
     """The values of vertices, where there are any, at these vertices of X and of Y."""
-    kinds = "matched", "confidence", "membership"
+    kinds = "matched", "confidence", "radius", "membership"
     names = [f"{name}_{side}" for name in kinds for side in "xy"]
     known = [name for name in names if getattr(match, name) is not None]
     at = {"x": at_x, "y": at_y}

@@ -37,12 +37,14 @@ class Work(NamedTuple):
     carry: what is laid -> the result.
     write: the result -> its file.
     unknown: what the result has where the shape with the things has no surface.
+    placed: where landmarks lie on their shape (`jfsf.apps.landmarks`); else None.
     """
 
     what: str
     carry: Callable[[Any], Any]
     write: Callable[[Any], None]
     unknown: str
+    placed: Any = None
 
 
 def transfer(
@@ -117,7 +119,7 @@ def transfer(
     """
     from jfsf.apps.transfer import overlay
     from jfsf.apps.transfer._overlay import extended
-    from jfsf.mesh import read
+    from jfsf.mesh import read, surface_area
 
     given = {"values": values, "labels": labels}
     given |= {"landmarks": landmarks, "texture": texture}
@@ -169,6 +171,15 @@ def transfer(
             f"{work.unknown}"
         )
     if match is not None:
+        radius = match.radius_y if source is Source.y else match.radius_x
+        radius = np.asarray([] if radius is None else radius)
+        if work.placed is not None and len(radius) == len(own.vertices):
+            # In the unit of the file they go to.
+            lengths = (radius[work.placed.corners] * work.placed.weights).sum(1)
+            lengths *= np.sqrt(surface_area(mesh_x))
+            for number, length in enumerate(lengths):
+                name = result.names[number] or number + 1
+                say(f"{name}: within {length:.3g}, 90 %, if the map is right")
         likely = float(match.certificate.confidence)
         say(f"confidence of the map: {likely:.2f}, {verdict(likely)}")
         # Which orientation was asked for is not in the file.
@@ -228,7 +239,7 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
         raise ValueError(f"{out}: landmarks are written as {FORMATS}")
     found = read_landmarks(path)
     try:
-        on_surface(found, own)
+        there = on_surface(found, own)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
     return Work(
@@ -236,6 +247,7 @@ def _landmarks(path: Path, own: Mesh, out: Path) -> Work:
         lambda on: landmarks(on, found),
         lambda carried: write_landmarks(out, carried),
         "landmarks there are at the nearest points",
+        there,
     )
 
 

@@ -21,6 +21,7 @@ VERTEX_KEYS = {
     for name, kind in (
         ("matched", "bool"),
         ("confidence", "probabilities"),
+        ("radius", "lengths"),
         ("membership", "memberships"),
     )
     for side in "xy"
@@ -170,12 +171,13 @@ def to_vertex_values(name: str, values: ArrayLike, n: int, kind: str) -> np.ndar
 
     Args:
         name: opens the message: the file, and the array in it.
-        values: truth values if `kind` is "bool", else floats in [0, 1], or nan.
+        values: truth values if `kind` is "bool", floats from 0 on if it is "lengths",
+            else floats in [0, 1]; floats may be nan.
         n: the number of vertices.
         kind: what they are, for the message.
 
     Raises:
-        MapFileError: of another type or length, or outside of [0, 1].
+        MapFileError: of another type or length, below 0, or above 1 and no lengths.
     """
     values = np.asarray(values)
     if values.shape != (n,) or values.dtype.kind != ("b" if kind == "bool" else "f"):
@@ -183,9 +185,10 @@ def to_vertex_values(name: str, values: ArrayLike, n: int, kind: str) -> np.ndar
             f"{name}: is {values.dtype} {values.shape}, expected {kind} ({n},); write "
             "it with write_match"
         )
-    if ((values < 0) | (values > 1)).any():
+    most = np.inf if kind == "lengths" else 1
+    if ((values < 0) | (values > most)).any():
         raise MapFileError(
             f"{name}: runs from {np.nanmin(values):.3g} to {np.nanmax(values):.3g}, "
-            f"and {kind} from 0 to 1; match the pair again"
+            f"and {kind} from 0 to {most:g}; match the pair again"
         )
     return values

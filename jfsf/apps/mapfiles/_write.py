@@ -85,10 +85,11 @@ def write_match(
 
     Where the match has `info`, the file has info_sources and info_stages (names),
     info_confidence, info_won and info_seconds. Where it has them, confidence_x and
-    confidence_y hold a probability for each vertex. A partial match has matched_x and
-    matched_y (bool), membership_x and membership_y (a number in [0, 1] a vertex), and
-    overlap_x and overlap_y (shares of the areas). The file appears complete or not at
-    all.
+    confidence_y hold a probability for each vertex, and radius_x and radius_y a length
+    for each vertex, in sqrt(area) of the shape its image lies on. A partial match has
+    matched_x and matched_y (bool), membership_x and membership_y (a number in [0, 1] a
+    vertex), and overlap_x and overlap_y (shares of the areas). The file appears
+    complete or not at all.
 
     Args:
         path: `.npz`.

@@ -1,6 +1,7 @@
 """Two meshes of several connected pieces -> one map of all, and its file."""
 
 from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -195,10 +196,10 @@ def write_components(
 
     The file has T_xy and T_yx (int32, 0-based, -1 for a vertex without a partner),
     pair_x and pair_y (the number of its pair for each vertex, or -1), confidence_x and
-    confidence_y (nan for a vertex without a partner), and for each pair pair_margin and
-    pair_NAME for each figure of the certificate, such as pair_confidence.
-    `jfsf evaluate`, `transfer` and `register` read it. It appears complete or not at
-    all.
+    confidence_y, radius_x and radius_y (nan for a vertex without a partner; a radius is
+    in sqrt(area) of the partner's piece), and for each pair pair_margin and pair_NAME
+    for each figure of the certificate, such as pair_confidence. `jfsf evaluate`,
+    `transfer` and `register` read it. It appears complete or not at all.
 
     Args:
         path: `.npz`.
@@ -212,13 +213,12 @@ def write_components(
     if path.suffix.lower() != ".npz":
         raise MapFileError(f"{path}: pieces are written as .npz, not {path.suffix!r}")
     arrays = {name: getattr(matched, name) for name in matched._fields[:4]}
-    for side in "xy":
-        values = np.full(len(arrays[f"pair_{side}"]), np.nan)
+    for kind, side in product(("confidence", "radius"), "xy"):
+        name = f"{kind}_{side}"
+        arrays[name] = np.full(len(arrays[f"pair_{side}"]), np.nan)
         for pair in matched.pairs:
-            likely = getattr(pair.match, f"confidence_{side}")
-            if likely is not None:
-                values[getattr(pair, side).index] = np.asarray(likely)
-        arrays[f"confidence_{side}"] = values
+            if (known := getattr(pair.match, name)) is not None:
+                arrays[name][getattr(pair, side).index] = np.asarray(known)
     arrays["pair_margin"] = np.array([pair.margin for pair in matched.pairs])
     for name in FIGURES:
         figures = [

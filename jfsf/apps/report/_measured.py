@@ -96,6 +96,12 @@ def measure(
         doubt = 1 - likely
         meaning = f"share of X within {WITHIN} of its partner, by the confidence"
         rows.append(("vertices expected right", f"{likely.mean():.1%}", meaning))
+    radius, area = found.radius_x, surface_area(mesh_y)
+    if radius is not None and area and np.isfinite(radius).all():
+        middle, most = np.quantile(np.asarray(radius) * np.sqrt(area), (0.5, 0.95))
+        value = f"{middle:.3g}, 95 %: {most:.3g}"
+        meaning = "within this of their partners with 90 %, in the unit of Y's file"
+        rows.append(("half of the vertices", value, meaning))
     at_x, at_y = (np.asarray(side) for side in truth or ([], []))
     if at_x.shape != at_y.shape:
         raise ValueError(
