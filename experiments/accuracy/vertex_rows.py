@@ -22,8 +22,8 @@ import jfsf
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from jfsf.geometry import geodesics
-from jfsf.matching._match import attempted_pair
 from jfsf.matching._bent_copies import bent_as_copies
+from jfsf.matching._match import attempted_pair
 from jfsf.matching._pairs import PairState
 from jfsf.matching._stages import pair_search
 from jfsf.matching._steps import FINISH, steps_of
