@@ -131,15 +131,16 @@ def measure(
     return Measured(rows, truth_rows, back, error, errors, doubt)
 
 
-def _distance(name: str, value: float, mesh: Mesh, meaning: str) -> tuple[str, ...]:
+def _distance(
+    name: str, value: float, mesh: Mesh, meaning: str
+) -> tuple[str, str, str]:
     """The row of a distance over sqrt(area), with what it is in other units."""
-    row = name, f"{value:.4f}"
-    if len(mesh.faces) == 0:
-        return *row, meaning
-    away = float(value) * float(np.sqrt(surface_area(mesh)))
-    of_size = away / centroid_size(mesh)
-    units = f"{away:.3g} in its unit, {of_size:.2%} of centroid size"
-    return *row, f"{meaning}; {units}" if meaning else units
+    if len(mesh.faces):
+        away = float(value) * float(np.sqrt(surface_area(mesh)))
+        of_size = away / centroid_size(mesh)
+        units = f"{away:.3g} in its unit, {of_size:.2%} of centroid size"
+        meaning = f"{meaning}; {units}" if meaning else units
+    return name, f"{value:.4f}", meaning
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:
