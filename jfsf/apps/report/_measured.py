@@ -79,8 +79,8 @@ def measure(
         back = _only_inside(_everywhere(mesh_x, at_x, there), inside_x)
         meaning = "mean distance from a vertex to its image there and back"
         rows += [
-            ("bijectivity on X", _in_units(there.mean(), mesh_x), meaning),
-            ("bijectivity on Y", _in_units(other.mean(), mesh_y), meaning),
+            _distance("bijectivity on X", there.mean(), mesh_x, meaning),
+            _distance("bijectivity on Y", other.mean(), mesh_y, meaning),
         ]
     for name, form, meaning in (
         ("coverage_xy", ".1%", "share of Y's area that is hit"),
@@ -114,7 +114,7 @@ def measure(
     errors = geodesic_error(T_xy, mesh_y, at_x[some], at_y[some])
     shares = error_curve(errors, LIMITS)
     truth_rows = [
-        (f"{name} error", _in_units(value, mesh_y), meaning)
+        _distance(f"{name} error", value, mesh_y, meaning)
         for name, value, meaning in (
             ("mean", errors.mean(), "geodesic distance / sqrt(area of Y)"),
             ("median", np.median(errors), ""),
@@ -137,13 +137,16 @@ def measure(
     return Measured(rows, truth_rows, back, error, errors, doubt)
 
 
-def _in_units(distance: float, mesh: Mesh) -> str:
-    """A distance over sqrt(area); in the file's unit, and over the centroid size."""
-    if len(mesh.faces) == 0:
-        return f"{distance:.4f}"
-    away = float(distance) * float(np.sqrt(surface_area(mesh)))
-    of_size = away / centroid_size(mesh)
-    return f"{distance:.4f} ({away:.3g} in its unit, {of_size:.2%} of centroid size)"
+def _distance(
+    name: str, value: float, mesh: Mesh, meaning: str
+) -> tuple[str, str, str]:
+    """The row of a distance over sqrt(area), with what it is in other units."""
+    if len(mesh.faces):
+        away = float(value) * float(np.sqrt(surface_area(mesh)))
+        of_size = away / centroid_size(mesh)
+        units = f"{away:.3g} in its unit, {of_size:.2%} of centroid size"
+        meaning = f"{meaning}; {units}" if meaning else units
+    return name, f"{value:.4f}", meaning
 
 
 def _spread(n: int, vertices: int) -> np.ndarray:
