@@ -175,7 +175,6 @@ def test_a_run_writes_the_evidence_of_every_attempt(tmp_path, monkeypatch):
         return made_up(mesh_x, mesh_y, [wrong, right], [0.2, 0.95])
 
     monkeypatch.setattr(match_pairs, "attempted_pair", attempted_pair)
-    monkeypatch.setattr(match_pairs, "_vertices", lambda *args: None)
     command = ["match_pairs.py", "embedded", "--spread", "2", "--exhaustive"]
     monkeypatch.setattr("sys.argv", [*command, "--out", str(tmp_path)])
     match_pairs.main()

@@ -51,8 +51,8 @@ Which starts are attempted, and when it ends: for one pair or many, on the host:
 - `_pairs`: a pair on the way, its attempts, and the best of them
 - `_bent_copies`: large shapes are bent as coarse copies first
 - `_run_stages`: the stages of an attempt, run for many pairs
+- `_stiff`: what a similarity leaves, as a smooth field of few degrees of freedom
 - `_rigid`: shapes that nearly coincide after a similarity
-- `_stiff`: what it leaves, as a smooth field of few degrees of freedom
 - `_disks`: maps between two disks that turn the rim
 - `_others`: maps that may fit as well as one that is not in doubt
 - `_sources`: where starts come from: the search, landmarks, coarse copies

@@ -98,7 +98,7 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
         files: labels and values, by these names; None where there is none.
 
     Raises:
-        ValueError: as `jfsf.apps.transfer.read_labels` and `read_values`.
+        ValueError: as `read_labels` and `read_values`.
     """
     from jfsf.apps.transfer._files import read_labels, read_values
     from jfsf.mesh import read
