@@ -24,9 +24,9 @@ LEAST_MASS = 1e-3
 # Vertices of a copy that a vertex of the whole follows, and half the distance that
 # opposite normals count for among these, in sqrt(area): more than between neighbours.
 CARRIED_BY, NORMAL = 4, 0.05
-# The same where a vertex of the copy is looked for on the whole. With 0, where limbs
-# touch, some are found on the other limb, whose eigenfunctions they then read
-# (`experiments/fit/choose_copies.py` counts the edges of copies that jump so).
+# The same in the search for the vertex of the whole that is nearest to one of a copy.
+# With 0 some are found on another limb that touches, and read its eigenfunctions.
+# `experiments/fit/choose_copies.py --jumps` counts the edges where that happens.
 READ_NORMAL = 0.03
 
 
@@ -35,10 +35,10 @@ class CoarseCopy(NamedTuple):
 
     spectrum: evals of the whole, evecs of the whole at the nearest vertices; mass,
         faces and vertices of the copy.
-    on_whole: (n_copy,), the vertex of the whole nearest to each of the copy, on the
-        same sheet.
-    on_copy: (n,), the vertex of the copy nearest to each of the whole, on the same
-        sheet.
+    on_whole: (n_copy,), the vertex of the whole nearest to each of the copy, among
+        those that face the same way.
+    on_copy: (n,), the vertex of the copy nearest to each of the whole, among those that
+        face the same way.
     """
 
     spectrum: Spectrum
@@ -148,5 +148,5 @@ def _nearest(points: Mesh, queries: Mesh, weight: float) -> np.ndarray:
 def _with_normals(
     points: ArrayLike, faces: ArrayLike, weight: float = NORMAL
 ) -> np.ndarray:
-    """So that sheets that touch, whose normals are opposite, are not near."""
+    """Points in six dimensions: sides of a surface that touch are not near in these."""
     return np.concatenate([points, weight * vertex_normals(points, faces)], 1)

@@ -212,9 +212,8 @@ def _from_copies(pairs, runner, settings) -> list[Comparison]:
 def _further_starts(pairs, copies, runner, settings) -> list[list[Start]]:
     """Of pairs in doubt those for other proportions; for a given map a search too.
 
-    The whole shapes are searched: their samples are there, and on a copy other points
-    may be extremities. Of the starts of gorilla to people the right ones then rank
-    first, on copies second.
+    The whole shapes are searched: their samples are there, and a copy, which lacks
+    fingers, may have other extremities.
     """
     given = pairs[0].inputs.initial is not None
     chosen = [i for i, p in enumerate(pairs) if given or p.in_doubt(settings)]
