@@ -87,13 +87,13 @@ def _measure(name_x, name_y, side, noise, rng, every) -> dict:
     certificate = found.certificate
     row = {
         **{"side": side, "noise": noise, "x": name_x, "y": name_y},
-        **{"error": error, "mirrored": other < error, "right": error < RIGHT},
+        **{"error": error, "exchanged": other < error, "right": error < RIGHT},
         "warnings": warnings_of(certificate, "preserve"),
         **{name: float(value) for name, value in certificate.figures().items()},
     }
     print(
         f"  {name_x} {name_y} error {error:.4f} confidence {row['confidence']:.2f} "
-        f"orientation {row['orientation']:+.2f}{' MIRRORED' * row['mirrored']} "
+        f"orientation {row['orientation']:+.2f}{' EXCHANGED' * row['exchanged']} "
         f"{'; '.join(row['warnings'])}",
         flush=True,
     )
@@ -101,7 +101,7 @@ def _measure(name_x, name_y, side, noise, rng, every) -> dict:
 
 
 def _summary(rows: list[dict]) -> dict:
-    return {**summary(rows), "mirrored": sum(row["mirrored"] for row in rows)}
+    return {**summary(rows), "exchanged": sum(row["exchanged"] for row in rows)}
 
 
 if __name__ == "__main__":
