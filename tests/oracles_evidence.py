@@ -64,13 +64,14 @@ def weighed(figures, factors, least, as_it_is):
 
 def confidence(z, share, missed, told, factors, most_share, missed_weight):
     """The probability; `share` is nan for a map that was not compared."""
-    beaten = 1.0
+    beaten, most = 1.0, 1.0
     if not math.isnan(share):
+        most = (1 + share) / 2
         share = min(max(share, 1 - most_share), most_share)
         beaten = min(share / factors["least_share"], 1.0)
         margin = min(math.log(share / (1 - share)), factors["most_margin"])
         z = factors["constant"] + factors["log_odds"] * z + factors["margin"] * margin
-    p = (beaten / (1 + math.exp(-z))) ** (1 + missed_weight * missed)
+    p = min(beaten / (1 + math.exp(-z)), most) ** (1 + missed_weight * missed)
     return p if told else p / 2
 
 

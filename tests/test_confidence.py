@@ -104,7 +104,7 @@ def test_confidence(z, share, missed, told, single):
 def test_confidence_follows_the_evidence():
     values, shares = jnp.linspace(-5, 5, 9), jnp.linspace(0.05, 0.95, 9)
     assert np.all(np.diff(confidence(values)) > 0)
-    assert np.all(np.diff(confidence(values, 0.5)) > 0)
+    assert np.all(np.diff(confidence(values, 0.5)) >= 0)
     assert np.all(np.diff(confidence(1.0, shares)) >= 0)
     assert np.all(np.diff(confidence(1.0, 0.5, shares)) < 0)
     np.testing.assert_allclose(confidence(0.0), 0.5)
@@ -112,7 +112,9 @@ def test_confidence_follows_the_evidence():
 
 def test_a_map_that_others_beat_is_not_likely_however_well_it_fits():
     # As a given map has: `match` itself would keep the other one.
-    assert confidence(4.0, 0.04) < 0.25 < 0.8 < confidence(4.0, 0.4)
+    assert confidence(4.0, 0.04) < 0.25 < 0.6 < confidence(4.0, 0.4)
+    # And half of what the others have is doubt.
+    np.testing.assert_allclose(confidence(20.0, 0.78), 0.89, rtol=1e-6)
 
 
 def test_confidence_is_half_where_left_and_right_cannot_be_told():
@@ -121,9 +123,9 @@ def test_confidence_is_half_where_left_and_right_cannot_be_told():
 
 
 def test_rivals_leave_a_map_its_part():
-    sure = confidence(6.0, 0.5)
+    sure = confidence(6.0, 0.95)
     for rivals in (0.0, np.nan):
-        assert confidence(6.0, 0.5, rivals=rivals) == sure > 0.9
+        assert confidence(6.0, 0.95, rivals=rivals) == sure > 0.9
     np.testing.assert_allclose(confidence(6.0, 0.5, rivals=1.0), 1 / 2)
     np.testing.assert_allclose(confidence(6.0, 0.5, rivals=3.0), 1 / 4)
     assert confidence(-6.0, rivals=1.0) == confidence(-6.0)

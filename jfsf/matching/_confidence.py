@@ -15,10 +15,11 @@ all, so other evidence tells most. Their odds are as exp(r),
 
 Of a map that was compared so, with s its share of these odds (`share_among`):
 
-    p = min(s / l, 1) / (1 + exp(-z')),
+    p = min(min(s / l, 1) / (1 + exp(-z')), (1 + s) / 2),
     z' = c_constant + c_log_odds z + c_margin min(log(s / (1 - s)), m),
 
-l being the least share of a right map in the data.
+l being the least share of a right map in the data. Half of what the other maps have is
+doubt, however good the map looks alone: they may be as right as it, or right instead.
 
 Evidence cannot tell a map from its rivals, and n of these leave it 1 / (1 + n) at most.
 A map of the orientation that was asked for is likely wrong where its mirror image fits
@@ -171,6 +172,7 @@ def confidence(
     likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
     # `known` is one half where the share is not: that takes nothing away.
     likely *= jnp.minimum(known / COMPARED["least_share"], 1)
+    likely = jnp.minimum(likely, (1 + jnp.nan_to_num(share, nan=1.0)) / 2)
     number, other, gap = (
         jnp.nan_to_num(jnp.asarray(known, likely.dtype))
         for known in (rivals, mirrored, spectrum_gap)
