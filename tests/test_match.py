@@ -569,6 +569,7 @@ def test_a_doubtful_pair_is_matched_by_its_copies(by_copies):
     assert found.info.confidence.shape == (tried,)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("by_copies", "run_once")  # which compiles most of it
 def test_to_bend_copies_is_as_good_as_to_bend_the_whole():
     (mesh_x, _), (mesh_y, _) = shapes()
