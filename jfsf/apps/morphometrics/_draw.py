@@ -28,7 +28,7 @@ def draw_components(
     scores[:, : found.scores.shape[1]] = found.scores[:, :2]
     shares = [*found.share[:2], 0, 0][:2]
     labels = [f"PC{i} ({share:.1%})" for i, share in enumerate(shares, 1)]
-    figure, axes = _scatter(*scores.T, names, groups)
+    figure, axes = _scatter(scores[:, 0], scores[:, 1], names, groups)
     axes.axhline(0, color=PALE, lw=0.8, zorder=0)
     axes.axvline(0, color=PALE, lw=0.8, zorder=0)
     axes.set(xlabel=labels[0], ylabel=labels[1])
@@ -70,27 +70,31 @@ def _scatter(x, y, names, groups):
     figure = new_figure(6.4, 5.0)
     figure.set_layout_engine("constrained")
     axes = figure.subplots()
-    known = sorted(set(groups))
+    known = sorted(set(groups) - {""})
     for i, group in enumerate(known):
         at = np.array([own == group for own in groups])
         colour, mark = LINES[i % len(LINES)], MARKS[i // len(LINES) % len(MARKS)]
-        if len(known) > 1 and not group:
-            colour, group = PALE, "no group"
         axes.scatter(x[at], y[at], s=28, color=colour, marker=mark, label=group)
-    if len(names) <= NAMED:
-        for name, *place in zip(names, x, y, strict=True):
-            axes.annotate(
-                name,
-                place,
-                (4, 3),
-                textcoords="offset points",
-                fontsize=7,
-                color=INK,
-                parse_math=False,  # $ in names
-            )
-    axes.margins(0.12)
+    if (none := np.array([not own for own in groups])).any():
+        colour = "none" if known else LINES[0]
+        axes.scatter(x[none], y[none], s=28, color=colour, edgecolor=INK, label="none")
+    # Names stand towards the middle, where there is room.
+    right = x > (x.min() + x.max()) / 2
+    for name, place, side in zip(names, zip(x, y, strict=True), right, strict=True):
+        axes.annotate(
+            name if len(names) <= NAMED else "",
+            place,
+            (-4 if side else 4, 3),
+            textcoords="offset points",
+            ha="right" if side else "left",
+            fontsize=7,
+            color=INK,
+            parse_math=False,  # $ in names
+        )
+    axes.margins(0.08)
     style(axes)
-    if any(known):
-        box = axes.legend(fontsize=8, labelcolor=INK, framealpha=0.9)
-        box.get_frame().set(edgecolor=PALE, linewidth=0.6)
+    if known:
+        columns = min(4, len(known) + none.any())
+        place = {"loc": "outside upper center", "ncols": columns, "frameon": False}
+        figure.legend(fontsize=8, labelcolor=INK, **place)
     return figure, axes

@@ -125,24 +125,26 @@ def allometry(
     square = (log**2).sum()
     if square <= EQUAL:
         raise ValueError(
-            f"allometry: all sizes are {sizes[0]:.4g}; it needs specimens of several"
+            f"allometry: all sizes are {sizes[0]:.4g}; give specimens of several"
         )
+    total = (off**2).sum()
+    if total <= NOTHING * (shapes**2).sum():
+        raise ValueError("allometry: all shapes are equal; give others")
     slope = log @ off / square
     products = off @ off.T
     by_size = lambda orders: np.einsum("ps,ps->p", orders @ products, orders) / square
-    found, total = by_size(log[None])[0], (off**2).sum()
+    found = by_size(log[None])[0]
     as_large, number = 0, 0
     for orders in _orders(s, permutations, seed):
         as_large += int((by_size(log[orders]) >= found * (1 - EQUAL)).sum())
         number += len(orders)
     rest = total - found
-    length = np.linalg.norm(slope)
     return Allometry(
         slope.reshape(shapes.shape[1:]),
-        off @ slope / (length or 1),
+        off @ slope / (np.linalg.norm(slope) or 1),
         np.array([found, rest, total]),
         float(found / total),
-        float(found / rest * (s - 2)),
+        float(found / rest * (s - 2)) if rest > 0 else np.inf,
         as_large / number,
         number,
     )

@@ -42,8 +42,9 @@ def read_numbers(
         rows = [head, *rows]  # whose number of cells is wrong
     numbers = np.zeros((len(rows), width), int)
     for at, (line, cells) in enumerate(rows):
-        row = [to_vertex(cells[i]) if i < len(cells) else None for i in columns]
-        if None in row or (len(cells) != width and columns == list(range(width))):
+        row = [to_vertex(cells[i]) for i in columns if i < len(cells)]
+        row = [number for number in row if number is not None]
+        if len(row) < width or (len(cells) != width and columns == list(range(width))):
             raise ValueError(
                 f"{path}: line {line} is {','.join(cells)[:60]!r}; a line holds "
                 f"{','.join(titles)}, numbers of landmarks from 1"
@@ -55,6 +56,8 @@ def read_numbers(
         if len(set(row)) < width:
             raise ValueError(f"{path}: line {line} has a landmark twice")
         numbers[at] = row
+    if not rows:
+        raise ValueError(f"{path}: holds no row under its titles; leave it out")
     # Neighbours of a semilandmark may be those of others.
     once = numbers[:, 1] if tuple(titles) == CURVES else numbers.ravel()
     check_once(str(path), "the file", once)
