@@ -13,6 +13,7 @@ import io
 import os
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -156,7 +157,7 @@ def _blocks(text: str, path: object) -> list[_Block]:
     heads = [re.match(r"(?i)LM(3?)=\s*(\d+)\s*$", line) for _, line in lines]
     at = [i for i, head in enumerate(heads) if head]
     blocks = []
-    for start, end in zip(at, [*at[1:], len(lines)], strict=True):
+    for start, end in pairwise([*at, len(lines)]):
         head = heads[start]
         if head is None or not head[1]:
             raise ValueError(

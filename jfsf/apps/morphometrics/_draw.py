@@ -96,5 +96,7 @@ def _scatter(x, y, names, groups):
     if known:
         columns = min(4, len(known) + none.any())
         place = {"loc": "outside upper center", "ncols": columns, "frameon": False}
-        figure.legend(fontsize=8, labelcolor=INK, **place)
+        box = figure.legend(*axes.get_legend_handles_labels(), fontsize=8, **place)
+        for text in box.get_texts():
+            text.set(color=INK, parse_math=False)
     return figure, axes
