@@ -168,6 +168,10 @@ def morphometrics(
     written = results.write_results(out, compared, ends, meshes)
     lines = [*_read(found, numbers, slide), *_summary(compared), *no_allometry]
     doubts = []
+    if not aligned.rested:
+        doubts.append(
+            "the shapes still moved when it ended, as gpagen does: they are far apart"
+        )
     for name, option in BESIDE.items():
         if numbers[option] is None and (there := landmarks.parent / name).exists():
             doubts.append(f"{there} is there and was not used; add --{option} {there}")

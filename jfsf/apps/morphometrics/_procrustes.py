@@ -38,12 +38,14 @@ class Superimposed(NamedTuple):
     mean: (l, 3) of the shapes.
     distances: (s,) of each shape from the mean, |x - m|: the Procrustes distance in
         tangent space.
+    rested: whether they came to rest before the last step that is made.
     """
 
     shapes: Float[np.ndarray, "s l 3"]
     sizes: Float[np.ndarray, " s"]
     mean: Float[np.ndarray, "l 3"]
     distances: Float[np.ndarray, " s"]
+    rested: bool
 
 
 def procrustes(
@@ -81,13 +83,13 @@ def procrustes(
     shapes = centred / sizes[:, None, None]
     shapes = turned(shapes, shapes[0])
     if len(sliders.curves) + len(sliders.surfaces):
-        shapes = _slid(shapes, sliders, slide == "bending")
+        shapes, rested = _slid(shapes, sliders, slide == "bending")
     else:
-        shapes = _rested(shapes)
+        shapes, rested = _turned(shapes)
     shapes = _in_tangent_space(shapes @ _axes(shapes.mean(0)))
     mean = shapes.mean(0)
     distances = np.linalg.norm(shapes - mean, axis=(1, 2))
-    return Superimposed(shapes, sizes, mean, distances)
+    return Superimposed(shapes, sizes, mean, distances, rested)
 
 
 def turned(
@@ -106,8 +108,8 @@ def rotations(
     return u @ vt
 
 
-def _rested(shapes):
-    """Shapes turned onto their mean until it rests."""
+def _turned(shapes):
+    """Shapes turned onto their mean until it rests, and whether it does."""
     spread = lambda: len(shapes) * (1 - (shapes.mean(0) ** 2).sum())
     before, number = spread(), 1
     change = before
@@ -115,11 +117,11 @@ def _rested(shapes):
         shapes = turned(shapes, shapes.mean(0))
         change, before = abs(before - spread()), spread()
         number += 1
-    return shapes
+    return shapes, bool(change <= TOLERANCE)
 
 
 def _slid(shapes, sliders, bending):
-    """Shapes slid towards their mean, and turned onto it, until it rests.
+    """Shapes slid towards their mean, and turned onto it, until it rests; and whether.
 
     As in gpagen they are neither centred nor scaled again, and the first mean has the
     size that it has.
@@ -141,7 +143,7 @@ def _slid(shapes, sliders, bending):
         mean = shapes.mean(0)
         mean = mean / np.linalg.norm(mean - mean.mean(0))
         number += 1
-    return shapes
+    return shapes, bool(change <= TOLERANCE)
 
 
 def _axes(mean):

@@ -111,9 +111,19 @@ def slide(
 
 
 def bending_energy(mean: Float[np.ndarray, "l 3"]) -> Float[np.ndarray, "l l"]:
-    """L of a mean that does not lie in a plane, up to its sign."""
+    """L of a mean that does not lie in a plane, up to its sign.
+
+    Raises:
+        ValueError: two landmarks of the mean are at one place.
+    """
+    away = cdist(mean, mean)
+    if len(twice := np.argwhere(np.triu(away == 0, 1))):
+        raise ValueError(
+            f"procrustes: landmark {twice[0, 0]} and landmark {twice[0, 1]} are at one "
+            "place; leave one out"
+        )
     affine = np.column_stack([np.ones(len(mean)), mean])
-    matrix = np.block([[cdist(mean, mean), affine], [affine.T, np.zeros((4, 4))]])
+    matrix = np.block([[away, affine], [affine.T, np.zeros((4, 4))]])
     return np.linalg.inv(matrix)[: len(mean), : len(mean)]
 
 
