@@ -20,7 +20,7 @@ Numbers of landmarks are from 0 there.
 import csv
 import json
 from functools import cache
-from itertools import permutations
+from itertools import combinations, permutations
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -42,7 +42,8 @@ from jfsf.apps.landmarks import (
     write_landmarks,
 )
 from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
-from jfsf.apps.morphometrics._sliding import bending_energy
+from jfsf.apps.morphometrics._draw import draw_components
+from jfsf.apps.morphometrics._sliding import Sliders, bending_energy, slide
 
 R = json.loads(Path(__file__).with_name("gpagen.json").read_text())
 PAIRS = R["pairs"]
@@ -131,8 +132,6 @@ def test_a_mirror_image_is_not_turned_onto_the_others():
 
 def test_sliding_is_the_least_energy_along_the_directions():
     """One slide against a dense solver of the same quadratic form."""
-    from jfsf.apps.morphometrics._sliding import Sliders, slide
-
     mean, shape = MEAN, MEAN + 0.1 * RNG.normal(size=MEAN.shape)
     sliders = Sliders(np.array([[0, 1, 2]]), np.zeros(0, int))
     energy = -bending_energy(mean)
@@ -244,6 +243,21 @@ def test_symmetric_parts_of_shapes_with_a_known_asymmetry():
     image = found.symmetric[:, [3, 4, 5, 0, 1, 2, 6, 7]]
     flips = [np.where(np.arange(3) == axis, -1, 1) for axis in range(3)]
     assert min(np.abs(image * flip - found.symmetric).max() for flip in flips) < 1e-6
+
+
+def test_names_in_a_picture_do_not_overlap():
+    shapes = like(40)
+    shapes[7, [0, 1]] = shapes[7, [1, 0]]
+    found = room.components(room.procrustes(shapes).shapes)
+    names, groups = [f"specimen {i}" for i in range(40)], ["_a", "$b"] * 20
+    figure = draw_components(None, found, names, groups)
+    shown = figure.axes[0].texts
+    assert "specimen 7" in [text.get_text() for text in shown]  # it lies far away
+    assert 5 < len(shown) < 40
+    boxes = [text.get_window_extent() for text in shown]
+    assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+    labels = [text.get_text().strip() for text in figure.legends[0].get_texts()]
+    assert labels == ["$b", "_a"]
 
 
 LOST = np.array([like(3)[0], like(3)[1], like(3)[2]])
@@ -522,6 +536,17 @@ def test_the_command_warps_a_mesh(folder):
     done = run(folder / "all.csv", "--out", folder / "c", *template)
     assert "no landmark has the same name" in done.text and done.code == 1
     assert not (folder / "c").exists()
+
+
+def test_outliers_and_mirror_images_are_named(folder):
+    points = like(10)
+    points[4] *= [1, 1, -1]
+    points[6, [0, 1]] = points[6, [1, 0]]
+    text = specimens_tps("abcdefghij", points)
+    (folder / "all.tps").write_text(text)
+    done = run(folder / "all.tps", "--out", folder / "a")
+    assert "outliers: e, g; look for misplaced landmarks" in done.text
+    assert "mirror images of the others: e? Nothing is mirrored" in done.text
 
 
 def test_two_specimens_are_enough(folder):

@@ -233,20 +233,32 @@ def _summary(compared) -> list[str]:
             f"allometry{of}: R2 {allometry.share:.1%}, F {allometry.F:.3g}, p "
             f"{allometry.p:.3g} ({allometry.orders} orders of the specimens, seed 0)"
         )
-    return [*lines, *_unusual(compared.found.specimens, compared.aligned.distances)]
+    return [*lines, *_unusual(compared.found.specimens, compared.aligned)]
 
 
-def _unusual(names, distances) -> list[str]:
-    """The specimens farthest from the mean, and which are outliers."""
+def _unusual(names, aligned) -> list[str]:
+    """The specimens farthest from the mean, outliers, and likely mirror images."""
+    from jfsf.apps.morphometrics._procrustes import turned
+
+    distances = aligned.distances
     order = np.argsort(-distances)
     shown = ", ".join(f"{names[i]} {distances[i]:.3g}" for i in order[:MOST_SHOWN])
     line = f"farthest from the mean: {shown}; median {np.median(distances):.3g}"
     low, high = np.quantile(distances, [0.25, 0.75])
     # Tukey's fence, as geomorph's plotOutliers has it.
     far = [names[i] for i in order if distances[i] > high + 1.5 * (high - low)]
-    if not far:
-        return [line]
-    return [line, f"outliers: {', '.join(far)}; look for landmarks that are misplaced"]
+    images = turned(aligned.shapes * [-1, 1, 1], aligned.mean)
+    nearer = np.linalg.norm(images - aligned.mean, axis=(1, 2)) < distances / 2
+    mirrored = [names[i] for i in order if nearer[i]]
+    lines = [line]
+    if far:
+        lines.append(f"outliers: {', '.join(far)}; look for misplaced landmarks")
+    if mirrored:
+        lines.append(
+            f"mirror images of the others: {', '.join(mirrored)}? Nothing is mirrored; "
+            "give all as left or all as right"
+        )
+    return lines
 
 
 def _without(names, groups) -> str:
