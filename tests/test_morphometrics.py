@@ -411,6 +411,7 @@ def folder(tmp_path):
     )
     (tmp_path / "curveslide.csv").write_text(f"before,slide,after\n{rows('curves')}\n")
     (tmp_path / "surfslide.csv").write_text(rows("surface"))
+    (tmp_path / "landmark_pairs.csv").write_text("left,right\n")
     (tmp_path / "pairs.csv").write_text(
         '"","left","right"\n'
         + "\n".join(f'"{i}",{a + 1},{b + 1}' for i, (a, b) in enumerate(PAIRS, 1))
@@ -473,7 +474,7 @@ def test_the_command_compares_specimens(folder):
     done = run(file, "--out", out)
     assert done.code == 0 and not (out / "symmetric.csv").exists()
     hint = f"{folder / 'curveslide.csv'} is there and was not used; add --curves"
-    assert hint in done.text
+    assert hint in done.text and "landmark_pairs.csv" not in done.text
 
 
 def test_the_command_warps_a_mesh(folder):
@@ -571,10 +572,11 @@ def test_two_specimens_are_enough(folder):
         (["--curves", "FILE"], "0,1,2\n", "line 1 has 0"),
         (["--curves", "FILE"], "1,2,2\n", "line 1 has a landmark twice"),
         (["--curves", "FILE"], "1,2,3\n3,2,4\n", "landmark 2 is twice"),
-        (["--curves", "FILE"], "before,slide,after\n", "holds no row"),
         (["--curves", "FILE"], "", "is empty"),
         (["--surfaces", "FILE"], "1\n2\n1\n", "landmark 1 is twice"),
         (["--pairs", "FILE"], "left,right\n1,2\n2,3\n", "landmark 2 is twice"),
+        (["--pairs", "FILE"], "left,right\n3,\n", "landmark 3 has no partner"),
+        (["--pairs", "FILE"], '"",left,right\n1,2\n', "line 2 is '1,2'"),
         (["--curves", "FILE"], '1,"2,3\n', "line 1 is '1,2,3'"),
         (["--groups", "FILE"], "name\nman_t\n", "has one column"),
         (

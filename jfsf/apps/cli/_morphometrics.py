@@ -145,6 +145,11 @@ def morphometrics(
     if groups is not None:
         title, own = tables.read_groups(groups, found.specimens, group)
     mesh = template and results.template_of(template, template_landmarks, found)
+    doubts = []
+    for name, option in BESIDE.items():
+        there = landmarks.parent / name
+        if numbers[option] is None and tables.has_rows(there):
+            doubts.append(f"{there} is there and was not used; add --{option} {there}")
     parts = allometry = None
     no_allometry = []
     try:
@@ -167,14 +172,10 @@ def morphometrics(
     compared = results.Compared(found, aligned, parts, modes, allometry, title, own)
     written = results.write_results(out, compared, ends, meshes)
     lines = [*_read(found, numbers, slide), *_summary(compared), *no_allometry]
-    doubts = []
     if not aligned.rested:
         doubts.append(
             "the shapes still moved when it ended, as gpagen does: they are far apart"
         )
-    for name, option in BESIDE.items():
-        if numbers[option] is None and (there := landmarks.parent / name).exists():
-            doubts.append(f"{there} is there and was not used; add --{option} {there}")
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
     say_result([], lines, doubts, written)

@@ -27,6 +27,9 @@ def read_numbers(
         titles: of the columns. No landmark may slide, or be in a pair, twice.
         landmarks: how many there are.
 
+    Returns:
+        No rows of a table that has titles only.
+
     Raises:
         ValueError: another layout, a number that no landmark has, or one that is there
             twice; it names the file and the line.
@@ -42,6 +45,12 @@ def read_numbers(
         rows = [head, *rows]  # whose number of cells is wrong
     numbers = np.zeros((len(rows), width), int)
     for at, (line, cells) in enumerate(rows):
+        there = len(cells) > max(columns)
+        if tuple(titles) == PAIRS and there and not cells[columns[1]]:
+            raise ValueError(
+                f"{path}: line {line}: landmark {cells[columns[0]]} has no partner; "
+                "write it there, or take the line out if it is on the midline"
+            )
         row = [to_vertex(cells[i]) for i in columns if i < len(cells)]
         row = [number for number in row if number is not None]
         if len(row) < width or (len(cells) != width and columns == list(range(width))):
@@ -56,8 +65,6 @@ def read_numbers(
         if len(set(row)) < width:
             raise ValueError(f"{path}: line {line} has a landmark twice")
         numbers[at] = row
-    if not rows:
-        raise ValueError(f"{path}: holds no row under its titles; leave it out")
     # Neighbours of a semilandmark may be those of others.
     once = numbers[:, 1] if tuple(titles) == CURVES else numbers.ravel()
     check_once(str(path), "the file", once)
@@ -100,6 +107,11 @@ def read_groups(
             f"{titles[0]!r}; they are {', '.join(specimens[:3])}, ..."
         )
     return title, [cells.get(name, "") for name in specimens]
+
+
+def has_rows(path: Path) -> bool:
+    """Whether a table is there, and has more than titles."""
+    return path.is_file() and len(_rows(path)) > 1
 
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
