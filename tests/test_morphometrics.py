@@ -1,8 +1,8 @@
 """Morphometrics: geomorph's numbers, dense oracles, invariances, and the command.
 
 `gpagen.json` holds landmarks of embedded bodies (points of their template) and what R
-made of them, by the functions of geomorph 4.0.9 (its source, as the package needs a
-newer R):
+made of them: the source of geomorph 4.0.9, without printing and parallel work (the
+package needs a newer R), with the body of gpagen of 4.1.0, which calls it:
 
     A <- arrayspecs(read.csv("landmarks.csv", row.names = 1), 17, 3)
     none <- gpagen(A); bending <- gpagen(A, curves, surface)
