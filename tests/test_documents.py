@@ -30,7 +30,10 @@ import jfsf
 from jfsf.apps.cli._app import app
 from jfsf.array._jit import Jitted
 
-VERBS = "match|register|transfer|batch|collection|evaluate|info|demo|shapes|cache"
+VERBS = (
+    "match|register|transfer|batch|collection|morphometrics|evaluate|info|demo|shapes|"
+    "cache"
+)
 COMMAND = re.compile(rf"jfsf (?:{VERBS})\b.*")
 EXAMPLE = re.compile(r"^Example: (jfsf .+)$", re.MULTILINE)
 NAME = re.compile(r"jfsf(?:\.\w+)+")

@@ -10,6 +10,7 @@ In this order: a room imports from the library, and from those above its own.
 - `export`: meshes in the colours of a map, for other programs
 - `transfer`: values, labels, landmarks and textures carried along a map
 - `model`: statistical shape models of meshes in correspondence
+- `morphometrics`: landmarks of many specimens: superimposed, slid, compared
 - `collections`: many shapes at once: maps that agree, and one topology for all
 - `pieces`: shapes of several connected pieces, matched piece to piece
 - `report`: pages to look at a map in a browser, and the confidence in words
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from jfsf.apps import landmarks as landmarks
     from jfsf.apps import mapfiles as mapfiles
     from jfsf.apps import model as model
+    from jfsf.apps import morphometrics as morphometrics
     from jfsf.apps import pieces as pieces
     from jfsf.apps import plot as plot
     from jfsf.apps import registration as registration
@@ -36,8 +38,8 @@ if TYPE_CHECKING:
     from jfsf.apps import transfer as transfer
 
 _ROOMS = (
-    "registration mapfiles landmarks interop plot export transfer model collections "
-    "pieces report cli guide"
+    "registration mapfiles landmarks interop plot export transfer model morphometrics "
+    "collections pieces report cli guide"
 ).split()
 
 

@@ -25,6 +25,8 @@ Read in this order:
 - `_collection_results`: what is written of all shapes when they are done
 - `_collection_runner`: makes the jobs, and reads what they wrote
 - `_collection`: `jfsf collection`
+- `_morphometrics_results`: tables, ends of components and pictures of specimens
+- `_morphometrics`: `jfsf morphometrics`
 - `_transfer`: `jfsf transfer`
 - `_evaluate`: `jfsf evaluate`
 - `_info`: `jfsf info`

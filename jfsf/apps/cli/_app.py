@@ -17,6 +17,7 @@ from jfsf.apps.cli._evaluate import evaluate
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._info import info
 from jfsf.apps.cli._match import match
+from jfsf.apps.cli._morphometrics import morphometrics
 from jfsf.apps.cli._print import (
     print_any_letter,
     say,
@@ -119,7 +120,16 @@ def demo(
     say_result([table(result.record)], (), (), written)
 
 
-for _command in (match, register, transfer, batch, collection, evaluate, info):
+for _command in (
+    match,
+    register,
+    transfer,
+    batch,
+    collection,
+    morphometrics,
+    evaluate,
+    info,
+):
     app.command()(_command)
 
 

@@ -16,6 +16,7 @@ builds them, with the pages of the whole package, as HTML. Begin with the first:
 - `batches`: many pairs, on many processes and machines
 - `collections`: from a folder of scans to one topology and a model
 - `models`: the mean of many shapes, and how they vary
+- `morphometrics`: landmarks of many specimens, superimposed and compared
 - `gpus`: what runs on a GPU, how fast, and what is checked without one
 - `stages`: settings, converters, descriptors, initial maps; the folders
 - `jax`: static and traced arguments, vmap, shard_map, export, solvers, own kernels

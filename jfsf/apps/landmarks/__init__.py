@@ -9,13 +9,14 @@ Read in this order:
 
 - `_record`: landmarks, and what all readers and writers share
 - `_programs`: 3D Slicer's .mrk.json and .fcsv, MeshLab's .pp
-- `_morphometrics`: .tps and .pts, and tables of many specimens
+- `_morphometrics`: .tps and .pts, and the landmarks of many specimens
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
 - `_place`: landmarks on a mesh, and which of two shapes belong together
 """
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
+from jfsf.apps.landmarks._morphometrics import read_specimens
 from jfsf.apps.landmarks._place import pair_landmarks, to_vertices
 from jfsf.apps.landmarks._record import Landmarks
 
@@ -23,6 +24,7 @@ __all__ = [
     "Landmarks",
     "pair_landmarks",
     "read_landmarks",
+    "read_specimens",
     "to_vertices",
     "write_landmarks",
 ]

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from jfsf.apps.landmarks._morphometrics import (
+    TABLES,
     pts_text,
     read_pts,
     read_tps,
@@ -31,14 +32,13 @@ from jfsf.apps.landmarks._table import particles_text, read_table, table_text
 from jfsf.storage._atomic import write_text
 from jfsf.storage._text import find_separator, read_text
 
-_TABLES = ".csv", ".tsv", ".txt"
 _READERS = {
     ".json": read_markups,
     ".fcsv": read_fcsv,
     ".pp": read_picked_points,
     ".tps": read_tps,
     ".pts": read_pts,
-    **dict.fromkeys((*_TABLES, ".particles"), read_table),
+    **dict.fromkeys((*TABLES, ".particles"), read_table),
 }
 _WRITERS = {
     ".json": markups_text,
@@ -107,10 +107,10 @@ def write_landmarks(path: Path, landmarks: Landmarks) -> None:
     landmarks = checked(landmarks, f"{path}: write_landmarks")
     if not landmarks.names:
         raise ValueError(f"{path}: there is no landmark to write")
-    if landmarks.points is None and suffix not in _TABLES:
+    if landmarks.points is None and suffix not in TABLES:
         raise ValueError(
             f"{path}: holds points, and these landmarks are vertices; write "
-            f"{', '.join(_TABLES)}, or give mesh.vertices[vertices] as points"
+            f"{', '.join(TABLES)}, or give mesh.vertices[vertices] as points"
         )
     check_names(landmarks, path)
     write_text(path, _WRITERS[suffix](landmarks))
@@ -132,7 +132,7 @@ def read_vertex_pairs(path: Path) -> np.ndarray:
         OSError: the file cannot be read.
     """
     path = Path(path)
-    if path.suffix.lower() in set(_READERS) - set(_TABLES):
+    if path.suffix.lower() in set(_READERS) - set(TABLES):
         raise ValueError(
             f"{path}: holds points of one shape; give such files as --landmarks-x and "
             "--landmarks-y"

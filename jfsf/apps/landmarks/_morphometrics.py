@@ -10,23 +10,50 @@
 
 import csv
 import io
+import os
 import re
 from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from jfsf.apps.landmarks._record import (
     Landmarks,
+    cells_of,
     collected,
     is_number,
     numbered_lines,
     to_point,
 )
+from jfsf.storage._text import find_separator, read_text
 from jfsf.types import ArrayLike
 
+TABLES = ".csv", ".tsv", ".txt"
 _MISSING = "NA"
 _NO_POINT = 9999.0  # of .pts
+
+
+class Specimens(NamedTuple):
+    """Landmarks of many specimens, the same of each.
+
+    specimens: their names, none twice.
+    landmarks: names of the landmarks; "" for one without a name.
+    points: in the unit of the file; nan where a specimen lacks a landmark.
+    """
+
+    specimens: tuple[str, ...]
+    landmarks: tuple[str, ...]
+    points: Float[np.ndarray, "s l 3"]
+
+
+class _Block(NamedTuple):
+    """A specimen of a .tps: its points, None for a missing one, and its keys."""
+
+    points: list[list[float] | None]
+    keys: dict[str, str]
 
 
 def read_tps(text: str, path: object) -> Landmarks:
@@ -39,26 +66,118 @@ def read_tps(text: str, path: object) -> Landmarks:
     Raises:
         ValueError: two coordinates a landmark, several specimens, or another layout.
     """
+    blocks = _blocks(text, path)
+    if len(blocks) != 1:
+        many = "no specimen" if not blocks else f"{len(blocks)} specimens"
+        raise ValueError(f"{path}: has {many} (LM3=); give a file of one, the template")
+    return collected([("", point) for point in blocks[0].points], path)
+
+
+def read_specimens(path: str | os.PathLike[str]) -> Specimens:
+    """Read the landmarks of many specimens, as `jfsf collection` writes them.
+
+    Args:
+        path: .tps, with the names of specimens as ID (or else IMAGE, or else their
+            numbers); or .csv, .tsv or .txt: a row a specimen, its name, x, y and z of
+            the first landmark, and on, under titles that end in x, y and z.
+
+    Returns:
+        All of them, in the order of the file; a landmark of NA, nan or an empty cell is
+        missing.
+
+    Raises:
+        ValueError: another format or layout, specimens of different numbers of
+            landmarks, or two of one name; it names the file and the line.
+        OSError: the file cannot be read.
+    """
+    path = Path(path)
+    readers = {".tps": _tps_specimens} | dict.fromkeys(TABLES, _table_specimens)
+    reader = readers.get(path.suffix.lower())
+    if reader is None:
+        raise ValueError(
+            f"{path}: landmarks of many specimens are .tps, or a table "
+            f"({', '.join(TABLES)})"
+        )
+    specimens, landmarks, rows = reader(read_text(path), path)
+    if twice := [name for name in specimens if specimens.count(name) > 1]:
+        raise ValueError(
+            f"{path}: {len(twice)} specimens have names that others have, such as "
+            f"{twice[0]!r}; give each a name of its own"
+        )
+    lost = 3 * [np.nan]
+    points = np.array([[point or lost for point in row] for row in rows], float)
+    return Specimens(tuple(specimens), tuple(landmarks), points)
+
+
+def _tps_specimens(text, path):
+    blocks = _blocks(text, path)
+    if not blocks:
+        raise ValueError(f"{path}: has no specimen (LM3=); save it again")
+    names = []
+    for i, (points, keys) in enumerate(blocks, 1):
+        names.append(keys.get("ID") or keys.get("IMAGE") or str(i))
+        if len(points) != len(blocks[0].points):
+            raise ValueError(
+                f"{path}: specimen {names[-1]!r} has {len(points)} landmarks, the "
+                f"first {len(blocks[0].points)}; write NA NA NA for a missing one"
+            )
+    landmarks = [""] * len(blocks[0].points)
+    return names, landmarks, [block.points for block in blocks]
+
+
+def _table_specimens(text, path):
+    lines = numbered_lines(text)
+    separator, said = find_separator([line for _, line in lines], "\t;,")
+    lines = lines[said:]
+    rows = [cells_of(line, separator or " ", path) for _, line in lines]
+    titles = [title.strip() for title in rows[0][1:]] if rows else []
+    ends = "".join(title[-1:].lower() for title in titles)
+    if len(rows) < 2 or not ends or ends != "xyz" * (len(ends) // 3):
+        raise ValueError(
+            f"{path}: is no table of specimens; its first line holds titles, "
+            "specimen,NAME_x,NAME_y,NAME_z for each landmark, and each other line a "
+            "specimen, as `jfsf collection` writes landmarks.csv"
+        )
+    landmarks = [re.sub("[_. ]?.$", "", title) for title in titles[::3]]
+    points = []
+    for (number, line), row in zip(lines[1:], rows[1:], strict=True):
+        if len(row) != len(titles) + 1:
+            raise ValueError(
+                f"{path}: line {number} has {len(row)} cells, the first {len(rows[0])}"
+            )
+        cells = [cell.strip() or _MISSING for cell in row[1:]]
+        triples = [cells[i : i + 3] for i in range(0, len(cells), 3)]
+        points.append([_point(cells, number, line, path) for cells in triples])
+    return [row[0].strip() for row in rows[1:]], landmarks, points
+
+
+def _blocks(text: str, path: object) -> list[_Block]:
+    """The specimens of a .tps; ValueError for another layout, or two coordinates."""
     lines = numbered_lines(text)
     heads = [re.match(r"(?i)LM(3?)=\s*(\d+)\s*$", line) for _, line in lines]
     at = [i for i, head in enumerate(heads) if head]
-    if len(at) != 1:
-        many = "no specimen" if not at else f"{len(at)} specimens"
-        raise ValueError(f"{path}: has {many} (LM3=); give a file of one, the template")
-    head = heads[at[0]]
-    if head is None or not head[1]:
-        raise ValueError(f"{path}: its landmarks are in a plane (LM=); LM3= is needed")
-    points = lines[at[0] + 1 : at[0] + 1 + int(head[2])]
-    rows = [("", _point(line.split(), n, line, path)) for n, line in points]
-    if len(rows) < int(head[2]):
-        raise ValueError(f"{path}: ends before its {head[2]} landmarks; save it again")
-    keys = dict(line.split("=", 1) for _, line in lines if "=" in line)
-    scale = {key.strip().upper(): value.strip() for key, value in keys.items()}
-    factor = scale.get("SCALE", "1")
-    if not is_number(factor):
-        raise ValueError(f"{path}: SCALE is {factor[:20]!r}; give a number")
-    scaled = [(name, p and [float(factor) * x for x in p]) for name, p in rows]
-    return collected(scaled, path)
+    blocks = []
+    for start, end in pairwise([*at, len(lines)]):
+        head = heads[start]
+        if head is None or not head[1]:
+            raise ValueError(
+                f"{path}: its landmarks are in a plane (LM=); LM3= is needed"
+            )
+        number = int(head[2])
+        rows = lines[start + 1 : min(start + 1 + number, end)]
+        points = [_point(line.split(), n, line, path) for n, line in rows]
+        if len(points) < number:
+            raise ValueError(
+                f"{path}: ends before its {number} landmarks; save it again"
+            )
+        pairs = (line.split("=", 1) for _, line in lines[start:end] if "=" in line)
+        keys = {key.strip().upper(): value.strip() for key, value in pairs}
+        factor = keys.get("SCALE", "1")
+        if not is_number(factor):
+            raise ValueError(f"{path}: SCALE is {factor[:20]!r}; give a number")
+        scaled = [p and [float(factor) * x for x in p] for p in points]
+        blocks.append(_Block(scaled, keys))
+    return blocks
 
 
 def read_pts(text: str, path: object) -> Landmarks:

@@ -1,5 +1,6 @@
 """The record of landmarks, and what all of its readers and writers share."""
 
+import csv
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -152,6 +153,19 @@ def to_vertex(cell: str) -> int | None:
     """The vertex in a cell, counted from 0; None if it holds another thing."""
     cell = cell.strip()
     return int(cell) if _WHOLE.fullmatch(cell) else None
+
+
+def cells_of(line: str, separator: str, path: object) -> list[str]:
+    """The cells of a line of a table.
+
+    Raises:
+        ValueError: its quotes do not end, or it is too long; `path` opens the message.
+    """
+    try:
+        (cells,) = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    except (csv.Error, ValueError) as error:
+        raise ValueError(f"{path}: {error}; save it again as .csv") from None
+    return cells
 
 
 def quoted(name: str) -> str:

@@ -1,0 +1,268 @@
+"""jfsf morphometrics: the landmarks of many specimens, compared."""
+
+import re
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+from jfsf.apps.cli._files import can_write_in, need_matplotlib
+from jfsf.apps.cli._print import counted, say_result
+
+MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
+MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
+# Beside the landmarks, where `jfsf collection` writes them; options that take them.
+BESIDE = {
+    "curveslide.csv": "curves",
+    "surfslide.csv": "surfaces",
+    "landmark_pairs.csv": "pairs",
+}
+
+
+class Slide(StrEnum):
+    """`procrustes`'s slide, as choices of an option."""
+
+    bending = "bending"
+    procrustes = "procrustes"
+
+
+def morphometrics(
+    landmarks: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LANDMARKS",
+            help="Landmarks of all specimens: landmarks.csv or landmarks.tps of jfsf "
+            "collection, or any .tps, .csv, .tsv or .txt like them. Missing ones are "
+            "estimated by thin-plate spline.",
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder for the results.")
+    ],
+    curves: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Semilandmarks of curves, as geomorph's curveslide.csv: before, slide "
+            "and after, numbers of landmarks from 1.",
+        ),
+    ] = None,
+    surfaces: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Semilandmarks of surfaces, as geomorph's surfslide.csv: a number of "
+            "a landmark, from 1, on each line.",
+        ),
+    ] = None,
+    slide: Annotated[
+        Slide,
+        typer.Option(
+            help="Semilandmarks slide by least bending energy, or least Procrustes "
+            "distance."
+        ),
+    ] = Slide.bending,
+    pairs: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Paired landmarks, left and right, numbers from 1; the others are on "
+            "the midline. Components and allometry then are those of the symmetric "
+            "part of each specimen, and the asymmetric part is written too.",
+        ),
+    ] = None,
+    groups: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="A table with titles: names of specimens, and columns of your own.",
+        ),
+    ] = None,
+    group: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COLUMN",
+            help="The column of --groups that is shown in colours; by default the "
+            "second.",
+        ),
+    ] = None,
+    template: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MESH",
+            help="A mesh to warp to the ends of the components, in its own place and "
+            "size: that of a specimen, NAME.ply, or another with "
+            "--template-landmarks. Without it the ends are landmarks (.fcsv).",
+        ),
+    ] = None,
+    template_landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The landmarks on --template, in any format that is read; paired by "
+            "name or by order.",
+        ),
+    ] = None,
+) -> None:
+    """Superimpose the landmarks of many specimens, and compare their shapes.
+
+    Procrustes analysis, sliding semilandmarks, principal components with a picture,
+    the regression of shape on size, and specimens that are far from the others. The
+    numbers are those of geomorph's gpagen.
+
+    Example: jfsf morphometrics model/landmarks.csv --out shape --groups species.csv
+    """
+    from jfsf.apps import morphometrics as room
+    from jfsf.apps.cli import _morphometrics_results as results
+    from jfsf.apps.landmarks import read_specimens
+    from jfsf.apps.morphometrics import _tables as tables
+
+    need_matplotlib()
+    can_write_in(out)
+    inputs = landmarks, curves, surfaces, pairs, groups, template, template_landmarks
+    for path in inputs:
+        if path is not None and out.resolve() in path.resolve().parents:
+            raise ValueError(f"--out {out}: {path} is in it; name another folder")
+    if slide is Slide.procrustes and curves is None and surfaces is None:
+        raise ValueError("--slide is for semilandmarks; give --curves or --surfaces")
+    if group is not None and groups is None:
+        raise ValueError("--group names a column of --groups; give that table too")
+    if template_landmarks is not None and template is None:
+        raise ValueError("--template-landmarks lie on a mesh; give --template too")
+    found = read_specimens(landmarks)
+    number = len(found.landmarks)
+    numbers = {
+        option: path and tables.read_numbers(path, titles, number)
+        for option, path, titles in (
+            ("curves", curves, tables.CURVES),
+            ("surfaces", surfaces, tables.SURFACES),
+            ("pairs", pairs, tables.PAIRS),
+        )
+    }
+    title, own = "", [""] * len(found.specimens)
+    if groups is not None:
+        title, own = tables.read_groups(groups, found.specimens, group)
+    mesh = template and results.template_of(template, template_landmarks, found)
+    doubts = []
+    for name, option in BESIDE.items():
+        there = landmarks.parent / name
+        if numbers[option] is None and tables.has_rows(there):
+            doubts.append(f"{there} is there and was not used; add --{option} {there}")
+    parts = allometry = None
+    no_allometry = []
+    try:
+        points = room.estimate_missing(found.points)
+        options = {name: numbers[name] for name in ("curves", "surfaces")}
+        aligned = room.procrustes(points, slide=slide.value, **options)
+        shapes = aligned.shapes
+        if numbers["pairs"] is not None:
+            parts = room.symmetric_parts(shapes, numbers["pairs"])
+            shapes = parts.symmetric
+        modes = room.components(shapes)
+        ends = results.ends_of(modes, aligned.sizes.mean(), mesh)
+        meshes = results.meshes_of(ends, mesh)
+    except ValueError as error:
+        raise ValueError(f"{landmarks}: {_named(error, found)}") from None
+    try:
+        allometry = room.allometry(shapes, aligned.sizes)
+    except ValueError as error:
+        no_allometry = [f"no {error}"]
+    compared = results.Compared(found, aligned, parts, modes, allometry, title, own)
+    written = results.write_results(out, compared, ends, meshes)
+    lines = [*_read(found, numbers, slide), *_summary(compared), *no_allometry]
+    if not aligned.rested:
+        doubts.append(
+            "the shapes still moved when it ended, as gpagen does: they are far apart"
+        )
+    if groups is not None and (alone := _without(found.specimens, own)):
+        doubts.append(f"{groups}: has no {title} of {alone}")
+    say_result([], lines, doubts, written)
+
+
+def _named(error, found) -> str:
+    """The message of an error, with names of specimens and landmarks for numbers."""
+    text = str(error).split(": ", 1)[-1]
+    for what, names in (("specimen", found.specimens), ("landmark", found.landmarks)):
+        name = lambda m, names=names: repr(names[int(m[1])] or int(m[1]) + 1)
+        text = re.sub(rf"(?<={what} )(\d+)", name, text)
+    return text
+
+
+def _read(found, numbers, slide) -> list[str]:
+    """What was read, which landmarks slide and which are estimated, in words."""
+    line = f"{len(found.specimens)} specimens, {len(found.landmarks)} landmarks"
+    slid = [
+        f"{len(numbers[option])} on {option}"
+        for option in ("curves", "surfaces")
+        if numbers[option] is not None
+    ]
+    if slid:
+        by = "bending energy" if slide is Slide.bending else "Procrustes distance"
+        line += f"; {' and '.join(slid)} slide by {by}"
+    lost = np.isnan(found.points).all(2)
+    specimens = np.flatnonzero(lost.any(1))
+    if not len(specimens):
+        return [line]
+    number = counted(int(lost.sum()), "landmark is", "landmarks are")
+    lines = [line, f"{number} missing: estimated by thin-plate spline, from the others"]
+    for i in specimens[:MOST_ESTIMATED]:
+        own = [found.landmarks[at] or str(at + 1) for at in np.flatnonzero(lost[i])]
+        lines.append(f"  {found.specimens[i]}: {', '.join(own)}")
+    if (more := len(specimens) - MOST_ESTIMATED) > 0:
+        lines.append(f"  and {more} specimens: the column estimated of sizes.csv")
+    return lines
+
+
+def _summary(compared) -> list[str]:
+    """What was found, in words."""
+    lines = []
+    modes, allometry, parts = compared.modes, compared.allometry, compared.parts
+    if parts is not None:
+        directional = np.linalg.norm(parts.asymmetric.mean(0))
+        lines.append(
+            "asymmetry: mean Procrustes distance from the symmetric part "
+            f"{parts.distances.mean():.3g}, of it directional {directional:.3g}"
+        )
+    shares = enumerate(modes.share[:MOST_SHOWN], 1)
+    shown = ", ".join(f"PC{k} {share:.1%}" for k, share in shares)
+    of = "" if parts is None else " of the symmetric part"
+    lines.append(f"variance{of}: {shown or 'none'}")
+    if allometry is not None:
+        lines.append(
+            f"allometry{of}: R2 {allometry.share:.1%}, F {allometry.F:.3g}, p "
+            f"{allometry.p:.3g} ({allometry.orders} orders of the specimens, seed 0)"
+        )
+    return [*lines, *_unusual(compared.found.specimens, compared.aligned)]
+
+
+def _unusual(names, aligned) -> list[str]:
+    """The specimens farthest from the mean, outliers, and likely mirror images."""
+    from jfsf.apps.morphometrics._procrustes import turned
+
+    distances = aligned.distances
+    order = np.argsort(-distances)
+    shown = ", ".join(f"{names[i]} {distances[i]:.3g}" for i in order[:MOST_SHOWN])
+    line = f"farthest from the mean: {shown}; median {np.median(distances):.3g}"
+    low, high = np.quantile(distances, [0.25, 0.75])
+    # Tukey's fence, as geomorph's plotOutliers has it.
+    far = [names[i] for i in order if distances[i] > high + 1.5 * (high - low)]
+    images = turned(aligned.shapes * [-1, 1, 1], aligned.mean)
+    nearer = np.linalg.norm(images - aligned.mean, axis=(1, 2)) < distances / 2
+    mirrored = [names[i] for i in order if nearer[i]]
+    lines = [line]
+    if far:
+        lines.append(f"outliers: {', '.join(far)}; look for misplaced landmarks")
+    if mirrored:
+        lines.append(
+            f"mirror images of the others: {', '.join(mirrored)}? Nothing is mirrored; "
+            "give all as left or all as right"
+        )
+    return lines
+
+
+def _without(names, groups) -> str:
+    """Names of specimens without a group."""
+    alone = [name for name, own in zip(names, groups, strict=True) if not own]
+    return ", ".join(alone[:5]) + (", ..." if len(alone) > 5 else "")
