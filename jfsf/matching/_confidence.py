@@ -145,6 +145,7 @@ def confidence(
     spectrum_gap: Float[Array, "..."] | float = jnp.nan,
     *,
     missed_weight: float = 3.0,
+    limited: bool = True,
 ) -> Float[Array, "..."]:
     """Probability that the mean geodesic error is below 0.1 of sqrt(area).
 
@@ -161,6 +162,8 @@ def confidence(
         spectrum_gap: how unlike the shapes are, see `Certificate`.
         missed_weight: a map that misses all landmarks counts as so many doubtful ones
             more.
+        limited: whether it is at most (1 + share) / 2. Which of the maps of a pair is
+            the most likely is decided without.
 
     Returns:
         In [0, 1]; nan where `log_odds` is nan.
@@ -172,7 +175,8 @@ def confidence(
     likely = jax.nn.sigmoid(jnp.where(jnp.isnan(share), log_odds, compared))
     # `known` is one half where the share is not: that takes nothing away.
     likely *= jnp.minimum(known / COMPARED["least_share"], 1)
-    likely = jnp.minimum(likely, (1 + jnp.nan_to_num(share, nan=1.0)) / 2)
+    if limited:
+        likely = jnp.minimum(likely, (1 + jnp.nan_to_num(share, nan=1.0)) / 2)
     number, other, gap = (
         jnp.nan_to_num(jnp.asarray(known, likely.dtype))
         for known in (rivals, mirrored, spectrum_gap)
@@ -198,6 +202,7 @@ def confidence_of(
     left_and_right: Any,
     *,
     missed_weight: float = MISSED_WEIGHT,
+    limited: bool = True,
 ) -> Float[Array, ""]:
     """The confidence of a map with this evidence.
 
@@ -205,7 +210,7 @@ def confidence_of(
         evidence: `log_odds`, `share`, `rivals`, `mirrored`, `spectrum_gap` and
             `landmarks` are read.
         left_and_right: as `confidence`. Landmarks that the map meets tell them, too.
-        missed_weight: as `confidence`.
+        missed_weight, limited: as `confidence`.
     """
     missed = missed_share(evidence)
     told = left_and_right | (evidence.landmarks.size > 0)
@@ -218,6 +223,7 @@ def confidence_of(
         evidence.mirrored,
         evidence.spectrum_gap,
         missed_weight=missed_weight,
+        limited=limited,
     )
 
 

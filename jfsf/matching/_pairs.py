@@ -126,14 +126,15 @@ class PairState:
             self.won = last
 
     def _merit(self, number: int, settings: Settings) -> tuple[float, float]:
-        """Confidence of an attempt, its rivals counted, and its share: rivals may tie.
+        """How likely an attempt is, its rivals counted, and its share: rivals may tie.
 
         -1 if one is unknown.
         """
         evidence = self._result(number, settings).certificate
-        likely, share = evidence.confidence, evidence.share
+        told = bool(self.inputs.sign != 0)
+        likely = confidence_of(evidence, told, limited=False)
         return float(np.nan_to_num(likely, nan=-1.0)), float(
-            np.nan_to_num(share, nan=-1.0)
+            np.nan_to_num(evidence.share, nan=-1.0)
         )
 
     def results(self, settings: Settings) -> list[Match]:
