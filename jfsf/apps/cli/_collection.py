@@ -16,6 +16,11 @@ from jfsf.apps.cli._collection_carried import (
     carried_of,
     points_of,
     write_carried,
+)
+from jfsf.apps.cli._collection_check import placed_by_people, write_check
+from jfsf.apps.cli._collection_landmarks import (
+    landmarks_on,
+    write_doubtful,
     write_landmarks_of,
 )
 from jfsf.apps.cli._collection_results import (
@@ -27,6 +32,7 @@ from jfsf.apps.cli._collection_results import (
 )
 from jfsf.apps.cli._collection_runner import (
     KEPT,
+    OTHERS,
     PARTS,
     STAGES,
     OnFiles,
@@ -38,6 +44,7 @@ from jfsf.apps.cli._collection_runner import (
     mirror_back,
     number_of,
     outcomes,
+    put_others,
 )
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
@@ -73,10 +80,26 @@ def collection(
             metavar="FILE",
             help="Landmarks of --template, which are carried to all shapes: .mrk.json, "
             ".fcsv, .pp, .tps, .pts, .csv or .txt. Writes landmarks.csv and "
-            "landmarks.tps of all, for geomorph and Morpho, and .mrk.json and .fcsv of "
-            "each.",
+            "landmarks.tps of all, for geomorph and Morpho, .mrk.json and .fcsv of "
+            "each, and how sure they are.",
         ),
     ] = None,
+    check_landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Landmark files that people placed on some of the shapes, named as "
+            "these: says how far those of --landmarks are from them.",
+        ),
+    ] = None,
+    templates: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Carry --landmarks by so many templates, the most central shapes "
+            "beside --template, and take the median.",
+        ),
+    ] = 1,
     labels: Annotated[
         Path | None,
         typer.Option(
@@ -163,11 +186,18 @@ def collection(
     if template is not None:
         template, paths = _with_template(template, paths)
     points = points_of(landmarks, template)
+    people = placed_by_people(check_landmarks, paths, points)
+    if templates > 1 and points is None:
+        raise ValueError(
+            f"--templates {templates} carries landmarks; give --landmarks, or leave it "
+            "out"
+        )
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
     jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
-    with stages(STAGES) as shown, stopping(out, KEPT, shown):
+    named = (*STAGES[:-1], OTHERS, STAGES[-1]) if templates > 1 else STAGES
+    with stages(named) as shown, stopping(out, KEPT, shown):
         begin(out, {"orientation": orientation.value, "mirror": mirror.value})
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
@@ -179,13 +209,15 @@ def collection(
             odd = doubts([str(paths[name]) for name in names], list(shapes.values()))
             for line in odd:
                 shown.say(line)
+            runner = OnFiles(out, names, orientation.value, report, run)
             graph, failed = join_shapes(
                 [own.sketch for own in shapes.values()],
-                OnFiles(out, names, orientation.value, report, run),
+                runner,
                 template=number_of(shapes, reasons, template),
                 orientation=orientation.value,
                 mirror=mirror.value,
             )
+            others = put_others(shapes, graph, runner, templates - 1)
         shown.begin("model", 1)
         shapes = mirror_back(out, shapes, graph)
         reasons |= {
@@ -201,8 +233,13 @@ def collection(
         written, notes = write_model_of(out, rows, mesh.faces, **kinds)
         write_table(out / "summary.csv", COLUMNS, rows)
         written.insert(0, out / "summary.csv")
+        tables, said_of = [], []
         if points is not None and landmarks is not None:
-            written += write_landmarks_of(out, rows, mesh, points, landmarks)
+            joined = [row["name"] for row in rows if not row["reason"]]
+            found = landmarks_on(out, points, shapes, graph, joined, others)
+            written += write_landmarks_of(out, found, points, landmarks)
+            tables, said = write_check(out, found, people, shapes, graph)
+            said_of = [*write_doubtful(out, found), *said]
         turned = {names[i] for i in graph.mirrored_back}
         written += write_carried(out, rows, paths, shapes, name, carried, turned)
         if report:
@@ -218,7 +255,8 @@ def collection(
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
         for i in sorted(graph.mirrored_back)
     ]
-    say_result([summary], lines, notes, written)
+    lines += [line for own in people.values() for line in own.said]
+    say_result([summary, *tables], lines + said_of, notes, written)
     if reasons:
         raise typer.Exit(1)
 

@@ -1,9 +1,10 @@
 """The work of `jfsf collection`: jobs are made, and what they wrote is read."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from zipfile import is_zipfile
 
 import numpy as np
@@ -32,10 +33,13 @@ from jfsf.mesh._read import stem_of
 
 # What a run does, in order; pairs and their mirror images by turns.
 STAGES = "files", "shapes", "pairs", "mirror images", "maps", "registered", "model"
+OTHERS = "other templates"  # a stage before the last one, with --templates
 # What is kept when it is stopped -> its files.
 KEPT = {"shapes": "shapes/*.npz", "pairs": "pairs/*.npz", "maps": "maps/*.npz"}
 # Folders of the results.
-PARTS = "shapes", "pairs", "turned", "ways", "maps", "placed", "others", "registered"
+OF_TEMPLATE = "ways", "maps", "placed", "others", "registered"  # for each template
+PARTS = "shapes", "pairs", "turned", *OF_TEMPLATE
+TEMPLATES = "templates"  # a folder for each other template, with its own parts
 MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
 
 
@@ -149,6 +153,7 @@ class OnFiles:
     orientation: as `jfsf.collection`.
     report: whether each shape gets a page.
     run: `outcomes`, on some client.
+    home: folder of the results that has the kept shapes; `out` if None.
     """
 
     out: Path
@@ -156,6 +161,7 @@ class OnFiles:
     orientation: str
     report: bool
     run: Callable[..., dict[Path, str | None]]
+    home: Path | None = None
 
     def match(self, edges, turned: bool):
         folder = self.out / ("turned" if turned else "pairs")
@@ -208,7 +214,38 @@ class OnFiles:
         return {i: why for i, job in jobs.items() if (why := failed[job.out])}
 
     def _file(self, part: str, shape: int) -> Path:
-        return file_of(self.out, part, self.names[shape])
+        home = self.home if part == "shapes" and self.home else self.out
+        return file_of(home, part, self.names[shape])
+
+
+def put_others(shapes, graph, runner: OnFiles, most: int) -> list[str]:
+    """Put other shapes than the template on all, the most central first.
+
+    What is made of each is in a folder of its own, a part of `TEMPLATES`. A mirror
+    image that was mirrored back is none of them: its kept mesh is not mirrored.
+
+    Args:
+        shapes: what was kept of each, by name.
+        graph: of these.
+        runner: that has put the template on all.
+        most: so many, or as many as there are.
+
+    Returns:
+        The names of these shapes.
+    """
+    from jfsf.apps.collections._engine import put_on_all
+
+    used = {graph.paths.template, *graph.mirrored_back}
+    found = [i for i in graph.central if i not in used][:most]
+    sketches = [own.sketch for own in shapes.values()]
+    run = lambda jobs, **given: runner.run(jobs, **{**given, "label": OTHERS})
+    for i in found:
+        out = runner.out / TEMPLATES / runner.names[i]
+        for part in OF_TEMPLATE:
+            (out / part).mkdir(parents=True, exist_ok=True)
+        own = replace(runner, out=out, report=False, run=run, home=runner.out)
+        put_on_all(sketches, graph.with_template(i), own)
+    return [runner.names[i] for i in found]
 
 
 def _write_way(path: Path, **arrays) -> None:
@@ -249,5 +286,9 @@ def forget(out: Path, names) -> None:
         own = [maps, *pages_of(maps), file_of(out, "placed", name), on_shape]
         own += [on_shape.with_suffix(".ply"), picture_of_shape(out, name)]
         own += [file_of(out, "others", name), *carried_files(out, name)]
+        rmtree(out / TEMPLATES / name, ignore_errors=True)
+        for folder in (out / TEMPLATES).glob("*/"):
+            own += [file_of(folder, part, name) for part in OF_TEMPLATE]
+            own.append(file_of(folder, "registered", name).with_suffix(".ply"))
         for path in own:
             path.unlink(missing_ok=True)

@@ -1,0 +1,268 @@
+"""The template's landmarks on all shapes of `jfsf collection`, and how sure they are.
+
+A landmark lies where the registered template has it. With other templates it is carried
+to each of these and on; it then lies at the median of all places, on the surface.
+
+The square of its radius is the sum of two: of what the map from the template says there
+(`jfsf.matching.vertex_radius`), and of the root mean square distance of all ways to the
+shape from where it lies. A way is the template by its own map, by way of each shape
+whose map to this one is trusted, and by way of each other template. Of the experts'
+landmarks on heel bones of carnivores 0.66 are within it, 0.62 within the larger of the
+two, and 0.55 within that of the map of a pair (vertex_constants.json).
+"""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jfsf.apps.cli._collection_carried import SLICER
+from jfsf.apps.cli._collection_jobs import file_of
+from jfsf.apps.cli._collection_runner import TEMPLATES
+from jfsf.types import ArrayLike, Mesh
+
+# A landmark is to be checked if its radius, as a share of the centroid size of the
+# landmarks of its shape, is so many times the median of the collection. By hand.
+DOUBTFUL = 2.0
+SHOWN = 10  # lines of such on the screen
+
+
+class OnShapes(NamedTuple):
+    """The template's landmarks on the joined shapes, in the unit of each file.
+
+    specimens: names of the shapes.
+    names: of the landmarks; numbers from 1 on for those without.
+    points: nan where a shape has no surface, and the template only bridges the gap.
+    radius: the true place is nearer with 90 % probability; 0 on the template, nan
+        without a point, and where the map has no radius.
+    """
+
+    specimens: list[str]
+    names: list[str]
+    points: Float[np.ndarray, "s l 3"]
+    radius: Float[np.ndarray, "s l"]
+
+
+class _At(NamedTuple):
+    """Points of a mesh; where there is none, the weights are nan.
+
+    corners: (l, 3) vertices.
+    weights: (l, 3) barycentric.
+    """
+
+    corners: np.ndarray
+    weights: np.ndarray
+
+    def on(self, vertices: ArrayLike) -> np.ndarray:
+        """The points, where its vertices lie so."""
+        corners = np.asarray(vertices, float)[self.corners]
+        return np.einsum("lc,lci->li", self.weights, corners)
+
+
+def landmarks_on(
+    out: Path, landmarks, shapes, graph, joined: Sequence[str], others: Sequence[str]
+) -> OnShapes:
+    """Find the template's landmarks on the joined shapes.
+
+    Args:
+        out: the folder of the results.
+        landmarks: of the template.
+        shapes: what was kept of each, by name; mirror images mirrored back.
+        graph: of these.
+        joined: names of the shapes that the template is on.
+        others: names of the other templates.
+    """
+    from jfsf.apps.landmarks._place import on_surface
+
+    names = list(shapes)
+    base = names[graph.paths.template]
+    at = _At(*on_surface(landmarks, shapes[base].mesh)[:2])
+    there = {
+        name: nearest(shapes[name].mesh, _registered(out, "placed", name, at))
+        for name in joined
+    }
+    starts = {
+        out / TEMPLATES / name: nearest(
+            shapes[name].mesh, _registered(out, "registered", name, at)
+        )
+        for name in others
+    }
+    points, radius = [], []
+    for name in sorted(joined):
+        mesh = shapes[name].mesh
+        place = _registered(out, "registered", name, at)
+        if name == base:
+            points.append(place)
+            radius.append(np.zeros(len(place)))
+            continue
+        ways = [_registered(out, "placed", name, at)]
+        for number, T in graph.trusted_maps(names.index(name)):
+            if way := there.get(names[number]):
+                ways.append(way.on(np.asarray(mesh.vertices)[np.asarray(T)]))
+        if others:
+            votes = [
+                _registered(folder, "registered", name, start)
+                for folder, start in starts.items()
+            ]
+            ways += votes
+            place = nearest(mesh, _median([place, *votes])).on(mesh.vertices)
+        points.append(place)
+        radius.append(np.hypot(_of_map(out, name, at, mesh), _spread(ways, place)))
+    titles = [name or str(i) for i, name in enumerate(landmarks.names, 1)]
+    return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius))
+
+
+def _registered(out: Path, part: str, name: str, at: _At) -> np.ndarray:
+    """Points of a template on a shape; nan where it bridges a gap, or is not there."""
+    path = file_of(out, part, name)
+    if not path.exists():
+        return np.full((len(at.corners), 3), np.nan)
+    with np.load(path) as file:
+        points = at.on(file["vertices"])
+        points[file["bridged"][at.corners].all(1)] = np.nan
+    return points
+
+
+def nearest(mesh: Mesh, points: np.ndarray) -> _At:
+    """The nearest points of a surface."""
+    from jfsf.mesh import closest
+    from jfsf.mesh._closest import surface_tree
+
+    known = np.isfinite(points).all(1)[:, None]
+    found = closest(surface_tree(mesh), np.where(known, points, 0.0))
+    weights = np.where(known, found.barycentric, np.nan)
+    return _At(np.asarray(mesh.faces)[found.face], weights)
+
+
+def _median(places: Sequence[np.ndarray]) -> np.ndarray:
+    """The median of each coordinate; nan where most places are missing."""
+    stacked = np.stack(places)
+    known = np.isfinite(stacked).all(2).mean(0) >= 0.5
+    found = np.full(stacked.shape[1:], np.nan)
+    found[known] = np.nanmedian(stacked[:, known], 0)
+    return found
+
+
+def _spread(ways: Sequence[np.ndarray], place: np.ndarray) -> np.ndarray:
+    """Root mean square distance of the ways from the place; nan without a place."""
+    apart = ((np.stack(ways) - place) ** 2).sum(2)
+    count = np.isfinite(apart).sum(0)
+    mean = np.nansum(apart, 0) / np.maximum(count, 1)
+    return np.where(np.isfinite(place).all(1), np.sqrt(mean), np.nan)
+
+
+def _of_map(out: Path, name: str, at: _At, mesh: Mesh) -> np.ndarray:
+    """The radius that the map from the template has, in the unit of the shape."""
+    from jfsf.mesh import surface_area
+
+    with np.load(file_of(out, "maps", name)) as file:
+        if "radius_x" not in file:
+            return np.full(len(at.corners), np.nan)
+        radius = file["radius_x"]
+    root = np.sqrt(surface_area(mesh))
+    return root * (at.weights * radius[at.corners]).sum(1)
+
+
+def write_landmarks_of(out: Path, found: OnShapes, landmarks, path: Path) -> list[Path]:
+    """Write the landmarks on each joined shape, one array of all, and the radii.
+
+    For each shape: in the format of their file, and as .mrk.json and .fcsv. Of all:
+    landmarks.csv, landmarks.tps and landmarks_radius.csv.
+
+    Args:
+        out: the folder of the results.
+        found: the landmarks on all shapes.
+        landmarks: of the template, read from `path`.
+    """
+    from jfsf.apps.landmarks import Landmarks, write_landmarks
+    from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
+    from jfsf.storage._atomic import write_text
+
+    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
+    folder = out / "landmarks"
+    folder.mkdir(exist_ok=True)
+    for name, points in zip(found.specimens, found.points, strict=True):
+        there = np.flatnonzero(np.isfinite(points).all(1))
+        own = tuple(landmarks.names[at] for at in there)
+        for end in dict.fromkeys((suffix, SLICER, ".fcsv")):
+            to = folder / f"{name}{end}"
+            if len(there):
+                kept = Landmarks(own, points[there], None, landmarks.system)
+                write_landmarks(to, kept)
+            else:
+                to.unlink(missing_ok=True)
+    names = ("landmarks.csv", "landmarks.tps", "landmarks_radius.csv")
+    tables = [out / name for name in names]
+    write_text(tables[0], specimens_csv(found.specimens, found.names, found.points))
+    write_text(tables[1], specimens_tps(found.specimens, found.points))
+    rows = zip(found.specimens, *found.radius.T.tolist(), strict=True)
+    write_numbers(tables[2], ["specimen", *found.names], list(rows))
+    return [*tables, folder]
+
+
+def write_numbers(path: Path, titles: Sequence[str], rows: Sequence[Sequence]) -> None:
+    """Write a table, NA for nan, as R reads it."""
+    from jfsf.storage._atomic import write_text
+
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(titles)
+    for row in rows:
+        table.writerow(["NA" if cell != cell else cell for cell in row])
+    write_text(path, text.getvalue())
+
+
+def size_of(points: Float[np.ndarray, "l 3"]) -> float:
+    """Centroid size: the root of the sum of squared distances from the mean."""
+    known = points[np.isfinite(points).all(1)]
+    return float(np.linalg.norm(known - known.mean(0))) if len(known) else np.nan
+
+
+def doubtful(found: OnShapes) -> list[dict]:
+    """The landmarks to be checked, the most doubtful first: see `DOUBTFUL`."""
+    size = np.array([size_of(points) for points in found.points])
+    share = found.radius / np.where(size > 0, size, np.nan)[:, None]
+    known = share[np.isfinite(share) & (share > 0)]
+    if not len(known):
+        return []
+    times = share / np.median(known)
+    rows = [
+        {
+            "specimen": found.specimens[i],
+            "landmark": found.names[j],
+            "radius": found.radius[i, j],
+            "of_size": share[i, j],
+            "times_median": times[i, j],
+        }
+        for i, j in np.argwhere(times >= DOUBTFUL).tolist()
+    ]
+    return sorted(rows, key=lambda row: -row["times_median"])
+
+
+def write_doubtful(out: Path, found: OnShapes) -> list[str]:
+    """Write the landmarks to be checked as to_check.csv; what to say of them."""
+    rows, path = doubtful(found), out / "to_check.csv"
+    columns = "specimen", "landmark", "radius", "of_size", "times_median"
+    write_numbers(path, columns, [[row[name] for name in columns] for row in rows])
+    known = found.radius[np.isfinite(found.radius) & (found.radius > 0)]
+    if not len(known):
+        return ["how sure the landmarks are is not known: the maps have no radius"]
+    rule = (
+        f"{DOUBTFUL:g} times the median of the collection or more (radius over the "
+        "centroid size of the shape's landmarks)"
+    )
+    if not rows:
+        return [f"no landmark has a radius of {rule}"]
+    lines = [f"check these, whose radius is {rule}:"]
+    lines += [
+        f"  {row['specimen']}, {row['landmark']}: within {row['radius']:.3g} "
+        f"({row['of_size']:.1%} of the size), 90 %"
+        for row in rows[:SHOWN]
+    ]
+    if len(rows) > SHOWN:
+        lines.append(f"  and {len(rows) - SHOWN} more, in {path.name}")
+    return lines
