@@ -9,7 +9,6 @@ nearest points of the surface.
 """
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from rich.markup import escape
@@ -22,9 +21,11 @@ from jfsf.apps.cli._collection_landmarks import (
     size_of,
     write_numbers,
 )
+from jfsf.apps.cli._collection_people import Placed
 from jfsf.apps.cli._print import counted
 from jfsf.types import Mesh
 
+CHECKED = "check.csv"  # for each landmark that people placed
 COLUMNS = (
     "specimen",
     "landmark",
@@ -40,103 +41,24 @@ SIMPLE = {"similarity": "the best similarity", "icp": "iterative closest points"
 SHOWN = 15  # rows of a table on the screen, the worst first
 
 
-class Placed(NamedTuple):
-    """Landmarks that people placed on a shape.
-
-    path: of the file.
-    rows: (p,) which landmarks of the template they are.
-    points: (p, 3) in the coordinates of the shape's file.
-    said: what was left out, a sentence each.
-    """
-
-    path: Path
-    rows: np.ndarray
-    points: np.ndarray
-    said: list[str]
-
-
-def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]:
-    """The landmark files of a folder that are named as shapes, by these names.
-
-    Args:
-        folder: of files in any format of landmarks; others are passed over.
-        paths: the file of each shape, by name.
-        landmarks: of the template; None if there are none.
-
-    Raises:
-        ValueError: no template's landmarks, no folder, no such file, two of one shape,
-            a file that cannot be read, landmarks that are not those of the template, or
-            far from the shape.
-    """
-    from jfsf.apps.landmarks import pair_landmarks, read_landmarks
-    from jfsf.apps.landmarks._files import SUFFIXES
-    from jfsf.apps.landmarks._place import on_surface
-    from jfsf.mesh import read
-
-    if folder is None:
-        return {}
-    if landmarks is None:
-        raise ValueError(
-            f"{folder}: --check-landmarks needs the same landmarks on the template; "
-            "give --template and --landmarks"
-        )
-    if not folder.is_dir():
-        raise ValueError(f"{folder}: is no folder; give one of landmark files")
-    found: dict[str, Placed] = {}
-    passed = []
-    for path in sorted(folder.iterdir()):
-        if path.name.startswith(".") or path.suffix.lower() not in SUFFIXES:
-            continue
-        name = path.stem
-        if name.lower().endswith(".mrk"):
-            name = name[: -len(".mrk")]
-        if name not in paths:
-            passed.append(path.name)
-            continue
-        if name in found:
-            raise ValueError(f"{path}: is of the same shape as {found[name].path.name}")
-        marks = read_landmarks(path)
-        try:
-            at = on_surface(marks, read(paths[name], finite=False))
-            pairs = pair_landmarks(landmarks, marks)
-        except ValueError as error:
-            raise ValueError(f"{path}: {error}") from None
-        points = np.asarray(at.points if marks.points is None else marks.points, float)
-        alone = [line for line in pairs.said if "without a partner" in line]
-        said = [f"{path}: {line}" for line in (*marks.said, *alone)]
-        of_template, own = pairs.rows.T
-        found[name] = Placed(path, of_template, points[own], said)
-    if not found:
-        raise ValueError(
-            f"{folder}: has no landmark file that is named as a shape, such as "
-            f"{next(iter(paths))}.fcsv; it has {', '.join(passed[:5]) or 'none at all'}"
-        )
-    return found
-
-
 def checked_rows(
-    out: Path, found: OnShapes, people: dict[str, Placed], shapes, graph
+    out: Path, found: OnShapes, people: dict[str, Placed], shapes, base: str, given
 ) -> list[dict]:
     """A row for each landmark that people placed on a joined shape.
-
-    The template's own do not count: they were given.
 
     Args:
         out: the folder of the results.
         found: the landmarks on all shapes.
-        people: where people placed them.
-        shapes: what was kept of each, by name; mirror images mirrored back.
-        graph: of these.
+        people: where people placed them, on the same meshes.
+        shapes: what was kept of each, by name.
+        base: name of the template.
+        given: names of shapes whose landmarks were given, and do not count.
     """
-    names = list(shapes)
-    base = names[graph.paths.template]
-    turned = {names[i] for i in graph.mirrored_back}
     own, rows = found.points[found.specimens.index(base)], []
     for i, name in enumerate(found.specimens):
-        if name == base or name not in people:
+        if name == base or name in given or name not in people:
             continue
         number, true = people[name].rows, people[name].points
-        true = true * [-1, 1, 1] if name in turned else true
         with np.load(file_of(out, "registered", name)) as file:
             on_shape = file["vertices"]
         left = {
@@ -184,37 +106,30 @@ def _by_icp(
 
     vertices = np.asarray(template.vertices, float)
     goal = np.asarray(mesh.vertices, float)
-    pose = procrustes(vertices, on_shape, reflection=False, return_cost=False)
-    # Where it stops is a cost in the square of the unit.
-    unit = size_of(goal) / np.sqrt(len(goal))
-    scaled = np.diag([1 / unit] * 3 + [1])
+    unit = size_of(goal) / np.sqrt(len(goal))  # the threshold is in its square
+    pose = procrustes(vertices, on_shape / unit, reflection=False, return_cost=False)
     options = {"threshold": 1e-8, "max_iterations": 200}
-    matrix, *_ = icp(
-        vertices,
-        goal / unit,
-        initial=scaled @ pose,
-        reflection=False,
-        scale=False,
-        **options,
-    )
-    moved = transform_points(np.nan_to_num(points), np.linalg.inv(scaled) @ matrix)
+    # With a scale of its own it leaves more: on heel bones 0.062, not 0.054.
+    options |= {"reflection": False, "scale": False}
+    matrix, *_ = icp(vertices, goal / unit, initial=pose, **options)
+    moved = unit * transform_points(np.nan_to_num(points), matrix)
     moved[~np.isfinite(points).all(1)] = np.nan
     return nearest(mesh, moved).on(goal)
 
 
 def write_check(
-    out: Path, found: OnShapes, people: dict[str, Placed], shapes, graph
+    out: Path, found: OnShapes, people: dict[str, Placed], shapes, base: str, given
 ) -> tuple[list[Table], list[str]]:
     """Write the errors as check.csv; what to show and to say of them.
 
     Args:
-        out, found, people, shapes, graph: as `checked_rows`.
+        out, found, people, shapes, base, given: as `checked_rows`.
     """
     if not people:
         return [], []
-    rows = checked_rows(out, found, people, shapes, graph)
+    rows = checked_rows(out, found, people, shapes, base, given)
     table = [[row[name] for name in COLUMNS] for row in rows]
-    write_numbers(out / "check.csv", COLUMNS, table)
+    write_numbers(out / CHECKED, COLUMNS, table)
     by = {"shape": _means(rows, "specimen"), "landmark": _means(rows, "landmark")}
     tables = [_table(by[of], of) for of in by if by[of]]
     return tables, _said_of(rows)
@@ -227,32 +142,43 @@ def _said_of(rows: list[dict]) -> list[str]:
         return ["no landmark that people placed is on a joined shape and not missing"]
     (whole,) = _means([{**row, "all": "all"} for row in known], "all")
     shapes = len({row["specimen"] for row in known})
-    percent = {what: f"{whole[what]:.2%}" for what in whole if what != "name"}
-    ratio = np.array([row["error"] / row["radius"] for row in known if row["radius"]])
+    percent = {what: _percent(whole[what]) for what in ("error", "median", *SIMPLE)}
+    ratio = [row["error"] / row["radius"] for row in known if row["radius"] > 0]
+    times = np.quantile(ratio, 0.9) if ratio else np.nan
     lines = [
         f"{counted(len(known), 'landmark', 'landmarks')} that people placed on "
         f"{counted(shapes, 'shape', 'shapes')}: the map is {percent['error']} of the "
         f"centroid size off in the mean, {percent['median']} in the median; "
-        f"{whole['within']:.0%} of the errors are within the radius, where 90 % are "
-        f"expected; within {np.quantile(ratio, 0.9):.1f} times the radius are 90 %",
+        f"{_percent(whole['within'], 0)} of the errors are within the radius, where "
+        f"90 % are expected; 90 % are within {times:.1f} times the radius",
         f"the best similarity of the landmarks themselves leaves "
-        f"{percent['similarity']} (no rigid method can leave less in root mean "
-        f"square), iterative closest points leave {percent['icp']}",
+        f"{percent['similarity']} (nothing that only moves, turns and scales the "
+        f"template leaves less in root mean square), iterative closest points leave "
+        f"{percent['icp']}",
     ]
     for what, name in SIMPLE.items():
-        worse = lambda own: own["error"] >= own[what]  # noqa: B023
-        where = []
-        for by, many in (("specimen", "the shapes"), ("landmark", "the landmarks")):
-            found = [own["name"] for own in _means(known, by) if worse(own)]
+        where = [] if whole["error"] < whole[what] else ["all in the mean"]
+        for by, of in (("specimen", "shape"), ("landmark", "landmark")):
+            means = _means(known, by)
+            found = [own["name"] for own in means if own["error"] >= own[what]]
             if found:
-                where.append(f"{many} {', '.join(found)}")
-        if worse(whole):
-            lines.append(f"the map is no better than {name} as a whole")
+                many = "" if len(found) == 1 else "s"
+                where.append(f"the {of}{many} {', '.join(found)}")
         if where:
             lines.append(f"the map is no better than {name} for {'; '.join(where)}")
     if len(lines) == 2:
         lines.append("the map is better than both on each shape and for each landmark")
     return lines
+
+
+def _mean(values: np.ndarray) -> float:
+    """Of those that are known; nan if none is."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
+def _percent(share: float, digits: int = 2) -> str:
+    return f"{share:.{digits}%}" if np.isfinite(share) else "unknown"
 
 
 def _means(rows: list[dict], by: str) -> list[dict]:
@@ -272,9 +198,8 @@ def _means(rows: list[dict], by: str) -> list[dict]:
                 "in_unit": column["error"].mean(),
                 "error": column["of_size"].mean(),
                 "median": np.median(column["of_size"]),
-                "similarity": (column["similarity"] / size).mean(),
-                "icp": (column["icp"] / size).mean(),
-                "within": column["within"].mean(),
+                **{what: _mean(column[what] / size) for what in SIMPLE},
+                "within": _mean(column["within"]),
             }
         )
     return sorted(found, key=lambda own: -own["error"])
@@ -292,8 +217,8 @@ def _table(groups: list[dict], of: str) -> Table:
             escape(own["name"]),
             str(own["number"]),
             f"{own['in_unit']:.3g}",
-            *(f"{share:.2%}" for share in of_size),
-            f"{own['within']:.0%}",
+            *map(_percent, of_size),
+            _percent(own["within"], 0),
         )
     if len(groups) > SHOWN:
         shown.caption = f"The worst {SHOWN} of {len(groups)}."

@@ -13,6 +13,7 @@ two, and 0.55 within that of the map of a pair (vertex_constants.json).
 
 import csv
 import io
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -22,12 +23,13 @@ from jaxtyping import Float
 
 from jfsf.apps.cli._collection_carried import SLICER
 from jfsf.apps.cli._collection_jobs import file_of
+from jfsf.apps.cli._collection_people import Placed
 from jfsf.apps.cli._collection_runner import TEMPLATES
 from jfsf.types import ArrayLike, Mesh
 
-# A landmark is to be checked if its radius, as a share of the centroid size of the
-# landmarks of its shape, is so many times the median of the collection. By hand.
-DOUBTFUL = 2.0
+# The landmarks to be checked first: as many as are beyond their radius if it is right.
+CHECK = 0.1
+TO_CHECK = "to_check.csv"
 SHOWN = 10  # lines of such on the screen
 
 
@@ -37,8 +39,8 @@ class OnShapes(NamedTuple):
     specimens: names of the shapes.
     names: of the landmarks; numbers from 1 on for those without.
     points: nan where a shape has no surface, and the template only bridges the gap.
-    radius: the true place is nearer with 90 % probability; 0 on the template, nan
-        without a point, and where the map has no radius.
+    radius: the true place is nearer with 90 % probability; 0 for a landmark that people
+        placed, nan without a point, and where the map has no radius.
     """
 
     specimens: list[str]
@@ -64,7 +66,13 @@ class _At(NamedTuple):
 
 
 def landmarks_on(
-    out: Path, landmarks, shapes, graph, joined: Sequence[str], others: Sequence[str]
+    out: Path,
+    landmarks,
+    shapes,
+    graph,
+    joined: Sequence[str],
+    others: Sequence[str],
+    given: dict[str, Placed],
 ) -> OnShapes:
     """Find the template's landmarks on the joined shapes.
 
@@ -75,6 +83,8 @@ def landmarks_on(
         graph: of these.
         joined: names of the shapes that the template is on.
         others: names of the other templates.
+        given: landmarks that people placed on other shapes: there they stay, and from
+            templates among these they are carried on.
     """
     from jfsf.apps.landmarks._place import on_surface
 
@@ -85,12 +95,12 @@ def landmarks_on(
         name: nearest(shapes[name].mesh, _registered(out, "placed", name, at))
         for name in joined
     }
-    starts = {
-        out / TEMPLATES / name: nearest(
-            shapes[name].mesh, _registered(out, "registered", name, at)
-        )
-        for name in others
-    }
+    starts = {}
+    for name in others:
+        place = _registered(out, "registered", name, at)
+        if own := given.get(name):
+            place[own.rows] = own.points
+        starts[out / TEMPLATES / name] = nearest(shapes[name].mesh, place)
     points, radius = [], []
     for name in sorted(joined):
         mesh = shapes[name].mesh
@@ -110,8 +120,11 @@ def landmarks_on(
             ]
             ways += votes
             place = nearest(mesh, _median([place, *votes])).on(mesh.vertices)
+        length = np.hypot(_of_map(out, name, at, mesh), _spread(ways, place))
+        if own := given.get(name):
+            place[own.rows], length[own.rows] = own.points, 0.0
         points.append(place)
-        radius.append(np.hypot(_of_map(out, name, at, mesh), _spread(ways, place)))
+        radius.append(length)
     titles = [name or str(i) for i, name in enumerate(landmarks.names, 1)]
     return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius))
 
@@ -132,7 +145,7 @@ def nearest(mesh: Mesh, points: np.ndarray) -> _At:
     from jfsf.mesh import closest
     from jfsf.mesh._closest import surface_tree
 
-    known = np.isfinite(points).all(1)[:, None]
+    known = np.isfinite(points).all(1, keepdims=True)
     found = closest(surface_tree(mesh), np.where(known, points, 0.0))
     weights = np.where(known, found.barycentric, np.nan)
     return _At(np.asarray(mesh.faces)[found.face], weights)
@@ -223,46 +236,49 @@ def size_of(points: Float[np.ndarray, "l 3"]) -> float:
 
 
 def doubtful(found: OnShapes) -> list[dict]:
-    """The landmarks to be checked, the most doubtful first: see `DOUBTFUL`."""
-    size = np.array([size_of(points) for points in found.points])
-    share = found.radius / np.where(size > 0, size, np.nan)[:, None]
-    known = share[np.isfinite(share) & (share > 0)]
-    if not len(known):
-        return []
-    times = share / np.median(known)
-    rows = [
-        {
-            "specimen": found.specimens[i],
-            "landmark": found.names[j],
-            "radius": found.radius[i, j],
-            "of_size": share[i, j],
-            "times_median": times[i, j],
-        }
-        for i, j in np.argwhere(times >= DOUBTFUL).tolist()
-    ]
-    return sorted(rows, key=lambda row: -row["times_median"])
+    """The tenth of the landmarks (`CHECK`) that are to be checked first, in order.
+
+    It is the radius over the centroid size of the landmarks of its shape, relative to
+    the median of that landmark in the collection, by which they are chosen. On heel
+    bones of carnivores their mean error is 0.067 of the centroid size, that of all is
+    0.041; relative to the median of all landmarks it is 0.060.
+    """
+    size = np.array([[size_of(points)] for points in found.points])
+    known = np.isfinite(found.radius) & (found.radius > 0) & (size > 0)
+    share = np.ma.array(found.radius, mask=~known) / np.where(size > 0, size, 1)
+    times = (share / np.ma.median(share, axis=0)).filled(0.0)
+    first = np.argsort(-times, axis=None, kind="stable")
+    rows = []
+    for i, j in zip(*np.unravel_index(first, times.shape), strict=True):
+        rows.append(
+            {
+                "specimen": found.specimens[i],
+                "landmark": found.names[j],
+                "radius": found.radius[i, j],
+                "of_size": share[i, j],
+                "times_median": times[i, j],
+            }
+        )
+    return rows[: math.ceil(CHECK * known.sum())]
 
 
 def write_doubtful(out: Path, found: OnShapes) -> list[str]:
     """Write the landmarks to be checked as to_check.csv; what to say of them."""
-    rows, path = doubtful(found), out / "to_check.csv"
+    rows = doubtful(found)
     columns = "specimen", "landmark", "radius", "of_size", "times_median"
-    write_numbers(path, columns, [[row[name] for name in columns] for row in rows])
-    known = found.radius[np.isfinite(found.radius) & (found.radius > 0)]
-    if not len(known):
-        return ["how sure the landmarks are is not known: the maps have no radius"]
-    rule = (
-        f"{DOUBTFUL:g} times the median of the collection or more (radius over the "
-        "centroid size of the shape's landmarks)"
-    )
+    write_numbers(out / TO_CHECK, columns, [[row[c] for c in columns] for row in rows])
     if not rows:
-        return [f"no landmark has a radius of {rule}"]
-    lines = [f"check these, whose radius is {rule}:"]
+        return ["how sure the landmarks are is not known: the maps have no radius"]
+    lines = [
+        f"check these landmarks first, the {len(rows)} with the largest radius over "
+        "centroid size, relative to the median of that landmark in the collection:"
+    ]
     lines += [
         f"  {row['specimen']}, {row['landmark']}: within {row['radius']:.3g} "
-        f"({row['of_size']:.1%} of the size), 90 %"
+        f"({row['of_size']:.1%} of the size), {row['times_median']:.1f} times the "
+        "median"
         for row in rows[:SHOWN]
     ]
     if len(rows) > SHOWN:
-        lines.append(f"  and {len(rows) - SHOWN} more, in {path.name}")
+        lines.append(f"  and {len(rows) - SHOWN} more, in {TO_CHECK}")
     return lines

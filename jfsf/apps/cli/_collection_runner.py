@@ -218,8 +218,8 @@ class OnFiles:
         return file_of(home, part, self.names[shape])
 
 
-def put_others(shapes, graph, runner: OnFiles, most: int) -> list[str]:
-    """Put other shapes than the template on all, the most central first.
+def put_others(shapes, graph, runner: OnFiles, most: int, named=()) -> list[str]:
+    """Put other shapes than the template on all.
 
     What is made of each is in a folder of its own, a part of `TEMPLATES`. A mirror
     image that was mirrored back is none of them: its kept mesh is not mirrored.
@@ -228,7 +228,8 @@ def put_others(shapes, graph, runner: OnFiles, most: int) -> list[str]:
         shapes: what was kept of each, by name.
         graph: of these.
         runner: that has put the template on all.
-        most: so many, or as many as there are.
+        most: so many, or as many as there are: the most central ones, beside
+        named: names of shapes that are put on all in any case.
 
     Returns:
         The names of these shapes.
@@ -236,7 +237,10 @@ def put_others(shapes, graph, runner: OnFiles, most: int) -> list[str]:
     from jfsf.apps.collections._engine import put_on_all
 
     used = {graph.paths.template, *graph.mirrored_back}
-    found = [i for i in graph.central if i not in used][:most]
+    found = [i for i in graph.central if i not in used]
+    # The sort is stable: those that are named, and then by centrality.
+    found.sort(key=lambda i: runner.names[i] not in named)
+    found = found[: max(most, sum(runner.names[i] in named for i in found))]
     sketches = [own.sketch for own in shapes.values()]
     run = lambda jobs, **given: runner.run(jobs, **{**given, "label": OTHERS})
     for i in found:
