@@ -243,7 +243,8 @@ def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
 
     folder, mesh = tmp_path / "marks", tmp_path / "s.1.ply"
     trimesh.Trimesh(*BLOB, process=False).export(mesh)
-    paths = {"s.1": mesh, "other": mesh}
+    (tmp_path / "broken.ply").write_text("ply")
+    paths = {"s.1": mesh, "broken": tmp_path / "broken.ply"}
     template = Landmarks(("a", "b", "c"), BLOB.vertices[:3])
     read = lambda: placed_by_people(folder, paths, template)
     assert placed_by_people(None, paths, template) == {}
@@ -261,6 +262,7 @@ def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
         file_of_template(folder, Path("t.ply"))
     assert file_of_template(folder, Path("another.ply")) == folder / "another.csv"
     assert file_of_template(folder / "another.csv", Path("t.ply")).name == "another.csv"
+    write_landmarks(folder / "broken.csv", template)  # the run says why it is left out
     own = Landmarks(("c", "new", "a"), BLOB.vertices[[2, 9, 0]])
     write_landmarks(folder / "s.1.mrk.json", own)
     (found,) = read().items()

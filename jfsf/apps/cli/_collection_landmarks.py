@@ -146,7 +146,8 @@ def nearest(mesh: Mesh, points: np.ndarray) -> _At:
     from jfsf.mesh._closest import surface_tree
 
     known = np.isfinite(points).all(1, keepdims=True)
-    found = closest(surface_tree(mesh), np.where(known, points, 0.0))
+    anywhere = np.asarray(mesh.vertices)[0]
+    found = closest(surface_tree(mesh), np.where(known, points, anywhere))
     weights = np.where(known, found.barycentric, np.nan)
     return _At(np.asarray(mesh.faces)[found.face], weights)
 

@@ -92,7 +92,11 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
         path = files[name]
         marks = read_landmarks(path)
         try:
-            at = on_surface(marks, read(paths[name], finite=False))
+            mesh = read(paths[name], finite=False)
+        except (ValueError, OSError):  # it is left out, and then named with the reason
+            continue
+        try:
+            at = on_surface(marks, mesh)
             pairs = pair_landmarks(landmarks, marks)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
@@ -101,7 +105,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
         said = [f"{path}: {line}" for line in (*marks.said, *alone)]
         of_template, own = pairs.rows.T
         found[name] = Placed(path, of_template, points[own], said)
-    if not found:
+    if not files.keys() & paths.keys():
         raise ValueError(
             f"{folder}: has no landmark file that is named as a shape, such as "
             f"{next(iter(paths))}.fcsv; it has {_some(files)}"
