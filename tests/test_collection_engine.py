@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from jfsf.apps.cli._collection_runner import OnFiles, put_others
+from jfsf.apps.cli._collection_runner import OnFiles
+from jfsf.apps.cli._collection_templates import put_others
 from jfsf.apps.collections._cycles import Sketch
 from jfsf.apps.collections._engine import join_shapes, put_on_all
 from jfsf.apps.collections._grow import Matched, best_paths
@@ -116,13 +117,19 @@ def test_those_that_are_named_come_first_and_mirror_images_not_at_all(tmp_path):
     def run(jobs, *, label, **_):
         folders.append((label, jobs[0].out.parent.parent.name))
         assert all((tmp_path / "shapes") in path.parents for path in jobs[0].inputs[:2])
-        return {job.out: None for job in jobs}
+        failed = {job.out: job.out.parts[-2:] == ("placed", "e.npz") for job in jobs}
+        return {path: "it is broken" if bad else None for path, bad in failed.items()}
 
     on_files = OnFiles(tmp_path, list("abcdef"), "preserve", True, run)
     put = lambda most, named=(): put_others(shapes, graph, on_files, most, named)
     names = [on_files.names[i] for i in graph.central if i not in (0, 2)]
     assert put(0) == [] and not folders
+    earlier = [tmp_path / f"templates/b/registered/{name}.npz" for name in "ef"]
+    earlier[0].parent.mkdir(parents=True)
+    for path in earlier:
+        path.touch()
     assert put(2) == names[:2] and put(9) == names
     assert set(folders) == {("other templates", name) for name in names}
+    assert [path.exists() for path in earlier] == [False, True]
     assert put(1, ["a", "c", *names[-2:]]) == names[-2:]
     assert put(3, names[-1:]) == [names[-1], *names[:2]]

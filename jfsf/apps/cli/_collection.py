@@ -38,7 +38,6 @@ from jfsf.apps.cli._collection_results import (
 )
 from jfsf.apps.cli._collection_runner import (
     KEPT,
-    OTHERS,
     PARTS,
     STAGES,
     OnFiles,
@@ -50,8 +49,8 @@ from jfsf.apps.cli._collection_runner import (
     mirror_back,
     number_of,
     outcomes,
-    put_others,
 )
+from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import say_result

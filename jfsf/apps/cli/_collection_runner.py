@@ -1,7 +1,7 @@
 """The work of `jfsf collection`: jobs are made, and what they wrote is read."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -33,7 +33,6 @@ from jfsf.mesh._read import stem_of
 
 # What a run does, in order; pairs and their mirror images by turns.
 STAGES = "files", "shapes", "pairs", "mirror images", "maps", "registered", "model"
-OTHERS = "other templates"  # a stage before the last one, with --templates
 # What is kept when it is stopped -> its files.
 KEPT = {"shapes": "shapes/*.npz", "pairs": "pairs/*.npz", "maps": "maps/*.npz"}
 # Folders of the results.
@@ -216,40 +215,6 @@ class OnFiles:
     def _file(self, part: str, shape: int) -> Path:
         home = self.home if part == "shapes" and self.home else self.out
         return file_of(home, part, self.names[shape])
-
-
-def put_others(shapes, graph, runner: OnFiles, most: int, named=()) -> list[str]:
-    """Put other shapes than the template on all.
-
-    What is made of each is in a folder of its own, a part of `TEMPLATES`. A mirror
-    image that was mirrored back is none of them: its kept mesh is not mirrored.
-
-    Args:
-        shapes: what was kept of each, by name.
-        graph: of these.
-        runner: that has put the template on all.
-        most: so many, or as many as there are: the most central ones, beside
-        named: names of shapes that are put on all in any case.
-
-    Returns:
-        The names of these shapes.
-    """
-    from jfsf.apps.collections._engine import put_on_all
-
-    used = {graph.paths.template, *graph.mirrored_back}
-    found = [i for i in graph.central if i not in used]
-    # The sort is stable: those that are named, and then by centrality.
-    found.sort(key=lambda i: runner.names[i] not in named)
-    found = found[: max(most, sum(runner.names[i] in named for i in found))]
-    sketches = [own.sketch for own in shapes.values()]
-    run = lambda jobs, **given: runner.run(jobs, **{**given, "label": OTHERS})
-    for i in found:
-        out = runner.out / TEMPLATES / runner.names[i]
-        for part in OF_TEMPLATE:
-            (out / part).mkdir(parents=True, exist_ok=True)
-        own = replace(runner, out=out, report=False, run=run, home=runner.out)
-        put_on_all(sketches, graph.with_template(i), own)
-    return [runner.names[i] for i in found]
 
 
 def _write_way(path: Path, **arrays) -> None:
