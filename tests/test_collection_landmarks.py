@@ -161,7 +161,9 @@ def test_the_least_sure_tenth_is_to_be_checked(tmp_path):
     radius[7, 3] *= 2
     radius[5] = points[5] = np.nan
     radius[6, 0] = 0  # placed by people
-    found = OnShapes([f"s{i}" for i in range(10)], list("abcd"), points, radius)
+    found = OnShapes(
+        [f"s{i}" for i in range(10)], list("abcd"), points, radius, points[0]
+    )
     rows = doubtful(found)
     assert len(rows) == 4  # of 35
     assert [(row["specimen"], row["landmark"]) for row in rows[:2]] == [

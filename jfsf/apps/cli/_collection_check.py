@@ -54,7 +54,7 @@ def checked_rows(
         base: name of the template.
         given: names of shapes whose landmarks were given, and do not count.
     """
-    own, rows = found.points[found.specimens.index(base)], []
+    own, rows = found.template, []
     for i, name in enumerate(found.specimens):
         if name == base or name in given or name not in people:
             continue

@@ -41,12 +41,14 @@ class OnShapes(NamedTuple):
     points: nan where a shape has no surface, and the template only bridges the gap.
     radius: the true place is nearer with 90 % probability; 0 for a landmark that people
         placed, nan without a point, and where the map has no radius.
+    template: the landmarks on the template, which need not be one of the shapes.
     """
 
     specimens: list[str]
     names: list[str]
     points: Float[np.ndarray, "s l 3"]
     radius: Float[np.ndarray, "s l"]
+    template: Float[np.ndarray, "l 3"]
 
 
 class _At(NamedTuple):
@@ -126,7 +128,8 @@ def landmarks_on(
         points.append(place)
         radius.append(length)
     titles = [name or str(i) for i, name in enumerate(landmarks.names, 1)]
-    return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius))
+    own = at.on(shapes[base].mesh.vertices)
+    return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius), own)
 
 
 def _registered(out: Path, part: str, name: str, at: _At) -> np.ndarray:
