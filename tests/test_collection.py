@@ -121,6 +121,8 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
     from jfsf.apps.cli._collection_runner import forget, known_before
 
     kinds = (
+        *("templates/other/maps/{}.npz", "templates/other/registered/{}.ply"),
+        *("templates/{}/registered/other.npz", "templates/other/placed/{}.npz"),
         *("maps/{}.npz", "maps/report/{}.html", "placed/{}.npz"),
         *("registered/{}.npz", "registered/{}.ply", "others/{}.npz"),
         *("landmarks/{}.mrk.json", "landmarks/{}.fcsv", "labels/{}.csv"),
@@ -135,40 +137,6 @@ def test_nothing_stays_of_what_is_left_out(tmp_path):
     forget(tmp_path, ["scan", "never there"])
     assert known_before(tmp_path) == {"scan.1"}
     assert set(content(tmp_path)) == {kind.format("scan.1") for kind in kinds}
-
-
-@pytest.mark.parametrize("end", [".mrk.json", ".tps"])
-def test_landmarks_are_written_of_each_and_of_all(tmp_path, end):
-    from jfsf.apps.cli._collection_carried import write_landmarks_of
-    from jfsf.apps.landmarks import Landmarks, read_landmarks
-
-    mesh = small("man_t", 300)[0]
-    moved = mesh.vertices + [1.0, 2.0, 3.0]
-    (tmp_path / "registered").mkdir()
-    for name, holes in (("scan", []), ("torn", [1])):
-        bridged = np.isin(np.arange(len(moved)), holes)
-        file = tmp_path / "registered" / f"{name}.npz"
-        np.savez(file, vertices=moved, bridged=bridged)
-    marks = Landmarks(("a", "b"), None, np.arange(2))
-    rows = [{"name": name, "reason": ""} for name in ("torn", "scan")]
-    rows.append({"name": "bad", "reason": "fits none"})
-    write_landmarks_of(tmp_path, rows, mesh, marks, Path(f"template{end}"))
-    each = {path.name for path in (tmp_path / "landmarks").iterdir()}
-    ends = {end, ".mrk.json", ".fcsv"}
-    assert each == {name + end for name in ("scan", "torn") for end in ends}
-    for one in sorted(ends):
-        found = read_landmarks(tmp_path / "landmarks" / f"scan{one}")
-        np.testing.assert_allclose(found.points, moved[:2], atol=1e-5)
-        torn = read_landmarks(tmp_path / "landmarks" / f"torn{one}")
-        assert len(torn.names) == 1
-    # As R reads it, a row a specimen; what is missing is NA, never 0.
-    with (tmp_path / "landmarks.csv").open() as file:
-        title, scan, torn = csv.reader(file)
-    assert title[1:] == [f"{name}_{axis}" for name in "ab" for axis in "xyz"]
-    np.testing.assert_allclose(np.array(scan[1:], float), moved[:2].ravel())
-    assert scan[0] == "scan" and torn[0] == "torn" and torn[4:] == ["NA"] * 3
-    lines = (tmp_path / "landmarks.tps").read_text().splitlines()
-    assert lines[0] == "LM3=2" and lines[3] == "ID=scan" and lines[6] == "NA NA NA"
 
 
 def begun(scans, out, cache):

@@ -1,11 +1,15 @@
 """What a collection asks of a runner: each pair once, ways, and trusted maps."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from jfsf.apps.cli._collection_runner import OnFiles
+from jfsf.apps.cli._collection_templates import put_others
 from jfsf.apps.collections._cycles import Sketch
-from jfsf.apps.collections._engine import join_shapes
-from jfsf.apps.collections._grow import Matched
+from jfsf.apps.collections._engine import join_shapes, put_on_all
+from jfsf.apps.collections._grow import Matched, best_paths
 from jfsf.types import Maps
 
 N = 40
@@ -87,3 +91,45 @@ def test_mirror_images_that_do_not_join_stay_as_they_are(options, left_out, turn
     assert graph.mirrored_back == frozenset()
     assert set(range(5)) - set(runner.ways) == left_out
     assert any(turn for _, turn in runner.asked) == turned
+
+
+def test_other_templates_are_the_most_central_shapes_that_joined():
+    runner = Recorder([1, 1, -1, 1, 1])
+    graph, _ = join_shapes(runner.sketches, runner, template=0)
+    assert graph.mirrored == {2} and sorted(graph.central) == [0, 1, 3, 4]
+    assert graph.central[0] == best_paths(graph.right, 5).template
+    for i in graph.central:
+        own = graph.with_template(i)
+        assert own.paths.template == i and own.matched is graph.matched
+        assert np.flatnonzero(own.joined).tolist() == [0, 1, 3, 4]
+        assert put_on_all(runner.sketches, own, runner) == {}
+        assert sorted(runner.ways) == [0, 1, 3, 4] and runner.maps[i] == []
+        np.testing.assert_array_equal(runner.ways[i], np.arange(N))
+
+
+def test_those_that_are_named_come_first_and_mirror_images_not_at_all(tmp_path):
+    runner = Recorder([1, 1, -1, 1, 1, 1])
+    graph, _ = join_shapes(runner.sketches, runner, template=0, mirror="auto")
+    sketches = zip("abcdef", runner.sketches, strict=True)
+    shapes = {name: SimpleNamespace(sketch=own) for name, own in sketches}
+    folders = []
+
+    def run(jobs, *, label, **_):
+        folders.append((label, jobs[0].out.parent.parent.name))
+        assert all((tmp_path / "shapes") in path.parents for path in jobs[0].inputs[:2])
+        failed = {job.out: job.out.parts[-2:] == ("placed", "e.npz") for job in jobs}
+        return {path: "it is broken" if bad else None for path, bad in failed.items()}
+
+    on_files = OnFiles(tmp_path, list("abcdef"), "preserve", True, run)
+    put = lambda most, named=(): put_others(shapes, graph, on_files, most, named)
+    names = [on_files.names[i] for i in graph.central if i not in (0, 2)]
+    assert put(0) == [] and not folders
+    earlier = [tmp_path / f"templates/b/registered/{name}.npz" for name in "ef"]
+    earlier[0].parent.mkdir(parents=True)
+    for path in earlier:
+        path.touch()
+    assert put(2) == names[:2] and put(9) == names
+    assert set(folders) == {("other templates", name) for name in names}
+    assert [path.exists() for path in earlier] == [False, True]
+    assert put(1, ["a", "c", *names[-2:]]) == names[-2:]
+    assert put(3, names[-1:]) == [names[-1], *names[:2]]

@@ -64,7 +64,8 @@ def same_vertices(x, y, **_):
     names = Certificate._fields
     sure = Certificate(*(jnp.asarray(values.get(name, 0.0)) for name in names))
     own = np.arange(N, dtype=np.int32)
-    return Match(own, own, jnp.eye(3), sure)
+    radius = jnp.full(N, 0.02)
+    return Match(own, own, jnp.eye(3), sure, radius_x=radius, radius_y=radius)
 
 
 def at_vertices(x, y, T, **_):
@@ -168,6 +169,84 @@ def test_a_terminal_shows_all_stages_beforehand(collected, monkeypatch, capsys):
     assert "estimating" not in text[text.rindex("files") :].split("mirror")[0]
     # The log, which is no terminal, has its lines all the same.
     assert "registered 5/5: " in capsys.readouterr().out
+
+
+def test_landmarks_are_carried_by_templates_and_checked(collected, scans, tmp_path):
+    out, args = collected
+    args = [*args, "--largest-component", "--template", str(scans / "0.ply")]
+    at, people = [3, 40, 77, 110], tmp_path / "people"
+    people.mkdir()
+    sizes = {"0": 1.0, "1": 1.0, "inches": 25.4}
+
+    def place(path, mesh):
+        rows = [f"p{i},{x},{y},{z}" for i, (x, y, z) in enumerate(mesh.vertices[at])]
+        path.write_text("\n".join(["name,x,y,z", *rows, ""]))
+
+    place(marks := tmp_path / "0.csv", blob(0))
+    shapes = {"0": blob(0), "1": blob(1), "inches": blob(3)}
+    for name, mesh in shapes.items():
+        off = mesh.vertices + [0.03, 0, 0]
+        place(people / f"{name}.csv", Mesh(sizes[name] * off, mesh.faces))
+
+    def table(name):
+        with (out / name).open() as file:
+            return list(csv.DictReader(file))
+
+    def run(*more):
+        done = CliRunner().invoke(app, [*args, "--landmarks", str(marks), *more])
+        assert done.exit_code == 0, done.output
+        return done.stdout
+
+    said = run("--check-landmarks", str(people))
+    assert "8 landmarks that people placed on 2 shapes" in said
+    assert "check these landmarks first" in said and not (out / "templates").exists()
+    one = (out / "landmarks.csv").read_bytes()
+    for row in table("landmarks.csv"):  # as the registered template has them
+        with np.load(out / "registered" / f"{row.pop('specimen')}.npz") as file:
+            points = file["vertices"][at]
+        found = [float(x) for x in row.values()]
+        np.testing.assert_allclose(found, points.ravel(), atol=1e-6)
+    # Errors and radii are in the unit of the file.
+    errors = {name: 0.03 * sizes[name] for name in ("1", "inches")}
+    for row in table("check.csv"):
+        name = row["specimen"]
+        assert float(row["error"]) == pytest.approx(errors[name], rel=1e-4)
+        root = np.sqrt(trimesh.Trimesh(*shapes[name]).area) * sizes[name]
+        assert float(row["radius"]) == pytest.approx(0.02 * root, rel=1e-4)
+    # More templates: a stage of its own, and nothing that was made is made again.
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*/*.npz")}
+    said = run("--templates", "3")
+    assert re.search(r"other templates 20/20: ", said)
+    assert all(path.stat().st_mtime_ns == date for path, date in before.items())
+    several = sorted(out.glob("templates/*/registered/*.npz"))
+    assert len(several) == 10
+    for row, old in zip(
+        table("landmarks.csv"), one.decode().splitlines()[1:], strict=True
+    ):
+        found = [float(x) for x in [*row.values()][1:]]
+        np.testing.assert_allclose(found, np.array(old.split(",")[1:], float), 1e-6)
+    # Stopped and run again: only what is missing is made, to the same bytes.
+    table_of_all = (out / "landmarks.csv").read_bytes()
+    dates = {path: path.stat().st_mtime_ns for path in several[1:]}
+    whole = several[0].read_bytes()
+    several[0].unlink()
+    made = re.findall(r"other templates \d+/\d+: (\w+),", run("--templates", "3"))
+    assert made == [several[0].stem]
+    assert several[0].read_bytes() == whole
+    assert all(path.stat().st_mtime_ns == date for path, date in dates.items())
+    assert table_of_all == (out / "landmarks.csv").read_bytes()
+    # People's landmarks on the template and on "1", which is a template then.
+    marks = people
+    run()
+    (row,) = (row for row in table("landmarks.csv") if row["specimen"] == "1")
+    own = (shapes["1"].vertices + [0.03, 0, 0])[at]
+    np.testing.assert_allclose([float(x) for x in [*row.values()][1:]], own.ravel())
+    assert (out / "templates" / "1").is_dir()
+    marks = tmp_path / "0.csv"
+    run()
+    assert (out / "landmarks.csv").read_bytes() == one
+    done = CliRunner().invoke(app, [*args, "--templates", "2"])
+    assert done.exit_code == 1 and "give --landmarks" in done.output
 
 
 def test_what_is_odd_beside_the_others_is_named():

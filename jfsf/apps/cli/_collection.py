@@ -16,7 +16,18 @@ from jfsf.apps.cli._collection_carried import (
     carried_of,
     points_of,
     write_carried,
+)
+from jfsf.apps.cli._collection_check import CHECKED, write_check
+from jfsf.apps.cli._collection_landmarks import (
+    TO_CHECK,
+    landmarks_on,
+    write_doubtful,
     write_landmarks_of,
+)
+from jfsf.apps.cli._collection_people import (
+    file_of_template,
+    mirrored_with,
+    placed_by_people,
 )
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
@@ -39,6 +50,7 @@ from jfsf.apps.cli._collection_runner import (
     number_of,
     outcomes,
 )
+from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import say_result
@@ -70,13 +82,31 @@ def collection(
     landmarks: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE",
+            metavar="FILE|FOLDER",
             help="Landmarks of --template, which are carried to all shapes: .mrk.json, "
-            ".fcsv, .pp, .tps, .pts, .csv or .txt. Writes landmarks.csv and "
-            "landmarks.tps of all, for geomorph and Morpho, and .mrk.json and .fcsv of "
-            "each.",
+            ".fcsv, .pp, .tps, .pts, .csv or .txt. Or a folder of such files, named as "
+            "the template and as other shapes, which then are templates too. Writes "
+            "landmarks.csv and landmarks.tps of all, for geomorph and Morpho, "
+            ".mrk.json and .fcsv of each, and how sure they are.",
         ),
     ] = None,
+    check_landmarks: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Landmark files that people placed on some of the shapes, named as "
+            "these: says how far those of --landmarks are from them.",
+        ),
+    ] = None,
+    templates: Annotated[
+        int,
+        typer.Option(
+            min=1,
+            help="Carry --landmarks by so many templates, and take the median: "
+            "--template, those that --landmarks has files of, and the most central "
+            "shapes.",
+        ),
+    ] = 1,
     labels: Annotated[
         Path | None,
         typer.Option(
@@ -162,12 +192,22 @@ def collection(
         )
     if template is not None:
         template, paths = _with_template(template, paths)
-    points = points_of(landmarks, template)
+    marks = file_of_template(landmarks, template)
+    points = points_of(marks, template)
+    placed = placed_by_people(None if marks == landmarks else landmarks, paths, points)
+    people = placed_by_people(check_landmarks, paths, points)
+    if templates > 1 and points is None:
+        raise ValueError(
+            f"--templates {templates} carries landmarks; give --landmarks, or leave it "
+            "out"
+        )
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
     jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
-    with stages(STAGES) as shown, stopping(out, KEPT, shown):
+    several = max(templates, len(placed)) > 1
+    named = (*STAGES[:-1], OTHERS, STAGES[-1]) if several else STAGES
+    with stages(named) as shown, stopping(out, KEPT, shown):
         begin(out, {"orientation": orientation.value, "mirror": mirror.value})
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
@@ -179,13 +219,15 @@ def collection(
             odd = doubts([str(paths[name]) for name in names], list(shapes.values()))
             for line in odd:
                 shown.say(line)
+            runner = OnFiles(out, names, orientation.value, report, run)
             graph, failed = join_shapes(
                 [own.sketch for own in shapes.values()],
-                OnFiles(out, names, orientation.value, report, run),
+                runner,
                 template=number_of(shapes, reasons, template),
                 orientation=orientation.value,
                 mirror=mirror.value,
             )
+            others = put_others(shapes, graph, runner, templates - 1, placed)
         shown.begin("model", 1)
         shapes = mirror_back(out, shapes, graph)
         reasons |= {
@@ -201,15 +243,24 @@ def collection(
         written, notes = write_model_of(out, rows, mesh.faces, **kinds)
         write_table(out / "summary.csv", COLUMNS, rows)
         written.insert(0, out / "summary.csv")
-        if points is not None and landmarks is not None:
-            written += write_landmarks_of(out, rows, mesh, points, landmarks)
+        tables, said_of = [], []
         turned = {names[i] for i in graph.mirrored_back}
+        if points is not None and marks is not None:
+            joined = [row["name"] for row in rows if not row["reason"]]
+            of_people = [mirrored_with(own, turned) for own in (placed, people)]
+            found = landmarks_on(
+                out, points, shapes, graph, joined, others, of_people[0]
+            )
+            written += write_landmarks_of(out, found, points, marks)
+            tables, said = write_check(out, found, of_people[1], shapes, name, placed)
+            said_of = [*write_doubtful(out, found), *said]
+            written += [out / TO_CHECK, *([out / CHECKED] if people else [])]
         written += write_carried(out, rows, paths, shapes, name, carried, turned)
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
-    lines = [] if points is None else [f"{landmarks}: {line}" for line in points.said]
+    lines = [] if points is None else [f"{marks}: {line}" for line in points.said]
     lines += odd + [
         f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
     ]
@@ -218,7 +269,8 @@ def collection(
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
         for i in sorted(graph.mirrored_back)
     ]
-    say_result([summary], lines, notes, written)
+    lines += [line for own in (placed | people).values() for line in own.said]
+    say_result([summary, *tables], lines + said_of, notes, written)
     if reasons:
         raise typer.Exit(1)
 

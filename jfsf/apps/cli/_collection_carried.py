@@ -1,4 +1,4 @@
-"""What `jfsf collection` carries from the template: landmarks, labels and values."""
+"""What `jfsf collection` carries from the template, and landmarks as they are read."""
 
 from pathlib import Path
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.apps.cli._collection_jobs import file_of
-from jfsf.types import ArrayLike, Mesh
+from jfsf.types import ArrayLike
 
 SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
 
@@ -29,52 +29,6 @@ def points_of(landmarks: Path | None, template: Path | None):
     if found.vertices is None:
         return found
     return found._replace(points=at.points, vertices=None)
-
-
-def write_landmarks_of(
-    out: Path, rows, mesh: Mesh, landmarks, path: Path
-) -> list[Path]:
-    """Write the template's landmarks on each joined shape, and one array of all.
-
-    For each shape: in the format of their file, and as .mrk.json and .fcsv. Of all:
-    landmarks.csv and landmarks.tps. A landmark is missing where the shape has no
-    surface, and the template only bridges the gap.
-
-    Args:
-        out: the folder of the results.
-        rows: of the summary.
-        mesh: the template.
-        landmarks: read from `path`.
-    """
-    from jfsf.apps.landmarks import Landmarks, write_landmarks
-    from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
-    from jfsf.apps.landmarks._place import on_surface
-    from jfsf.storage._atomic import write_text
-
-    found = on_surface(landmarks, mesh)
-    suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
-    folder = out / "landmarks"
-    folder.mkdir(exist_ok=True)
-    names = sorted(row["name"] for row in rows if not row["reason"])
-    points = np.empty((len(names), len(landmarks.names), 3))
-    for i, name in enumerate(names):
-        with np.load(file_of(out, "registered", name)) as file:
-            vertices, bridged = file["vertices"], file["bridged"]
-        points[i] = np.einsum("lc,lci->li", found.weights, vertices[found.corners])
-        points[i, bridged[found.corners].all(1)] = np.nan
-        there = np.flatnonzero(np.isfinite(points[i]).all(1))
-        own = tuple(landmarks.names[at] for at in there)
-        for end in dict.fromkeys((suffix, SLICER, ".fcsv")):
-            to = folder / f"{name}{end}"
-            if len(there):
-                kept = Landmarks(own, points[i, there], None, landmarks.system)
-                write_landmarks(to, kept)
-            else:
-                to.unlink(missing_ok=True)
-    tables = out / "landmarks.csv", out / "landmarks.tps"
-    write_text(tables[0], specimens_csv(names, landmarks.names, points))
-    write_text(tables[1], specimens_tps(names, points))
-    return [*tables, folder]
 
 
 class Carried(NamedTuple):

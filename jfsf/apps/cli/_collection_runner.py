@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from zipfile import is_zipfile
 
 import numpy as np
@@ -35,7 +36,9 @@ STAGES = "files", "shapes", "pairs", "mirror images", "maps", "registered", "mod
 # What is kept when it is stopped -> its files.
 KEPT = {"shapes": "shapes/*.npz", "pairs": "pairs/*.npz", "maps": "maps/*.npz"}
 # Folders of the results.
-PARTS = "shapes", "pairs", "turned", "ways", "maps", "placed", "others", "registered"
+OF_TEMPLATE = "ways", "maps", "placed", "others", "registered"  # for each template
+PARTS = "shapes", "pairs", "turned", *OF_TEMPLATE
+TEMPLATES = "templates"  # a folder for each other template, with its own parts
 MIRRORED = "mirrored"  # folder of the shapes that were mirrored back
 
 
@@ -149,6 +152,7 @@ class OnFiles:
     orientation: as `jfsf.collection`.
     report: whether each shape gets a page.
     run: `outcomes`, on some client.
+    home: folder of the results that has the kept shapes; `out` if None.
     """
 
     out: Path
@@ -156,6 +160,7 @@ class OnFiles:
     orientation: str
     report: bool
     run: Callable[..., dict[Path, str | None]]
+    home: Path | None = None
 
     def match(self, edges, turned: bool):
         folder = self.out / ("turned" if turned else "pairs")
@@ -208,7 +213,8 @@ class OnFiles:
         return {i: why for i, job in jobs.items() if (why := failed[job.out])}
 
     def _file(self, part: str, shape: int) -> Path:
-        return file_of(self.out, part, self.names[shape])
+        home = self.home if part == "shapes" and self.home else self.out
+        return file_of(home, part, self.names[shape])
 
 
 def _write_way(path: Path, **arrays) -> None:
@@ -249,5 +255,9 @@ def forget(out: Path, names) -> None:
         own = [maps, *pages_of(maps), file_of(out, "placed", name), on_shape]
         own += [on_shape.with_suffix(".ply"), picture_of_shape(out, name)]
         own += [file_of(out, "others", name), *carried_files(out, name)]
+        rmtree(out / TEMPLATES / name, ignore_errors=True)
+        for folder in (out / TEMPLATES).glob("*/"):
+            own += [file_of(folder, part, name) for part in OF_TEMPLATE]
+            own.append(file_of(folder, "registered", name).with_suffix(".ply"))
         for path in own:
             path.unlink(missing_ok=True)

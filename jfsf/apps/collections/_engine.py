@@ -142,6 +142,17 @@ def join_shapes(
         template=template,
         pairs_a_shape=pairs_a_shape,
     )
+    return graph, put_on_all(sketches, graph, runner)
+
+
+def put_on_all(
+    sketches: Sequence[Sketch], graph: Graph, runner: Runner
+) -> dict[int, str]:
+    """Put the template of a graph onto all joined shapes.
+
+    Returns:
+        Why it could not be put on some of them.
+    """
     base = graph.paths.template
     joined = np.flatnonzero(graph.joined).tolist()
     itself = np.arange(len(sketches[base].mass))
@@ -150,7 +161,7 @@ def join_shapes(
     placed = set(joined) - set(failed)
     others = lambda i: [(j, T) for j, T in graph.trusted_maps(i) if j in placed]
     maps = {i: [] if i == base else others(i) for i in sorted(placed)}
-    return graph, failed | runner.agree(graph, maps)
+    return failed | runner.agree(graph, maps)
 
 
 def _each_once(runner: Runner) -> MatchPairs:

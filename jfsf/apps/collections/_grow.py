@@ -58,18 +58,27 @@ def best_paths(
         template: None for the shape whose product over all ways is the greatest: the
             most central one.
     """
+    length, before = _shortest(right, num_shapes)
+    if template is None:
+        template = _by_centrality(length)[0]
+    before = np.where(before[template] < 0, -1, before[template])
+    return Paths(template, before, np.exp(-length[template]))
+
+
+def _shortest(right: Mapping[Edge, float], num_shapes: int):
+    """Of all shapes to all: the least cost of a way, and the last shape before."""
     edges = np.array(sorted(right), int).reshape(-1, 2)
     cost = -np.log([max(right[a, b], 1e-12) for a, b in edges.tolist()])
     # A zero would be no edge to scipy.
     lengths = coo_matrix((cost + 1e-9, edges.T), (num_shapes, num_shapes)).tocsr()
-    length, before = dijkstra(lengths, directed=False, return_predecessors=True)
-    if template is None:
-        reached = np.isfinite(length)
-        alone = np.where(reached, length, 0).sum(1)
-        # First the most shapes, then the least cost.
-        template = int(np.lexsort((alone, -reached.sum(1)))[0])
-    before = np.where(before[template] < 0, -1, before[template])
-    return Paths(template, before, np.exp(-length[template]))
+    return dijkstra(lengths, directed=False, return_predecessors=True)
+
+
+def _by_centrality(length: np.ndarray) -> list[int]:
+    """Shapes in order: first those that reach the most, then of the least cost."""
+    reached = np.isfinite(length)
+    alone = np.where(reached, length, 0).sum(1)
+    return np.lexsort((alone, -reached.sum(1))).tolist()
 
 
 def map_along(maps: Mapping[Edge, Maps], way: list[int]) -> Int[np.ndarray, " n"]:
@@ -171,6 +180,18 @@ class Graph(NamedTuple):
     def mirrored_back(self) -> frozenset[int]:
         """Numbers of the mirror images that joined: their meshes are mirrored, in x."""
         return frozenset(i for i in self.mirrored if self.joined[i])
+
+    @property
+    def central(self) -> list[int]:
+        """Numbers of the joined shapes, the most central first."""
+        order = _by_centrality(_shortest(self.right, len(self.joined))[0])
+        return [i for i in order if self.joined[i]]
+
+    def with_template(self, shape: int) -> "Graph":
+        """With another template; a shape that it does not reach is not joined."""
+        paths = best_paths(self.right, len(self.joined), template=shape)
+        joined = self.joined & (paths.trust >= TRUSTED)
+        return self._replace(paths=paths, joined=joined)
 
     def trusted_maps(self, shape: int) -> list[tuple[int, Int[ArrayLike, " m"]]]:
         """Joined shapes whose maps to this one are trusted, and these maps."""
