@@ -39,6 +39,7 @@ from jfsf.apps.cli._collection_runner import (
     number_of,
     outcomes,
 )
+from jfsf.apps.cli._collection_semilandmarks import semilandmarks_of, write_sliders
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import say_result
@@ -91,6 +92,18 @@ def collection(
             metavar="FILE",
             help="Numbers of the vertices of --template, which are carried to all "
             "shapes: .npy, .csv or .txt.",
+        ),
+    ] = None,
+    semilandmarks: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Points on curves and patches of --template, which follow on "
+            "--landmarks: a curve of 3D Slicer (.mrk.json), or a table (.csv) with "
+            "lines curve,NAME,NUMBER,LANDMARK,LANDMARK,... (along the surface from "
+            "landmark to landmark) and patch,NAME,NUMBER,LANDMARK,... (within this "
+            "rim). Writes curveslide.csv and surfslide.csv too, for geomorph. May be "
+            "given several times.",
         ),
     ] = None,
     scheduler: opt.SchedulerOption = None,
@@ -162,7 +175,16 @@ def collection(
         )
     if template is not None:
         template, paths = _with_template(template, paths)
-    points = points_of(landmarks, template)
+    points, sliding = points_of(landmarks, template), None
+    if semilandmarks:
+        if points is None or template is None:
+            raise ValueError(
+                f"{semilandmarks[0]}: semilandmarks follow on landmarks; give "
+                "--landmarks too"
+            )
+        points, sliding = semilandmarks_of(
+            semilandmarks, points, template, largest_component, repair
+        )
     carried = carried_of(template, labels=labels, values=values)
     can_write_in(out)
     out = out.absolute()
@@ -203,6 +225,7 @@ def collection(
         written.insert(0, out / "summary.csv")
         if points is not None and landmarks is not None:
             written += write_landmarks_of(out, rows, mesh, points, landmarks)
+            written += write_sliders(out, sliding)
         turned = {names[i] for i in graph.mirrored_back}
         written += write_carried(out, rows, paths, shapes, name, carried, turned)
         if report:

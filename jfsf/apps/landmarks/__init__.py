@@ -13,6 +13,8 @@ Read in this order:
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
 - `_place`: landmarks on a mesh, and which of two shapes belong together
+- `_outlines`: files of curves and patches
+- `_semilandmarks`: points along these curves and over these patches
 """
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
