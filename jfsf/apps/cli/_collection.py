@@ -18,6 +18,16 @@ from jfsf.apps.cli._collection_carried import (
     write_carried,
     write_landmarks_of,
 )
+from jfsf.apps.cli._collection_onto import (
+    STAGES_ONTO,
+    check_new,
+    columns_of,
+    frozen_of,
+    join_onto,
+    marks_of,
+    odd_beside,
+    write_scores_of,
+)
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
     rows_of,
@@ -106,6 +116,14 @@ def collection(
             "given several times.",
         ),
     ] = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="The --out of a finished collection, which stays as it is: each new "
+            "shape gets its template, and scores in its model.",
+        ),
+    ] = None,
     scheduler: opt.SchedulerOption = None,
     workers: opt.WorkersOption = None,
     orientation: opt.OrientationOption = opt.Orientation.preserve,
@@ -151,13 +169,14 @@ def collection(
     onto every other. Writes registered/*.ply (the template on each shape), maps/*.npz,
     summary.csv, model.npz (mean, modes, variances, scores), scores.csv, mean.ply and
     mode_*.ply. Shapes that no trusted map reaches are named and left out. Run it again
-    to continue a stopped run (Ctrl-C says what is kept), or to add shapes. Exit code 1
-    if a shape was left out.
+    to continue a stopped run (Ctrl-C says what is kept), or to add shapes; --onto adds
+    some and moves none of the others. Exit code 1 if a shape was left out.
 
     Example: jfsf collection scans --out model --report
     """
     from jfsf.apps.collections._engine import join_shapes, mirrored, reason
     from jfsf.batch._cluster import connect
+    from jfsf.mesh import read
 
     if report:
         need_matplotlib()
@@ -167,13 +186,18 @@ def collection(
             raise ValueError(
                 f"{path}: --{option} are those of the template; name it: --template"
             )
+    frozen = None if onto is None else frozen_of(onto)
+    if frozen is not None and scale:
+        raise ValueError(f"{onto}: its model says whether size counts; omit --scale")
     paths = _meshes_in(folder)
     if out.is_dir() and out.samefile(folder):
         raise ValueError(
             f"{out}: is the folder of the meshes, and what is written there would be "
             "read as shapes; name another one"
         )
-    if template is not None:
+    if frozen is not None:
+        check_new(frozen, paths, out, template, orientation.value)
+    elif template is not None:
         template, paths = _with_template(template, paths)
     points, sliding = points_of(landmarks, template), None
     if semilandmarks:
@@ -186,28 +210,46 @@ def collection(
             semilandmarks, points, template, largest_component, repair
         )
     carried = carried_of(template, labels=labels, values=values)
+    odd = []
+    if frozen is not None and points is None and (known := marks_of(frozen)):
+        landmarks, points, sliding = known
+    if frozen is not None and not carried:
+        carried, odd = columns_of(frozen)
     can_write_in(out)
     out = out.absolute()
     jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
-    with stages(STAGES) as shown, stopping(out, KEPT, shown):
-        begin(out, {"orientation": orientation.value, "mirror": mirror.value})
+    settings = {"orientation": orientation.value, "mirror": mirror.value}
+    if frozen is not None:
+        settings["onto"] = str(frozen.folder)
+    least, steps = (2, STAGES) if frozen is None else (1, STAGES_ONTO)
+    with stages(steps) as shown, stopping(out, KEPT, shown):
+        begin(out, settings)
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
-        reasons = look(jobs, shown, *ways)
+        reasons = look(jobs, shown, *ways, least=least)
         with connect(scheduler, workers=workers) as client:
             run = partial(outcomes, client, shown)
-            shapes, reasons = kept_shapes(jobs, run, reasons, *ways)
+            shapes, reasons = kept_shapes(jobs, run, reasons, *ways, least=least)
             names = list(shapes)
-            odd = doubts([str(paths[name]) for name in names], list(shapes.values()))
+            if frozen is None:
+                where = [str(paths[name]) for name in names]
+                odd += doubts(where, list(shapes.values()))
+            else:
+                odd += odd_beside(frozen, paths, shapes)
             for line in odd:
                 shown.say(line)
-            graph, failed = join_shapes(
-                [own.sketch for own in shapes.values()],
-                OnFiles(out, names, orientation.value, report, run),
-                template=number_of(shapes, reasons, template),
-                orientation=orientation.value,
-                mirror=mirror.value,
-            )
+            if frozen is None:
+                graph, failed = join_shapes(
+                    [own.sketch for own in shapes.values()],
+                    OnFiles(out, names, orientation.value, report, run),
+                    template=number_of(shapes, reasons, template),
+                    orientation=orientation.value,
+                    mirror=mirror.value,
+                )
+            else:
+                how = {"mirror": mirror.value, "report": report}
+                shapes, graph, failed = join_onto(frozen, out, shapes, run, **how)
+                names = list(shapes)
         shown.begin("model", 1)
         shapes = mirror_back(out, shapes, graph)
         reasons |= {
@@ -219,22 +261,30 @@ def collection(
         rows = rows_of(out, paths, shapes, graph, reasons)
         name = names[graph.paths.template]
         mesh = shapes[name].mesh
-        kinds = {"scale": scale, "report": report}
-        written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+        if frozen is None:
+            kinds = {"scale": scale, "report": report}
+            written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+        else:
+            written, notes = write_scores_of(out, rows, frozen)
         write_table(out / "summary.csv", COLUMNS, rows)
         written.insert(0, out / "summary.csv")
         if points is not None and landmarks is not None:
             written += write_landmarks_of(out, rows, mesh, points, landmarks)
             written += write_sliders(out, sliding)
         turned = {names[i] for i in graph.mirrored_back}
-        written += write_carried(out, rows, paths, shapes, name, carried, turned)
+        file = paths.get(name, template)
+        whole = read(file, finite=False) if file is not None and carried else mesh
+        written += write_carried(out, rows, paths, shapes, name, carried, turned, whole)
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
     lines = [] if points is None else [f"{landmarks}: {line}" for line in points.said]
     lines += odd + [
-        f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
+        f"{path}: {line}"
+        for n, path in paths.items()
+        if n in shapes
+        for line in shapes[n].said
     ]
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
     lines += [

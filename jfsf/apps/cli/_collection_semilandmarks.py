@@ -40,6 +40,23 @@ def semilandmarks_of(
     return appended(points, found.names, found.points), found
 
 
+def sliders_in(out: Path) -> "Semilandmarks | None":
+    """What `write_sliders` wrote, without names and points; None if it is nothing."""
+    import numpy as np
+
+    from jfsf.apps.landmarks._semilandmarks import Semilandmarks
+
+    if not any((out / name).exists() for name in (CURVES, PATCHES)):
+        return None
+    read = {"delimiter": ",", "skiprows": 1, "dtype": int, "ndmin": 2}
+    rows = lambda name, width: (
+        np.loadtxt(out / name, **read)
+        if (out / name).exists()
+        else np.zeros((0, width), int)
+    )
+    return Semilandmarks((), np.zeros((0, 3)), rows(CURVES, 3), rows(PATCHES, 1)[:, 0])
+
+
 def write_sliders(out: Path, sliding: "Semilandmarks | None") -> list[Path]:
     """Write which landmarks of landmarks.csv slide, as `geomorph::gpagen` takes them.
 

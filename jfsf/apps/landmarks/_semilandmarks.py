@@ -7,7 +7,7 @@ which may lie up to 2 % of an edge away.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import potpourri3d as pp3d
@@ -40,7 +40,7 @@ _SAME = 0.01
 _CHOICE = 100
 _MOST_HALVINGS = 6  # of edges, to have so many
 # Halvings of the step along a line between two faces that are not neighbours. Where it
-# runs through a vertex they never are, and the faces about that vertex part all the same.
+# runs through a vertex they never are, and the faces there part the sides all the same.
 _BETWEEN = 16
 
 
@@ -277,7 +277,8 @@ def _spread(mesh: Mesh, rim: np.ndarray, one: Outline) -> np.ndarray:
         # The rest is far from the rim.
         near = ~outside | np.isin(faces, faces[crossed]).any(1)
         faces, outside = faces[near], outside[near]
-        vertices, faces, of = subdivide(vertices, faces, return_index=True)
+        halves: Any = subdivide(vertices, faces, return_index=True)
+        vertices, faces, of = halves
         halved = np.zeros(len(faces), bool)
         for old, new in of.items():
             halved[new] = outside[old]
