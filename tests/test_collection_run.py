@@ -405,3 +405,36 @@ def test_what_is_no_finished_collection_is_refused(collected, model, scans, tmp_
     for more, words in options:
         assert words in refused(model, client, tmp_path / "a", out, [6], *more)
     assert not out.exists()
+
+
+def test_landmarks_are_paired_by_the_symmetry_of_the_template(
+    collected, model, tmp_path, monkeypatch
+):
+    asked = []
+
+    def mirrored(mesh):
+        asked.append(mesh)
+        order = np.arange(N)  # the first two are exchanged, the third goes astray
+        order[[0, 1, 2]] = 1, 0, BLOB.vertices[:, 2].argmin()
+        return SimpleNamespace(T_xy=order, certificate=SimpleNamespace(confidence=0.9))
+
+    monkeypatch.setattr("jfsf.matching.symmetry", mirrored)
+    client, folder, out = collected[1][-2:], model.parent, tmp_path / "out"
+    args = ["collection", folder / "scans", "--out", out, "--symmetric"]
+    done = CliRunner().invoke(app, list(map(str, args)))
+    assert done.exit_code == 1 and "give --landmarks too" in done.output
+    args += ["--template", folder / "scans" / "0.ply"]
+    args += ["--landmarks", folder / "marks.csv", *client]
+    for _ in range(2):
+        done = CliRunner().invoke(app, list(map(str, args)))
+        assert done.exit_code == 0, done.output
+        said = " ".join(done.output.split())
+        assert "confidence 0.90: 1 pairs of landmarks, 1 on the midline" in said
+        assert "landmark_pairs.csv: landmark 'm2'" in said
+        rows = (out / "landmark_pairs.csv").read_text().split()
+        assert rows[0] == "left,right" and rows[1] in ("1,2", "2,1")
+        assert rows[2:] == ["3,"]
+    assert len(asked) == 1  # the second run reads what the first one found
+    args.remove("--symmetric")
+    assert CliRunner().invoke(app, list(map(str, args))).exit_code == 0
+    assert not (out / "landmark_pairs.csv").exists()

@@ -50,6 +50,11 @@ from jfsf.apps.cli._collection_runner import (
     outcomes,
 )
 from jfsf.apps.cli._collection_semilandmarks import semilandmarks_of, write_sliders
+from jfsf.apps.cli._collection_symmetry import (
+    SYMMETRY,
+    pairs_of,
+    write_pairs,
+)
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import say_result
@@ -116,6 +121,15 @@ def collection(
             "given several times.",
         ),
     ] = None,
+    symmetric: Annotated[
+        bool,
+        typer.Option(
+            "--symmetric",
+            help="Pair the left and right --landmarks by the template's own symmetry. "
+            "Writes landmark_pairs.csv; landmarks that are not in it are on the "
+            "midline.",
+        ),
+    ] = False,
     onto: Annotated[
         Path | None,
         typer.Option(
@@ -210,11 +224,13 @@ def collection(
             semilandmarks, points, template, largest_component, repair
         )
     carried = carried_of(template, labels=labels, values=values)
-    odd = []
+    odd, pairs = [], None
     if frozen is not None and points is None and (known := marks_of(frozen)):
-        landmarks, points, sliding = known
+        landmarks, points, sliding, pairs = known
     if frozen is not None and not carried:
         carried, odd = columns_of(frozen)
+    if symmetric and points is None:
+        raise ValueError("--symmetric pairs landmarks; give --landmarks too")
     can_write_in(out)
     out = out.absolute()
     jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
@@ -222,6 +238,7 @@ def collection(
     if frozen is not None:
         settings["onto"] = str(frozen.folder)
     least, steps = (2, STAGES) if frozen is None else (1, STAGES_ONTO)
+    steps = (*steps[:2], SYMMETRY, *steps[2:]) if symmetric else steps
     with stages(steps) as shown, stopping(out, KEPT, shown):
         begin(out, settings)
         for part in PARTS:
@@ -236,13 +253,20 @@ def collection(
                 odd += doubts(where, list(shapes.values()))
             else:
                 odd += odd_beside(frozen, paths, shapes)
+            base = number_of(shapes, reasons, template if frozen is None else None)
+            if symmetric and points is not None:
+                kept_file = (
+                    frozen.kept_template if frozen else jobs[names[base or 0]].out
+                )
+                pairs, said = pairs_of(out, kept_file, points, run)
+                odd.append(said)
             for line in odd:
                 shown.say(line)
             if frozen is None:
                 graph, failed = join_shapes(
                     [own.sketch for own in shapes.values()],
                     OnFiles(out, names, orientation.value, report, run),
-                    template=number_of(shapes, reasons, template),
+                    template=base,
                     orientation=orientation.value,
                     mirror=mirror.value,
                 )
@@ -270,7 +294,7 @@ def collection(
         written.insert(0, out / "summary.csv")
         if points is not None and landmarks is not None:
             written += write_landmarks_of(out, rows, mesh, points, landmarks)
-            written += write_sliders(out, sliding)
+            written += write_sliders(out, sliding) + write_pairs(out, pairs)
         turned = {names[i] for i in graph.mirrored_back}
         file = paths.get(name, template)
         whole = read(file, finite=False) if file is not None and carried else mesh

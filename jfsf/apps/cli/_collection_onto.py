@@ -18,6 +18,7 @@ from jfsf.apps.cli._collection_carried import Carried, carried_of
 from jfsf.apps.cli._collection_jobs import Kept, file_of, kept, read_maps
 from jfsf.apps.cli._collection_runner import OnFiles
 from jfsf.apps.cli._collection_semilandmarks import sliders_in
+from jfsf.apps.cli._collection_symmetry import pairs_in
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._print import said
 from jfsf.apps.cli._runs import SETTINGS
@@ -26,7 +27,6 @@ from jfsf.batch._jobs import Job, is_done, timed
 if TYPE_CHECKING:
     from jfsf.apps.collections._grow import Graph
     from jfsf.apps.landmarks import Landmarks
-    from jfsf.apps.landmarks._semilandmarks import Semilandmarks
 
 STAGES_ONTO = "files", "shapes", "registered", "model"
 JOINED = "joined"  # folder of what is known of each new shape
@@ -48,6 +48,11 @@ class Frozen(NamedTuple):
     trust: Mapping[str, float]
     known: frozenset[str]
     orientation: str
+
+    @property
+    def kept_template(self) -> Path:
+        """The file of what is kept of the template."""
+        return file_of(self.folder, "shapes", self.template)
 
 
 def frozen_of(model: Path) -> Frozen:
@@ -119,7 +124,7 @@ def check_new(
         )
     if template is not None:
         own, file = (
-            kept(file_of(frozen.folder, "shapes", frozen.template)),
+            kept(frozen.kept_template),
             read(template),
         )
         there = np.max(own.at, initial=0) < len(file.vertices)
@@ -130,19 +135,20 @@ def check_new(
             )
 
 
-def marks_of(frozen: Frozen) -> "tuple[Path, Landmarks, Semilandmarks | None] | None":
-    """The landmarks of the template, and which of them slide; None without any."""
+def marks_of(frozen: Frozen) -> "tuple[Path, Landmarks, Any, Any] | None":
+    """The template's landmarks and their file, `sliders_in` and `pairs_in`; or None."""
     from jfsf.apps.landmarks import read_landmarks
 
     path = frozen.folder / "landmarks" / f"{frozen.template}.mrk.json"
     if not path.exists():
         return None
-    return path, read_landmarks(path), sliders_in(frozen.folder)
+    tables = sliders_in(frozen.folder), pairs_in(frozen.folder)
+    return path, read_landmarks(path), *tables
 
 
 def columns_of(frozen: Frozen) -> tuple[list[Carried], list[str]]:
     """Labels and values of the template, and what to say of those not to be used."""
-    own, said_of = kept(file_of(frozen.folder, "shapes", frozen.template)).mesh, []
+    own, said_of = kept(frozen.kept_template).mesh, []
     found = []
     for what in ("labels", "values"):
         for path in sorted((frozen.folder / what).glob(f"{frozen.template}.*")):
@@ -157,7 +163,7 @@ def columns_of(frozen: Frozen) -> tuple[list[Carried], list[str]]:
 
 def odd_beside(frozen: Frozen, paths, shapes: Mapping[str, Kept]) -> list[str]:
     """`doubts` of each new shape, beside the template and the most alike shape."""
-    base = kept(file_of(frozen.folder, "shapes", frozen.template))
+    base = kept(frozen.kept_template)
     near, lines = _nearest(frozen, shapes), []
     for name, own in shapes.items():
         most = kept(file_of(frozen.folder, "shapes", [*near[name], frozen.template][0]))
@@ -328,7 +334,7 @@ def _together(frozen: Frozen, shapes, records, broken):
             found.append(Triangle((a, b, c), apart))
         tests += [MirrorTest(i, number[one], *rest) for one, *rest in own["tests"]]
     paths = Paths(number[frozen.template], before, trust)
-    base = kept(file_of(frozen.folder, "shapes", frozen.template))
+    base = kept(frozen.kept_template)
     known = {
         **shapes,
         frozen.template: base,
