@@ -172,6 +172,12 @@ def test_a_closed_curve_of_slicer_goes_round(tmp_path):
     true = np.stack([square, middles], 1).reshape(-1, 3)
     np.testing.assert_allclose(found.points, true, atol=0.02 * EDGE)
     assert found.slide[[0, -1]].tolist() == [[9, 2, 3], [8, 9, 2]]
+    # A landmark at its third point stays there, and nothing slides onto it.
+    (one,) = read_outlines([path], ())
+    found = semilandmarks(SHEET, [[0.801, 0.8, 0]], [one._replace(number=3)])
+    corners = np.array(square)[[3, 0, 1]]
+    np.testing.assert_allclose(found.points, corners, atol=2e-3)
+    assert found.slide.tolist() == [[1, 2, 3], [2, 3, 4], [3, 4, 1]]
 
 
 def test_a_table_names_landmarks_or_counts_them(tmp_path):
@@ -211,12 +217,9 @@ def test_curves_that_cannot_be_slid_are_named(tmp_path):
             read_outlines([slicer(tmp_path / "a.mrk.json", points, kind)], ())
     with pytest.raises(ValueError, match="unknown format of semilandmarks"):
         read_outlines([tmp_path / "a.ply"], ())
-    ring = [[0.5, 0.5, 0], [0.6, 0.6, 0], [0.5, 0.501, 0]]
-    path = slicer(tmp_path / "ring.mrk.json", ring, "Curve")
-    with pytest.raises(ValueError, match="closed curve"):
-        semilandmarks(SHEET, [ring[0]], read_outlines([path], ("a",)))
+    ring = [[0.5, 0.5, 0], [0.6, 0.6, 0], [0.5, 0.6, 0]]
     (tmp_path / "two.csv").write_text("curve,ring,2\n")
-    path = slicer(path, ring, "ClosedCurve")
+    path = slicer(tmp_path / "ring.mrk.json", ring, "ClosedCurve")
     with pytest.raises(ValueError, match="of 2 points"):
         read_outlines([path, tmp_path / "two.csv"], ())
     with pytest.raises(ValueError, match="'ring_1', as a semilandmark"):

@@ -18,16 +18,14 @@ from jfsf.apps.cli._collection_carried import (
     write_carried,
     write_landmarks_of,
 )
-from jfsf.apps.cli._collection_onto import (
-    STAGES_ONTO,
+from jfsf.apps.cli._collection_frozen import (
     check_new,
     columns_of,
     frozen_of,
-    join_onto,
     marks_of,
     odd_beside,
-    write_scores_of,
 )
+from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
     rows_of,
