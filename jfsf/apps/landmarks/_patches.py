@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 from trimesh.remesh import subdivide
 
@@ -30,7 +31,8 @@ _BETWEEN = 16
 def spread(mesh: Mesh, rim: np.ndarray, one: Outline) -> np.ndarray:
     """Points spread over the part of a mesh within a rim.
 
-    Distances are those along edges that were halved until there is choice enough.
+    Distances are those of `_steps`, on edges that were halved until there is choice
+    enough.
 
     Args:
         mesh: a surface.
@@ -61,8 +63,7 @@ def spread(mesh: Mesh, rim: np.ndarray, one: Outline) -> np.ndarray:
         )
     faces = faces[~outside]
     far = np.full(len(vertices), -1.0)
-    graph = edge_graph(Mesh(vertices, faces))
-    graph = graph + graph.T
+    graph = _steps(vertices, faces)
     reach = dijkstra(graph, indices=np.unique(faces[crossed[~outside]]), min_only=True)
     far[inner] = reach[inner]
     chosen = []
@@ -71,6 +72,21 @@ def spread(mesh: Mesh, rim: np.ndarray, one: Outline) -> np.ndarray:
         nearer = dijkstra(graph, indices=chosen[-1], limit=far.max())
         far = np.minimum(far, nearer)
     return vertices[chosen]
+
+
+def _steps(vertices, faces) -> csr_matrix:
+    """Lengths of the edges, and of the lines from corner to corner across each.
+
+    With these lines the shortest way is nearer to straight in all directions.
+    """
+    pairs = pair_half_edges(faces, len(vertices))
+    # The corner opposite to a half-edge is the one before it.
+    ends = np.roll(faces, 1, 1).ravel()[np.stack([pairs.left, pairs.right])]
+    length = np.linalg.norm(vertices[ends[0]] - vertices[ends[1]], axis=1)
+    shape = len(vertices), len(vertices)
+    across = csr_matrix((length, (ends.min(0), ends.max(0))), shape)
+    found = edge_graph(Mesh(vertices, faces)).maximum(across)
+    return found + found.T
 
 
 def _crossed(vertices, faces, rim) -> np.ndarray:
