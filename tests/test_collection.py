@@ -99,7 +99,7 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
     more.mkdir()
     scan, at = small("man_up", 1400)
     write(more / "man_up.ply", scan._replace(vertices=5 * scan.vertices))
-    found = run(more, "--onto", out, "--out", new, "--workers", "1")
+    found = run(more, "--onto", out, "--out", new, "--workers", "1", "--report")
     assert found.exit_code == 0, found.output
     assert content(out) == before
     own = read(new / "registered" / "man_up.ply").vertices[truth["man_walk"]]
@@ -107,6 +107,7 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
     lines = (new / "landmarks.csv").read_text().splitlines()
     assert lines[1].startswith("man_up,") and len(lines) == 2
     assert np.load(new / "values" / "man_up.npy").shape == (len(scan.vertices),)
+    assert "man_up, man_walk: 0." in (new / "index.html").read_text()
     # Of a mesh that is gone nothing stays that counts.
     (scans / "woman_walk.ply").unlink()
     assert run(*args).exit_code == 1

@@ -191,7 +191,8 @@ def test_a_table_names_landmarks_or_counts_them(tmp_path):
     "line, words",
     [
         ("curve,c,2,a,x", "line 1: 'x' is no landmark"),
-        ("curve,c,2,a,5", "there are 4"),
+        ("curve,c,2,a,6", "there are 5"),
+        ("curve,c,2,a,,b", "'' is no landmark"),
         ("curve,c,2,a,d", "several have this name"),
         ("curve,c,2,a", "has 1 landmarks"),
         ("patch,c,2,a,b,a", "has 2 landmarks"),
@@ -206,7 +207,7 @@ def test_a_table_names_landmarks_or_counts_them(tmp_path):
 def test_what_a_table_cannot_say_is_named(tmp_path, line, words):
     (path := tmp_path / "t.csv").write_text(line)
     with pytest.raises(ValueError, match=words) as error:
-        read_outlines([path], ("a", "b", "d", "d"))
+        read_outlines([path], ("a", "b", "d", "d", ""))
     assert str(path) in str(error.value)
 
 

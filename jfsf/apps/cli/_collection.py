@@ -253,11 +253,9 @@ def collection(
                 odd += odd_beside(frozen, paths, shapes)
             base = number_of(shapes, reasons, template if frozen is None else None)
             if symmetric and points is not None:
-                kept_file = (
-                    frozen.kept_template if frozen else jobs[names[base or 0]].out
-                )
-                pairs, said = pairs_of(out, kept_file, points, run)
-                odd.append(said)
+                own = frozen.kept_template if frozen else jobs[names[base or 0]].out
+                pairs, found = pairs_of(out, own, points, run)
+                odd.append(found)
             for line in odd:
                 shown.say(line)
             if frozen is None:

@@ -35,7 +35,7 @@ class Outline(NamedTuple):
 
     name: its points are named so, with a number.
     kind: "curve", "closed" for a closed curve of Slicer, or "patch".
-    number: of its semilandmarks; of an open curve without its two ends.
+    number: of its semilandmarks that slide; the ends of an open curve do not.
     landmarks: the landmarks that it runs through, from 0; () for a curve of Slicer.
     controls: the control points of a curve of Slicer; None for others.
     """
@@ -144,7 +144,8 @@ def _table(path: Path, names, numbers) -> list[Outline]:
 
 def _landmark(word: str, names: Sequence[str], where: str) -> int:
     """The number from 0 of a landmark that is named, or counted from 1."""
-    if (times := list(names).count(word)) == 1:
+    times = list(names).count(word) if word else 0
+    if times == 1:
         return list(names).index(word)
     number = to_vertex(word)
     if times or number is None or not 1 <= number <= len(names):
