@@ -94,6 +94,20 @@ def test_a_folder_becomes_one_topology_and_a_model(tmp_path):
         (out / lost).unlink()
     assert run(*args).exit_code == 1
     assert content(out) == before
+    # Another shape by what is there, which stays as it is.
+    more, new = tmp_path / "more", tmp_path / "new"
+    more.mkdir()
+    scan, at = small("man_up", 1400)
+    write(more / "man_up.ply", scan._replace(vertices=5 * scan.vertices))
+    found = run(more, "--onto", out, "--out", new, "--workers", "1", "--report")
+    assert found.exit_code == 0, found.output
+    assert content(out) == before
+    own = read(new / "registered" / "man_up.ply").vertices[truth["man_walk"]]
+    assert np.linalg.norm(own - 5 * scan.vertices[at], axis=1).mean() < 0.1 * 5
+    lines = (new / "landmarks.csv").read_text().splitlines()
+    assert lines[1].startswith("man_up,") and len(lines) == 2
+    assert np.load(new / "values" / "man_up.npy").shape == (len(scan.vertices),)
+    assert "man_up, man_walk: 0." in (new / "index.html").read_text()
     # Of a mesh that is gone nothing stays that counts.
     (scans / "woman_walk.ply").unlink()
     assert run(*args).exit_code == 1

@@ -133,3 +133,32 @@ def test_those_that_are_named_come_first_and_mirror_images_not_at_all(tmp_path):
     assert [path.exists() for path in earlier] == [False, True]
     assert put(1, ["a", "c", *names[-2:]]) == names[-2:]
     assert put(3, names[-1:]) == [names[-1], *names[:2]]
+
+
+@pytest.mark.parametrize(
+    ("side", "mirror", "mirrored"), [(1, "auto", False), (-1, "auto", True)]
+)
+def test_a_new_shape_joins_a_frozen_collection_and_nothing_else_is_made(
+    side, mirror, mirrored
+):
+    own = np.arange(N)
+    # The second map is sheared as that of a mirror image: that is not looked at again.
+    frozen = [Matched(Maps(own, own), 0.98, shear) for shear in (0.1, 0.9, 0.1)]
+    runner = Recorder([1, 1, 1, 1, side])
+    graph, failed = join_shapes(runner.sketches, runner, mirror=mirror, frozen=frozen)
+    assert failed == {} and graph.paths.template == 0
+    assert all(b == 4 for (_, b), _ in runner.asked)
+    assert ((0, 4), False) in runner.asked
+    assert list(runner.ways) == list(runner.maps) == [4]
+    assert graph.mirrored_back == ({4} if mirrored else set())
+    np.testing.assert_array_equal(runner.ways[4], own)
+    assert {0} < {j for j, _ in runner.maps[4]} <= {0, 1, 2, 3}
+
+
+def test_a_mirror_image_does_not_join_a_frozen_collection_as_it_is():
+    own = np.arange(N)
+    runner = Recorder([1, 1, 1, -1])
+    frozen = [Matched(Maps(own, own), 0.98, 0.1)] * 2
+    graph, _ = join_shapes(runner.sketches, runner, frozen=frozen)
+    assert runner.ways == {} and graph.mirrored == {3}
+    assert graph.joined.tolist() == [True, True, True, False]

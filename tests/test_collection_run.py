@@ -335,3 +335,185 @@ def test_control_c_ends_a_run_with_one_line(scans, tmp_path):
     assert "distributed" not in text and "warn" not in text.lower()
     assert workers and not psutil.wait_procs(workers, timeout=60)[1]
     assert not list(out.rglob("*.tmp"))
+
+
+def files_of(folder):
+    """Bytes and date of all files, by name."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    of = lambda path: (path.read_bytes(), path.stat().st_mtime_ns)
+    return {str(path.relative_to(folder)): of(path) for path in files}
+
+
+@pytest.fixture(scope="module")
+def model(collected, scans, tmp_path_factory):
+    """A finished collection with landmarks, curves and patches."""
+    folder = tmp_path_factory.mktemp("model")
+    marks, lines = folder / "marks.csv", folder / "lines.csv"
+    rows = [f"m{i},{x},{y},{z}" for i, (x, y, z) in enumerate(BLOB.vertices[:4])]
+    marks.write_text("\n".join(["name,x,y,z", *rows, ""]))
+    lines.write_text("curve,edge,3,m0,m1\npatch,face,4,1,m1,m2\n")
+    np.save(folder / "heights.npy", BLOB.vertices[:, 2])
+    (folder / "scans").mkdir()
+    for i in range(3):
+        (folder / "scans" / f"{i}.ply").symlink_to(scans / f"{i}.ply")
+    args = ["collection", folder / "scans", "--out", folder / "model"]
+    args += ["--template", folder / "scans" / "0.ply", "--landmarks", marks]
+    args += ["--values", folder / "heights.npy", "--semilandmarks", lines]
+    done = CliRunner().invoke(app, [*map(str, args), *collected[1][-2:]])
+    assert done.exit_code == 0, done.output
+    return folder / "model"
+
+
+def test_semilandmarks_follow_on_landmarks(model):
+    with (model / "landmarks.csv").open() as file:
+        rows = list(csv.reader(file))
+    titles = [name[:-2] for name in rows[0][1::3]]
+    edge, face = (
+        [f"{n}_{i}" for i in range(1, k)] for n, k in (("edge", 4), ("face", 5))
+    )
+    assert titles == ["m0", "m1", "m2", "m3", *edge, *face]
+    table = np.array(rows[1:], float)[:, 1:].reshape(3, -1, 3)
+    np.testing.assert_allclose(table[0, :4], BLOB.vertices[:4], atol=1e-6)
+    # The deformation is linear, and points on faces go along.
+    np.testing.assert_allclose(table[2], table[0] * [1, 1.04, 0.98], atol=1e-6)
+    slide = (model / "curveslide.csv").read_text().split()
+    assert slide == ["before,slide,after", "1,5,6", "5,6,7", "6,7,2"]
+    assert (model / "surfslide.csv").read_text().split() == [
+        "surface",
+        *"89",
+        "10",
+        "11",
+    ]
+
+
+def onto(model, client, folder, out, numbers, *more):
+    folder.mkdir(exist_ok=True)
+    for i in numbers:
+        if not (path := folder / f"new{i}.ply").exists():
+            write(path, blob(i))
+    args = "collection", folder, "--onto", model, "--out", out, *more, *client
+    return CliRunner().invoke(app, list(map(str, args)))
+
+
+def test_new_shapes_join_a_frozen_model_each_by_itself(collected, model, tmp_path):
+    client, before = collected[1][-2:], files_of(model)
+    one, two = tmp_path / "one", tmp_path / "two"
+    done = onto(model, client, tmp_path / "a", one, [6])
+    assert done.exit_code == 0, done.output
+    done = onto(model, client, tmp_path / "b", two, [5, 6])
+    assert done.exit_code == 0, done.output
+    assert files_of(model) == before  # bytes and dates
+    alone, together = files_of(one), files_of(two)
+    mine = [name for name in alone if "new6" in name]
+    assert {"registered/new6.npz", "maps/new6.npz", "landmarks/new6.fcsv"} < set(mine)
+    assert all(together[name][0] == alone[name][0] for name in mine)
+    for name in ("summary.csv", "scores.csv", "landmarks.csv"):
+        rows = [text[name][0].splitlines() for text in (alone, together)]
+        assert rows[0][0] == rows[1][0] and set(rows[0]) < set(rows[1])
+    for name in ("curveslide.csv", "surfslide.csv"):
+        assert alone[name][0] == before[name][0]
+    # The scores are those of the shape as it lies; those of an old one are its own.
+    from jfsf.apps.model import read_model, scores_of
+
+    with np.load(one / "registered" / "new6.npz") as file:
+        np.testing.assert_allclose(file["vertices"], blob(6).vertices, atol=1e-6)
+    known = read_model(model / "model.npz")
+    row = (one / "scores.csv").read_text().splitlines()[1].split(",")
+    own = blob(6).vertices - blob(6).vertices.mean(0)
+    np.testing.assert_allclose(
+        np.array(row[1:], float), scores_of(known, own), atol=1e-5
+    )
+    heights = np.load(one / "values" / "new6.npy")
+    np.testing.assert_allclose(heights, BLOB.vertices[:, 2], atol=1e-6)
+    # What is there counts, and what is lost is made again, to the byte.
+    (one / "registered" / "new6.npz").unlink()
+    dates = {name: date for name, (_, date) in files_of(one).items()}
+    assert onto(model, client, tmp_path / "a", one, [6]).exit_code == 0
+    again = files_of(one)
+    assert {n: text for n, (text, _) in again.items()} == {
+        n: text for n, (text, _) in alone.items()
+    }
+    for name in ("pairs/0__new6.npz", "maps/new6.npz", "placed/new6.npz"):
+        assert again[name][1] == dates[name]
+
+
+def test_what_no_trusted_map_reaches_is_left_out_of_a_frozen_model(
+    collected, model, tmp_path, monkeypatch
+):
+    sure = same_vertices
+
+    def doubtful(x, y, **options):
+        found, new = sure(x, y), np.allclose(y.vertices, blob(7).vertices, atol=1e-5)
+        low = found.certificate._replace(confidence=jnp.asarray(0.05))
+        return found._replace(certificate=low) if new else found
+
+    monkeypatch.setattr("jfsf.matching.match", doubtful)
+    done = onto(model, collected[1][-2:], tmp_path / "a", tmp_path / "out", [6, 7])
+    said = " ".join(done.output.split())
+    assert done.exit_code == 1
+    assert "new7.ply: no trusted map leads to it" in said and "0 (0." in said
+    with (tmp_path / "out" / "summary.csv").open() as file:
+        rows = {row["name"]: row["reason"] for row in csv.DictReader(file)}
+    assert rows["new6"] == "" and rows["new7"].startswith("no trusted map")
+    assert (tmp_path / "out" / "registered" / "new6.ply").exists()
+    assert not (tmp_path / "out" / "registered" / "new7.ply").exists()
+
+
+def test_what_is_no_finished_collection_is_refused(collected, model, scans, tmp_path):
+    client, out = collected[1][-2:], tmp_path / "out"
+    refused = lambda *args: " ".join(onto(*args).output.split())
+    assert "settings.json: No such file" in refused(scans, client, scans, out, [])
+    begun = tmp_path / "begun"
+    for name in ("settings.json", "summary.csv"):
+        begun.mkdir(exist_ok=True)
+        (begun / name).write_bytes((model / name).read_bytes())
+    said = refused(begun, client, tmp_path / "a", out, [6])
+    assert "is no finished collection (3 shapes without maps" in said
+    (begun / "summary.csv").write_text("name\n0\n")
+    assert "is damaged" in refused(begun, client, tmp_path / "a", out, [6])
+    write(tmp_path / "a" / "1.ply", blob(6))
+    said = refused(model, client, tmp_path / "a", out, [6])
+    assert "1.ply:" in said and "has a shape of this name" in said
+    (tmp_path / "a" / "1.ply").unlink()
+    said = refused(model, client, tmp_path / "a", model, [6])
+    assert "stays as it is" in said
+    options = (("--orientation", "any"), "made with --orientation preserve")
+    options = [options, (("--scale",), "omit --scale")]
+    other = tmp_path / "a" / "new6.ply"
+    options.append((("--template", other), "is not the file of 0, the template"))
+    for more, words in options:
+        assert words in refused(model, client, tmp_path / "a", out, [6], *more)
+    assert not out.exists()
+
+
+def test_landmarks_are_paired_by_the_symmetry_of_the_template(
+    collected, model, tmp_path, monkeypatch
+):
+    asked = []
+
+    def mirrored(mesh):
+        asked.append(mesh)
+        order = np.arange(N)  # the first two are exchanged, the third goes astray
+        order[[0, 1, 2]] = 1, 0, BLOB.vertices[:, 2].argmin()
+        return SimpleNamespace(T_xy=order, certificate=SimpleNamespace(confidence=0.9))
+
+    monkeypatch.setattr("jfsf.matching.symmetry", mirrored)
+    client, folder, out = collected[1][-2:], model.parent, tmp_path / "out"
+    args = ["collection", folder / "scans", "--out", out, "--symmetric"]
+    done = CliRunner().invoke(app, list(map(str, args)))
+    assert done.exit_code == 1 and "give --landmarks too" in done.output
+    args += ["--template", folder / "scans" / "0.ply"]
+    args += ["--landmarks", folder / "marks.csv", *client]
+    for _ in range(2):
+        done = CliRunner().invoke(app, list(map(str, args)))
+        assert done.exit_code == 0, done.output
+        said = " ".join(done.output.split())
+        assert "confidence 0.90: 1 pairs of landmarks, 1 on the midline" in said
+        assert "landmark_pairs.csv: landmark 'm2'" in said
+        rows = (out / "landmark_pairs.csv").read_text().split()
+        assert rows[0] == "left,right" and rows[1] in ("1,2", "2,1")
+        assert rows[2:] == ["3,"]
+    assert len(asked) == 1  # the second run reads what the first one found
+    args.remove("--symmetric")
+    assert CliRunner().invoke(app, list(map(str, args))).exit_code == 0
+    assert not (out / "landmark_pairs.csv").exists()

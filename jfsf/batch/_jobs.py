@@ -95,7 +95,7 @@ def run_jobs(
             left.append(job)
     inputs = list(dict.fromkeys(path for job in left for path in job.inputs))
     reasons = {}
-    calls = {path: (_timed, prepare, path, say) for path in inputs}
+    calls = {path: (timed, prepare, path, say) for path in inputs}
     if progress is not None:
         progress(0, len(inputs))
     for count, (path, (reason, _)) in enumerate(_results(client, calls), 1):
@@ -108,7 +108,7 @@ def run_jobs(
         if reason is not None:
             yield Outcome(job, reason, False, math.nan)
         else:
-            calls[job] = (_timed, work, job, say)
+            calls[job] = (timed, work, job, say)
     for job, (reason, seconds) in _results(client, calls):
         yield Outcome(job, reason, False, seconds)
 
@@ -153,7 +153,7 @@ def _error(future) -> BaseException | None:
 def _result(future) -> tuple[str | None, float]:
     try:
         return future.result()
-    except Exception as error:  # of dask: `_timed` catches those of the work
+    except Exception as error:  # of dask: `timed` catches those of the work
         return _reason(error, str), math.nan
 
 
@@ -172,7 +172,8 @@ def is_done(job: Job) -> bool:
         return False
 
 
-def _timed(function, argument, say) -> tuple[str | None, float]:
+def timed(function, argument, say) -> tuple[str | None, float]:
+    """Why a call failed, None if it did not, and the seconds that it took."""
     start = time.perf_counter()
     try:
         function(argument)

@@ -22,9 +22,13 @@ Read in this order:
 - `_collection_jobs`: the jobs of `jfsf collection`
 - `_look`: what is unfit in a folder of meshes, and what mends it
 - `_collection_carried`: landmarks, labels and values of the template on all shapes
+- `_collection_semilandmarks`: points of curves and patches, and which of them slide
+- `_collection_symmetry`: left and right landmarks
 - `_collection_people`: landmarks that people placed on shapes, in a folder of files
 - `_collection_results`: what is written of all shapes when they are done
 - `_collection_runner`: makes the jobs, and reads what they wrote
+- `_collection_frozen`: a finished collection, which is only read
+- `_collection_onto`: new shapes onto it
 - `_collection_templates`: other templates, each put on all shapes
 - `_collection_landmarks`: the template's landmarks on all shapes, and how sure they are
 - `_collection_check`: these beside those that people placed, and two simple methods

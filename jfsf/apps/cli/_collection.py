@@ -18,12 +18,20 @@ from jfsf.apps.cli._collection_carried import (
     write_carried,
 )
 from jfsf.apps.cli._collection_check import CHECKED, write_check
+from jfsf.apps.cli._collection_frozen import (
+    check_new,
+    columns_of,
+    frozen_of,
+    marks_of,
+    odd_beside,
+)
 from jfsf.apps.cli._collection_landmarks import (
     TO_CHECK,
     landmarks_on,
     write_doubtful,
     write_landmarks_of,
 )
+from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
 from jfsf.apps.cli._collection_people import (
     file_of_template,
     mirrored_with,
@@ -49,6 +57,12 @@ from jfsf.apps.cli._collection_runner import (
     mirror_back,
     number_of,
     outcomes,
+)
+from jfsf.apps.cli._collection_semilandmarks import semilandmarks_of, write_sliders
+from jfsf.apps.cli._collection_symmetry import (
+    SYMMETRY,
+    pairs_of,
+    write_pairs,
 )
 from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
@@ -123,6 +137,35 @@ def collection(
             "shapes: .npy, .csv or .txt.",
         ),
     ] = None,
+    semilandmarks: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="FILE",
+            help="Points on curves and patches of --template, which follow on "
+            "--landmarks: a curve of 3D Slicer (.mrk.json), or a table (.csv) with "
+            "lines curve,NAME,NUMBER,LANDMARK,LANDMARK,... (along the surface from "
+            "landmark to landmark) and patch,NAME,NUMBER,LANDMARK,... (within this "
+            "rim). Writes curveslide.csv and surfslide.csv too, for geomorph. May be "
+            "given several times.",
+        ),
+    ] = None,
+    symmetric: Annotated[
+        bool,
+        typer.Option(
+            "--symmetric",
+            help="Pair the left and right --landmarks by the template's own symmetry. "
+            "Writes landmark_pairs.csv; landmarks that are not in it are on the "
+            "midline.",
+        ),
+    ] = False,
+    onto: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="The --out of a finished collection, which stays as it is: each new "
+            "shape gets its template, and scores in its model.",
+        ),
+    ] = None,
     scheduler: opt.SchedulerOption = None,
     workers: opt.WorkersOption = None,
     orientation: opt.OrientationOption = opt.Orientation.preserve,
@@ -168,13 +211,14 @@ def collection(
     onto every other. Writes registered/*.ply (the template on each shape), maps/*.npz,
     summary.csv, model.npz (mean, modes, variances, scores), scores.csv, mean.ply and
     mode_*.ply. Shapes that no trusted map reaches are named and left out. Run it again
-    to continue a stopped run (Ctrl-C says what is kept), or to add shapes. Exit code 1
-    if a shape was left out.
+    to continue a stopped run (Ctrl-C says what is kept), or to add shapes; --onto adds
+    some and moves none of the others. Exit code 1 if a shape was left out.
 
     Example: jfsf collection scans --out model --report
     """
     from jfsf.apps.collections._engine import join_shapes, mirrored, reason
     from jfsf.batch._cluster import connect
+    from jfsf.mesh import read
 
     if report:
         need_matplotlib()
@@ -184,50 +228,95 @@ def collection(
             raise ValueError(
                 f"{path}: --{option} are those of the template; name it: --template"
             )
+    frozen = None if onto is None else frozen_of(onto)
+    if frozen is not None and scale:
+        raise ValueError(f"{onto}: its model says whether size counts; omit --scale")
     paths = _meshes_in(folder)
     if out.is_dir() and out.samefile(folder):
         raise ValueError(
             f"{out}: is the folder of the meshes, and what is written there would be "
             "read as shapes; name another one"
         )
-    if template is not None:
+    if frozen is not None:
+        check_new(frozen, paths, out, template, orientation.value)
+    elif template is not None:
         template, paths = _with_template(template, paths)
     marks = file_of_template(landmarks, template)
-    points = points_of(marks, template)
+    points, sliding, pairs = points_of(marks, template), None, None
     placed = placed_by_people(None if marks == landmarks else landmarks, paths, points)
-    people = placed_by_people(check_landmarks, paths, points)
-    if templates > 1 and points is None:
+    several = max(templates, len(placed)) > 1
+    if several and points is None:
         raise ValueError(
             f"--templates {templates} carries landmarks; give --landmarks, or leave it "
             "out"
         )
+    if several and frozen is not None:
+        raise ValueError(
+            f"{onto}: has one template; leave --templates out, and name one file as "
+            "--landmarks"
+        )
+    if frozen is not None and points is None and (known := marks_of(frozen)):
+        marks, points, sliding, pairs = known
+    people = placed_by_people(check_landmarks, paths, points)
+    if semilandmarks:
+        if points is None or template is None:
+            raise ValueError(
+                f"{semilandmarks[0]}: semilandmarks follow on landmarks; give "
+                "--landmarks too"
+            )
+        points, sliding = semilandmarks_of(
+            semilandmarks, points, template, largest_component, repair
+        )
     carried = carried_of(template, labels=labels, values=values)
+    odd = []
+    if frozen is not None and not carried:
+        carried, odd = columns_of(frozen)
+    if symmetric and points is None:
+        raise ValueError("--symmetric pairs landmarks; give --landmarks too")
     can_write_in(out)
     out = out.absolute()
     jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
-    several = max(templates, len(placed)) > 1
-    named = (*STAGES[:-1], OTHERS, STAGES[-1]) if several else STAGES
-    with stages(named) as shown, stopping(out, KEPT, shown):
-        begin(out, {"orientation": orientation.value, "mirror": mirror.value})
+    settings = {"orientation": orientation.value, "mirror": mirror.value}
+    if frozen is not None:
+        settings["onto"] = str(frozen.folder)
+    least, steps = (2, STAGES) if frozen is None else (1, STAGES_ONTO)
+    steps = (*steps[:2], SYMMETRY, *steps[2:]) if symmetric else steps
+    steps = (*steps[:-1], OTHERS, steps[-1]) if several else steps
+    with stages(steps) as shown, stopping(out, KEPT, shown):
+        begin(out, settings)
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
-        reasons = look(jobs, shown, *ways)
+        reasons = look(jobs, shown, *ways, least=least)
         with connect(scheduler, workers=workers) as client:
             run = partial(outcomes, client, shown)
-            shapes, reasons = kept_shapes(jobs, run, reasons, *ways)
+            shapes, reasons = kept_shapes(jobs, run, reasons, *ways, least=least)
             names = list(shapes)
-            odd = doubts([str(paths[name]) for name in names], list(shapes.values()))
+            if frozen is None:
+                where = [str(paths[name]) for name in names]
+                odd += doubts(where, list(shapes.values()))
+            else:
+                odd += odd_beside(frozen, paths, shapes)
+            base = number_of(shapes, reasons, template if frozen is None else None)
+            if symmetric and points is not None:
+                own = frozen.kept_template if frozen else jobs[names[base or 0]].out
+                pairs, found = pairs_of(out, own, points, run)
+                odd.append(found)
             for line in odd:
                 shown.say(line)
-            runner = OnFiles(out, names, orientation.value, report, run)
-            graph, failed = join_shapes(
-                [own.sketch for own in shapes.values()],
-                runner,
-                template=number_of(shapes, reasons, template),
-                orientation=orientation.value,
-                mirror=mirror.value,
-            )
-            others = put_others(shapes, graph, runner, templates - 1, placed)
+            if frozen is None:
+                runner = OnFiles(out, names, orientation.value, report, run)
+                graph, failed = join_shapes(
+                    [own.sketch for own in shapes.values()],
+                    runner,
+                    template=base,
+                    orientation=orientation.value,
+                    mirror=mirror.value,
+                )
+                others = put_others(shapes, graph, runner, templates - 1, placed)
+            else:
+                how = {"mirror": mirror.value, "report": report}
+                shapes, graph, failed = join_onto(frozen, out, shapes, run, **how)
+                names, others = list(shapes), []
         shown.begin("model", 1)
         shapes = mirror_back(out, shapes, graph)
         reasons |= {
@@ -239,8 +328,11 @@ def collection(
         rows = rows_of(out, paths, shapes, graph, reasons)
         name = names[graph.paths.template]
         mesh = shapes[name].mesh
-        kinds = {"scale": scale, "report": report}
-        written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+        if frozen is None:
+            kinds = {"scale": scale, "report": report}
+            written, notes = write_model_of(out, rows, mesh.faces, **kinds)
+        else:
+            written, notes = write_scores_of(out, rows, frozen)
         write_table(out / "summary.csv", COLUMNS, rows)
         written.insert(0, out / "summary.csv")
         tables, said_of = [], []
@@ -252,17 +344,23 @@ def collection(
                 out, points, shapes, graph, joined, others, of_people[0]
             )
             written += write_landmarks_of(out, found, points, marks)
+            written += write_sliders(out, sliding) + write_pairs(out, pairs)
             tables, said = write_check(out, found, of_people[1], shapes, name, placed)
             said_of = [*write_doubtful(out, found), *said]
             written += [out / TO_CHECK, *([out / CHECKED] if people else [])]
-        written += write_carried(out, rows, paths, shapes, name, carried, turned)
+        file = paths.get(name, template)
+        whole = read(file, finite=False) if file is not None and carried else mesh
+        written += write_carried(out, rows, paths, shapes, name, carried, turned, whole)
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
     lines = [] if points is None else [f"{marks}: {line}" for line in points.said]
     lines += odd + [
-        f"{paths[n]}: {line}" for n, own in shapes.items() for line in own.said
+        f"{path}: {line}"
+        for n, path in paths.items()
+        if n in shapes
+        for line in shapes[n].said
     ]
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
     lines += [

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.apps.cli._collection_jobs import file_of
-from jfsf.types import ArrayLike
+from jfsf.types import ArrayLike, Mesh
 
 SLICER = ".mrk.json"  # Slicer takes a file that ends in .json alone for no landmarks
 
@@ -44,11 +44,11 @@ class Carried(NamedTuple):
     column: ArrayLike
 
 
-def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
+def carried_of(template: Path | Mesh | None, **files: Path | None) -> list[Carried]:
     """The files to carry, read and checked against the template.
 
     Args:
-        template: its file.
+        template: its file, or the mesh of it.
         files: labels and values, by these names; None where there is none.
 
     Raises:
@@ -61,7 +61,9 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
     for what, path in files.items():
         if path is None or template is None:
             continue
-        mesh = read(template, finite=False)  # --repair leaves them out
+        is_mesh = isinstance(template, Mesh)
+        # What is not finite is left out by --repair.
+        mesh = template if is_mesh else read(template, finite=False)
         n, m = len(mesh.vertices), len(mesh.faces)
         is_labels = what == "labels"
         column = read_labels(path, n, m) if is_labels else read_values(path, n)
@@ -70,7 +72,7 @@ def carried_of(template: Path | None, **files: Path | None) -> list[Carried]:
 
 
 def write_carried(
-    out: Path, rows, paths, shapes, template: str, carried, turned
+    out: Path, rows, paths, shapes, template: str, carried, turned, source: Mesh
 ) -> list[Path]:
     """Write them for the vertices or faces of the file of each joined shape.
 
@@ -81,6 +83,7 @@ def write_carried(
         template: its name.
         carried: of `carried_of`.
         turned: names of the shapes that were mirrored back.
+        source: the mesh of the template's file.
 
     Returns:
         The folders that were written to.
@@ -95,8 +98,6 @@ def write_carried(
     carry = {"labels": labels, "values": values}
     for one in carried:
         (out / one.what).mkdir(exist_ok=True)
-    # What is not finite is left out by --repair; without it there is none.
-    source = read(paths[template], finite=False)
     for row in rows:
         if not carried or row["reason"]:
             continue

@@ -65,16 +65,19 @@ def jobs_of_shapes(out: Path, paths) -> dict[str, Job]:
     }
 
 
-def look(jobs, shown: Stages, largest: bool, mend: bool) -> dict[str, str]:
+def look(
+    jobs, shown: Stages, largest: bool, mend: bool, *, least: int = 2
+) -> dict[str, str]:
     """Look at the files, and say what is unfit; the reasons, by name.
 
     Args:
         jobs: of `jobs_of_shapes`.
         shown: the stages.
         largest, mend: as `matchable`.
+        least: how many are needed.
 
     Raises:
-        ValueError: fewer than two can be matched.
+        ValueError: fewer can be matched.
     """
     bad = {}
     shown.begin("files", len(jobs))
@@ -94,20 +97,21 @@ def look(jobs, shown: Stages, largest: bool, mend: bool) -> dict[str, str]:
             f"the others are left out, until {' '.join(options)} is added to the "
             "command; the folder may be the same, and what was made counts"
         )
-    check_enough(good, len(jobs), [one.why for one in bad.values()])
+    check_enough(good, len(jobs), [one.why for one in bad.values()], least)
     return {name: one.why for name, one in bad.items()}
 
 
-def check_enough(good: int, of: int, reasons) -> None:
-    """ValueError if fewer than two shapes of so many can be matched."""
-    if good < 2:
+def check_enough(good: int, of: int, reasons, least: int) -> None:
+    """ValueError if fewer than `least` shapes of so many can be matched."""
+    if good < least:
+        needed = "one is needed" if least == 1 else "two are needed"
         raise ValueError(
-            f"collection: {good} of {of} shapes can be matched, two are needed: "
+            f"collection: {good} of {of} shapes can be matched, {needed}: "
             f"{'; '.join(reasons) or 'name a folder with more meshes'}"
         )
 
 
-def kept_shapes(jobs, run, reasons, largest: bool, mend: bool):
+def kept_shapes(jobs, run, reasons, largest: bool, mend: bool, *, least: int = 2):
     """What is kept of each shape, and why some are not, by name.
 
     Args:
@@ -115,6 +119,7 @@ def kept_shapes(jobs, run, reasons, largest: bool, mend: bool):
         run: `outcomes`, on some client.
         reasons: of `look`.
         largest, mend: as `matchable`.
+        least: as `look`.
     """
     options = {"largest": largest, "mend": mend}
     fit = {name: job for name, job in jobs.items() if name not in reasons}
@@ -127,7 +132,7 @@ def kept_shapes(jobs, run, reasons, largest: bool, mend: bool):
     failed = {name: found[job.out] for name, job in fit.items()}
     bad = reasons | {name: why for name, why in failed.items() if why is not None}
     good = {name: kept(jobs[name].out) for name in jobs if name not in bad}
-    check_enough(len(good), len(jobs), bad.values())
+    check_enough(len(good), len(jobs), bad.values(), least)
     return good, bad
 
 
@@ -153,6 +158,8 @@ class OnFiles:
     report: whether each shape gets a page.
     run: `outcomes`, on some client.
     home: folder of the results that has the kept shapes; `out` if None.
+    model: folder of a finished collection, whose files are read only.
+    old: so many shapes, the first, are in it.
     """
 
     out: Path
@@ -161,6 +168,8 @@ class OnFiles:
     report: bool
     run: Callable[..., dict[Path, str | None]]
     home: Path | None = None
+    model: Path | None = None
+    old: int = 0
 
     def match(self, edges, turned: bool):
         folder = self.out / ("turned" if turned else "pairs")
@@ -213,8 +222,13 @@ class OnFiles:
         return {i: why for i, job in jobs.items() if (why := failed[job.out])}
 
     def _file(self, part: str, shape: int) -> Path:
+        name = self.names[shape]
+        if self.model is not None and shape < self.old:
+            # There the template is on it by all ways already.
+            part = "registered" if part == "placed" else part
+            return file_of(self.model, part, name)
         home = self.home if part == "shapes" and self.home else self.out
-        return file_of(home, part, self.names[shape])
+        return file_of(home, part, name)
 
 
 def _write_way(path: Path, **arrays) -> None:

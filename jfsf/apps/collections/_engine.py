@@ -120,6 +120,7 @@ def join_shapes(
     orientation: Orientation = "preserve",
     mirror: Mirror = "name",
     pairs_a_shape: float = PAIRS_A_SHAPE,
+    frozen: Sequence[Matched] | None = None,
 ) -> tuple[Graph, dict[int, str]]:
     """Match pairs of shapes, and put one of them, the template, onto all others.
 
@@ -128,6 +129,8 @@ def join_shapes(
         runner: does the work, and keeps or writes what it makes.
         template, orientation, mirror: as `collection`.
         pairs_a_shape: as `CollectionSettings`.
+        frozen: as `grow`: of the template and these shapes nothing is made, and the
+            runner has the template on them.
 
     Returns:
         The graph, and why the template could not be put on some joined shapes.
@@ -141,14 +144,21 @@ def join_shapes(
         mirror=mirror if orientation == "preserve" else None,
         template=template,
         pairs_a_shape=pairs_a_shape,
+        frozen=frozen,
     )
-    return graph, put_on_all(sketches, graph, runner)
+    old = 0 if frozen is None else len(frozen) + 1
+    return graph, put_on_all(sketches, graph, runner, old=old)
 
 
 def put_on_all(
-    sketches: Sequence[Sketch], graph: Graph, runner: Runner
+    sketches: Sequence[Sketch], graph: Graph, runner: Runner, *, old: int = 0
 ) -> dict[int, str]:
     """Put the template of a graph onto all joined shapes.
+
+    Args:
+        sketches, runner: as `join_shapes`.
+        graph: of these shapes.
+        old: so many of them, the first, have it already.
 
     Returns:
         Why it could not be put on some of them.
@@ -157,10 +167,11 @@ def put_on_all(
     joined = np.flatnonzero(graph.joined).tolist()
     itself = np.arange(len(sketches[base].mass))
     way = lambda i: itself if i == base else map_along(graph.maps, graph.paths.way(i))
-    failed = runner.place(graph, {i: way(i) for i in joined})
+    failed = runner.place(graph, {i: way(i) for i in joined if i >= old})
     placed = set(joined) - set(failed)
     others = lambda i: [(j, T) for j, T in graph.trusted_maps(i) if j in placed]
-    maps = {i: [] if i == base else others(i) for i in sorted(placed)}
+    new = sorted(placed - set(range(old)))
+    maps = {i: [] if i == base else others(i) for i in new}
     return failed | runner.agree(graph, maps)
 
 

@@ -210,6 +210,7 @@ def grow(
     *,
     template: int | None = None,
     pairs_a_shape: float = PAIRS_A_SHAPE,
+    frozen: Sequence[Matched] | None = None,
 ) -> Graph:
     """Match a sparse graph of pairs, and more pairs for shapes that are in doubt.
 
@@ -219,6 +220,10 @@ def grow(
             the order of the pairs; None for a pair that cannot be matched.
         template: the number, from 0, of the template; the most central shape if None.
         pairs_a_shape: most pairs that are matched, for each shape on average.
+        frozen: of a finished collection, the maps from its template, which is shape 0,
+            to shapes 1, 2 and so on, and how far they are trusted. Only the shapes
+            after these are matched, first with the template and the two most alike of
+            the finished ones.
 
     Raises:
         ValueError: fewer than two shapes.
@@ -227,9 +232,16 @@ def grow(
     if s < 2:
         raise ValueError(f"collection: has {s} shapes; give two or more")
     unlike = unlikeness([one.signature for one in sketches])
-    tried: set[Edge] = set()
-    done: dict[Edge, Matched] = {}
-    edges, most = first_pairs(unlike), round(pairs_a_shape * s)
+    old = range(0 if frozen is None else len(frozen) + 1)
+    done = {(0, i): one for i, one in enumerate(frozen or (), 1)}
+    tried = set(done)
+    if frozen is None:
+        edges, most = first_pairs(unlike), round(pairs_a_shape * s)
+    else:
+        template, most = 0, len(tried) + MOST_OF_ONE * (s - len(old))
+        limits = {"most": most, "most_of_one": MOST_OF_ONE}
+        alike = more_pairs(unlike, tried, old, **limits)
+        edges = sorted({*alike, *((0, i) for i in range(len(old), s))})
     while True:
         outcomes = zip(edges, match(edges), strict=True)
         done |= {edge: one for edge, one in outcomes if one is not None}
@@ -240,7 +252,7 @@ def grow(
         right = trust(confidence, found)
         paths = best_paths(right, s, template=template)
         left = most - len(tried)
-        sure = np.flatnonzero(paths.trust >= SURE).tolist()
+        sure = sorted({*old, *np.flatnonzero(paths.trust >= SURE).tolist()})
         edges = more_pairs(
             unlike, tried, sure, most=max(left, 0), most_of_one=MOST_OF_ONE
         )

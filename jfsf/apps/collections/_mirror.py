@@ -40,11 +40,12 @@ def grow_with_mirrors(
     mirror: Mirror | None = "name",
     template: int | None = None,
     pairs_a_shape: float = PAIRS_A_SHAPE,
+    frozen: Sequence[Matched] | None = None,
 ) -> Graph:
     """`grow`, and find the shapes that are mirror images of the others.
 
     Args:
-        sketches, template, pairs_a_shape: as `grow`.
+        sketches, template, pairs_a_shape, frozen: as `grow`.
         match: as that of `grow`, with one truth value more a pair: whether X is to be
             mirrored. To mirror Y in its place makes the same map.
         mirror: what is done with mirror images. "name" leaves them out; "auto" takes
@@ -60,11 +61,14 @@ def grow_with_mirrors(
     if mirror is not None:
         check_mirror(mirror)
     plain = lambda edges: match(edges, [False] * len(edges))
-    graph = grow(sketches, plain, template=template, pairs_a_shape=pairs_a_shape)
+    options = {"pairs_a_shape": pairs_a_shape, "frozen": frozen}
+    graph = grow(sketches, plain, template=template, **options)
     if mirror is None:
         return graph
     unlike = unlikeness([one.signature for one in sketches])
-    tests = _tested(graph, suspects(graph, unlike), match)
+    first = 0 if frozen is None else len(frozen) + 1
+    tried = [pair for pair in suspects(graph, unlike) if pair[0] >= first]
+    tests = _tested(graph, tried, match)
     found = mirror_images(graph, tests)
     if not found:
         return graph._replace(tests=tests)
@@ -74,7 +78,7 @@ def grow_with_mirrors(
             sketches,
             lambda edges: match(edges, one_of(edges)),
             template=graph.paths.template,
-            pairs_a_shape=pairs_a_shape,
+            **options,
         )
         found = found & frozenset(np.flatnonzero(graph.joined).tolist())
     else:

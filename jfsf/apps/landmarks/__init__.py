@@ -13,6 +13,11 @@ Read in this order:
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
 - `_place`: landmarks on a mesh, and which of two shapes belong together
+- `_outlines`: files of curves and patches
+- `_paths`: geodesics between points of a mesh
+- `_patches`: points spread within a rim
+- `_semilandmarks`: points along the curves and over the patches of a template
+- `_symmetric`: which landmarks are left and right of each other
 """
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
