@@ -1,0 +1,218 @@
+"""Landmarks that maps carry, beside those of experts: errors, and the shape space.
+
+`jfsf collection` runs on the shapes of a set with the experts' landmarks of one of
+them, the template, in FOLDER, which is kept: run it again to go on. The template is the
+most central shape by its spectrum, so no landmark chooses it. Of each other specimen,
+in percent of its centroid size, the mean error of
+
+- `pair`: `jfsf.match` of the template and the specimen alone, and `jfsf.register`;
+- `collection`: the command; and `templates`: with --templates 3;
+- `cpd`: deformable coherent point drift as ALPACA does it (Porto, Rolfe and Maga 2021;
+  Myronenko and Song 2010; pycpd), from the similarity that best fits the map `pair`,
+  which flatters it; then to the nearest point of the surface;
+- `similarity`: what the best similarity of the experts' own landmarks leaves, the least
+  that a method which does not deform can have;
+- `tps`: each landmark by the thin-plate spline of all others of the experts. It knows
+  the specimen's own landmarks, as nobody has who is looking for them.
+
+`space` has of each way how its landmarks and the experts' agree: the correlation of the
+Procrustes distances between specimens, of the scores along the experts' first
+components, and the mean distance over the experts'. Landmarks that slide to where the
+template has them shrink it.
+
+    python -m experiments.accuracy.morphometry calcanei FOLDER --data ROOT
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import RBFInterpolator
+from scipy.spatial.distance import pdist
+
+import jfsf
+from experiments import command_line, results_file
+from experiments.accuracy.collection import shapes_of, write_off
+from jfsf.apps.collections import unlikeness
+from jfsf.apps.collections._cycles import sketch
+from jfsf.apps.landmarks import Landmarks, read_specimens, write_landmarks
+from jfsf.apps.morphometrics import procrustes
+from jfsf.mesh import closest
+from jfsf.mesh._closest import surface_tree
+
+TEMPLATES = 3
+COMPONENTS = 3
+# ALPACA's: points of each shape, stiffness, width in units of the root mean square
+# distance from the centroid; and iterations of pycpd.
+POINTS, LAMBDA, BETA, ITERATIONS = 1500, 2.0, 2.0, 100
+
+Points = Float[np.ndarray, "l 3"]
+
+
+def main() -> None:
+    parser = command_line.parser(__doc__, data=True)
+    parser.add_argument("set", help="of the protocol, with listed landmarks")
+    parser.add_argument("folder", type=Path)
+    args = command_line.parse(parser)
+    shapes = shapes_of(args.set, args.data)
+    truth = {
+        name: np.asarray(own.mesh.vertices, float)[own.truth]
+        for name, own in shapes.items()
+    }
+    meshes = {name: own.mesh for name, own in shapes.items()}
+    base = central(meshes)
+    on_base = args.folder / f"{base}.csv"
+    for name, mesh in meshes.items():
+        path = args.folder / "scans" / f"{name}.off"
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_off(path, mesh)
+    names = tuple(str(i) for i in range(1, len(truth[base]) + 1))
+    write_landmarks(on_base, Landmarks(names, truth[base], None, None))
+    by_pair = {name: by_map(meshes, truth, base, name) for name in meshes}
+    ways = {
+        "pair": by_pair,
+        "collection": collected(args.folder, base, 1),
+        "templates": collected(args.folder, base, TEMPLATES),
+        "cpd": {n: drifted(meshes, truth, base, n, by_pair[n]) for n in meshes},
+        "similarity": {n: similar(truth[base], own) for n, own in truth.items()},
+        "tps": {n: left_out(truth[base], own) for n, own in truth.items()},
+    }
+    rows = [
+        {"specimen": name, **{way: error(ways[way].get(name), own) for way in ways}}
+        for name, own in truth.items()
+        if name != base
+    ]
+    summary = {
+        "template": base,
+        "specimens": len(rows),
+        "landmarks": len(names),
+        **{way: float(np.nanmean([row[way] for row in rows])) for way in ways},
+        "space": {way: space(ways[way], truth) for way in list(ways)[:4]},
+    }
+    print(json.dumps(summary, indent=1))
+    out = args.out or command_line.RESULTS / f"morphometry_{args.set}.json"
+    settings = {"set": args.set, "templates": TEMPLATES, "points of cpd": POINTS}
+    results_file.write(out, settings=settings, summary=summary, specimens=rows)
+
+
+def central(meshes: dict[str, jfsf.Mesh]) -> str:
+    """The shape whose spectrum differs least from the others'."""
+    signatures = [sketch(jfsf.basis(mesh)).signature for mesh in meshes.values()]
+    return list(meshes)[int(unlikeness(signatures).mean(1).argmin())]
+
+
+def by_map(meshes, truth, base: str, name: str) -> Points:
+    """The template's landmarks by one match and registration."""
+    if name == base:
+        return truth[base]
+    T_xy = jfsf.match(meshes[base], meshes[name]).T_xy
+    on_shape = jfsf.register(meshes[base], meshes[name], T_xy)
+    return on_template(meshes[base], truth[base], np.asarray(on_shape.vertices))
+
+
+def on_template(mesh: jfsf.Mesh, points: Points, moved: Points) -> Points:
+    """Where points of a mesh go when its vertices are moved."""
+    found = closest(surface_tree(mesh), points)
+    corners = np.asarray(mesh.faces)[found.face]
+    return np.einsum("lc,lci->li", found.barycentric, moved[corners])
+
+
+def collected(folder: Path, base: str, templates: int) -> dict[str, Points]:
+    """The landmarks of the joined specimens, by the command line."""
+    out = folder / f"model_{templates}"
+    command = [sys.executable, "-m", "jfsf", "collection", folder / "scans"]
+    command += ["--out", out, "--template", folder / "scans" / f"{base}.off"]
+    command += ["--landmarks", folder / f"{base}.csv"]
+    command += ["--templates", templates] if templates > 1 else []
+    subprocess.run(list(map(str, command)), check=False)
+    found = read_specimens(out / "landmarks.csv")
+    return dict(zip(found.specimens, found.points, strict=True))
+
+
+def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
+    """The template's landmarks by coherent point drift onto a specimen."""
+    from pycpd import DeformableRegistration
+
+    if name == base:
+        return truth[base]
+    scale, turn, shift = similarity(truth[base], start)
+    move = lambda points: scale * points @ turn + shift
+    rng = np.random.default_rng(0)
+    x, y = (np.asarray(meshes[n].vertices, float) for n in (base, name))
+    some = lambda points: points[rng.permutation(len(points))[:POINTS]]
+    centre, unit = y.mean(0), np.sqrt(((y - y.mean(0)) ** 2).sum(1).mean())
+    given = {"alpha": LAMBDA, "beta": BETA, "max_iterations": ITERATIONS}
+    drift = DeformableRegistration(
+        X=(some(y) - centre) / unit, Y=(some(move(x)) - centre) / unit, **given
+    )
+    drift.register()
+    landmarks = (move(truth[base]) - centre) / unit
+    moved = drift.transform_point_cloud(Y=landmarks) * unit + centre
+    return closest(surface_tree(meshes[name]), moved).position
+
+
+def similarity(points: Points, onto: Points) -> tuple[float, np.ndarray, np.ndarray]:
+    """Scale, rotation R and shift: s x R + t is nearest to `onto` (Umeyama 1991)."""
+    a, b = points - points.mean(0), onto - onto.mean(0)
+    u, sizes, vt = np.linalg.svd(a.T @ b)
+    signs = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
+    turn = (u * signs) @ vt
+    scale = float((sizes * signs).sum() / (a**2).sum())
+    return scale, turn, onto.mean(0) - scale * points.mean(0) @ turn
+
+
+def similar(points: Points, onto: Points) -> Points:
+    """Landmarks by the similarity that fits them best."""
+    scale, turn, shift = similarity(points, onto)
+    return scale * points @ turn + shift
+
+
+def left_out(points: Points, onto: Points) -> Points:
+    """Each landmark by the thin-plate spline of all others."""
+    found = np.full_like(onto, np.nan)
+    if len(points) < 6:  # the others do not make a spline
+        return found
+    for i in range(len(points)):
+        rest = np.arange(len(points)) != i
+        spline = RBFInterpolator(points[rest], onto[rest], kernel="linear", degree=1)
+        found[i] = spline(points[i : i + 1])[0]
+    return found
+
+
+def error(points: Points | None, truth: Points) -> float:
+    """Mean distance, in percent of the centroid size of the true landmarks."""
+    if points is None:
+        return np.nan
+    size = np.sqrt(((truth - truth.mean(0)) ** 2).sum())
+    return float(100 * np.nanmean(np.linalg.norm(points - truth, axis=1)) / size)
+
+
+def space(points: dict[str, Points], truth: dict[str, Points]) -> dict:
+    """How the shapes of landmarks agree with those of the experts."""
+    names = [n for n in truth if n in points and np.isfinite(points[n]).all()]
+    own, wanted = (
+        procrustes(np.stack([of[n] for n in names])).shapes for of in (points, truth)
+    )
+    far = [pdist(rows.reshape(len(names), -1)) for rows in (own, wanted)]
+    # Each about its own mean, in one frame.
+    _, turn, _ = similarity(own.mean(0), wanted.mean(0))
+    flat = [(r - r.mean(0)).reshape(len(names), -1) for r in (own @ turn, wanted)]
+    modes = np.linalg.svd(flat[1], full_matrices=False)[2][:COMPONENTS]
+    scores = [rows @ modes.T for rows in flat]
+    return {
+        "specimens": len(names),
+        "distances": float(np.corrcoef(far[0], far[1])[0, 1]),
+        "scores": [
+            float(np.corrcoef(a, b)[0, 1])
+            for a, b in zip(*(s.T for s in scores), strict=True)
+        ],
+        "mean distance over the experts'": float(far[0].mean() / far[1].mean()),
+    }
+
+
+if __name__ == "__main__":
+    main()
