@@ -4,12 +4,14 @@ Matching and registration are stood in for: the meshes share their vertices.
 """
 
 import csv
+import gc
 import os
 import re
 import subprocess
 import sys
 import threading
 import time
+import weakref
 from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
@@ -22,6 +24,7 @@ from typer.testing import CliRunner
 
 from jfsf import testing
 from jfsf.apps.cli._app import app
+from jfsf.apps.cli._collection_jobs import RECENT, Sketches
 from jfsf.apps.cli._collection_runner import KEPT, STAGES
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._runs import _kept
@@ -517,3 +520,19 @@ def test_landmarks_are_paired_by_the_symmetry_of_the_template(
     args.remove("--symmetric")
     assert CliRunner().invoke(app, list(map(str, args))).exit_code == 0
     assert not (out / "landmark_pairs.csv").exists()
+
+
+def test_few_sketches_are_held_whatever_the_number_of_shapes():
+    class Sketch:
+        pass
+
+    class Shapes(dict):
+        def __getitem__(self, name):
+            return SimpleNamespace(sketch=Sketch())
+
+    sketches = Sketches(Shapes.fromkeys(range(3 * RECENT)))
+    first = weakref.ref(sketches[0])
+    assert sketches[0] is first() and len(sketches) == 3 * RECENT
+    held = [weakref.ref(one) for one in sketches]
+    gc.collect()
+    assert first() is None and sum(one() is not None for one in held) == RECENT

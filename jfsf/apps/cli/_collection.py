@@ -25,6 +25,7 @@ from jfsf.apps.cli._collection_frozen import (
     marks_of,
     odd_beside,
 )
+from jfsf.apps.cli._collection_jobs import Sketches
 from jfsf.apps.cli._collection_landmarks import (
     TO_CHECK,
     landmarks_on,
@@ -293,7 +294,7 @@ def collection(
             names = list(shapes)
             if frozen is None:
                 where = [str(paths[name]) for name in names]
-                odd += doubts(where, list(shapes.values()))
+                odd += doubts(where, shapes.values())
             else:
                 odd += odd_beside(frozen, paths, shapes)
             base = number_of(shapes, reasons, template if frozen is None else None)
@@ -306,7 +307,7 @@ def collection(
             if frozen is None:
                 runner = OnFiles(out, names, orientation.value, report, run)
                 graph, failed = join_shapes(
-                    [own.sketch for own in shapes.values()],
+                    Sketches(shapes),
                     runner,
                     template=base,
                     orientation=orientation.value,

@@ -4,6 +4,8 @@ They run in worker processes, which may be other machines that see the same file
 """
 
 import os
+from collections.abc import Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,6 +13,8 @@ import numpy as np
 
 from jfsf.apps.cli._files import matchable
 from jfsf.types import Maps, Mesh
+
+RECENT = 64  # sketches that are held: triangles of pairs share shapes
 
 
 def file_of(out: Path, part: str, name: str) -> Path:
@@ -36,6 +40,39 @@ class Kept(NamedTuple):
     at: np.ndarray
     sketch: Any
     said: tuple[str, ...] = ()
+
+
+class KeptShapes(Mapping[str, Kept]):
+    """What is kept of shapes, by name: read anew whenever it is asked for.
+
+    So the memory of a run does not grow by the meshes and sketches of its shapes.
+    """
+
+    def __init__(self, files: Mapping[str, Path]):
+        self._files = dict(files)
+
+    def __getitem__(self, name: str) -> Kept:
+        return kept(self._files[name])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._files)
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+
+class Sketches(Sequence):
+    """The sketches of shapes, in their order; few are held."""
+
+    def __init__(self, shapes: Mapping[str, Kept]):
+        self._names = list(shapes)
+        self._read = lru_cache(RECENT)(lambda name: shapes[name].sketch)
+
+    def __getitem__(self, number):
+        return self._read(self._names[number])
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def nothing(path: Path) -> None:

@@ -6,6 +6,7 @@ which others are in its folder.
 """
 
 import json
+from collections import ChainMap
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,7 @@ def join_onto(
     *,
     mirror: str,
     report: bool,
-) -> "tuple[dict[str, Any], Graph, dict[int, str]]":
+) -> "tuple[Mapping[str, Any], Graph, dict[int, str]]":
     """Put the template of a finished collection onto each new shape.
 
     Args:
@@ -164,15 +165,11 @@ def _together(frozen: Frozen, shapes, records, broken):
         tests += [MirrorTest(i, number[one], *rest) for one, *rest in own["tests"]]
     paths = Paths(number[frozen.template], before, trust)
     base = kept(frozen.kept_template)
-    known = {
-        **shapes,
-        frozen.template: base,
-        **dict.fromkeys(sorted(used - {frozen.template})),
-    }
+    old = {frozen.template: base, **dict.fromkeys(sorted(used - {frozen.template}))}
     graph = Graph(
         matched, found, right, paths, joined, tuple(tests), frozenset(mirrored)
     )
-    return known, graph, failed
+    return ChainMap(old, shapes), graph, failed
 
 
 def write_scores_of(out: Path, rows, frozen: Frozen) -> tuple[list[Path], list[str]]:

@@ -1,5 +1,6 @@
 """The work of `jfsf collection`: jobs are made, and what they wrote is read."""
 
+from collections import ChainMap
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -11,12 +12,12 @@ import numpy as np
 
 from jfsf.apps.cli._collection_carried import carried_files
 from jfsf.apps.cli._collection_jobs import (
+    KeptShapes,
     file_of,
     has_page,
     is_kept,
     is_put,
     keep,
-    kept,
     match_pair,
     nothing,
     picture_of_shape,
@@ -131,7 +132,7 @@ def kept_shapes(jobs, run, reasons, largest: bool, mend: bool, *, least: int = 2
     )
     failed = {name: found[job.out] for name, job in fit.items()}
     bad = reasons | {name: why for name, why in failed.items() if why is not None}
-    good = {name: kept(jobs[name].out) for name in jobs if name not in bad}
+    good = KeptShapes({name: jobs[name].out for name in jobs if name not in bad})
     check_enough(len(good), len(jobs), bad.values(), least)
     return good, bad
 
@@ -248,12 +249,13 @@ def mirror_back(out: Path, shapes, graph):
     from jfsf.apps.export import export_mesh
     from jfsf.mesh._edit import mirror_image
 
-    shapes, names = dict(shapes), list(shapes)
+    turned, names = {}, list(shapes)
     for name in (names[i] for i in graph.mirrored_back):
         (out / MIRRORED).mkdir(exist_ok=True)
-        shapes[name] = shapes[name]._replace(mesh=mirror_image(shapes[name].mesh))
-        export_mesh(out / MIRRORED / f"{name}.ply", shapes[name].mesh)
-    return shapes
+        own = shapes[name]
+        turned[name] = own._replace(mesh=mirror_image(own.mesh))
+        export_mesh(out / MIRRORED / f"{name}.ply", turned[name].mesh)
+    return ChainMap(turned, shapes)
 
 
 def known_before(out: Path) -> set[str]:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jfsf.apps.cli._collection_jobs import file_of
+from jfsf.apps.cli._collection_jobs import Sketches, file_of
 from jfsf.apps.cli._collection_runner import OF_TEMPLATE, TEMPLATES, OnFiles
 
 OTHERS = "other templates"  # a stage before the last one
@@ -33,7 +33,7 @@ def put_others(shapes, graph, runner: OnFiles, most: int, named=()) -> list[str]
     # The sort is stable: those that are named, and then by centrality.
     found.sort(key=lambda i: runner.names[i] not in named)
     found = found[: max(most, sum(runner.names[i] in named for i in found))]
-    sketches = [own.sketch for own in shapes.values()]
+    sketches = Sketches(shapes)
     run = lambda jobs, **given: runner.run(jobs, **{**given, "label": OTHERS})
     for i in found:
         out = runner.out / TEMPLATES / runner.names[i]

@@ -5,7 +5,7 @@ unit, is said once all can be read, before pairs are matched. A mirror image sho
 when it is matched.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,7 +68,7 @@ def _tried(path: Path, largest: bool, mend: bool) -> Shape | Exception:
     return shape
 
 
-def doubts(names: Sequence[str], shapes: Sequence) -> list[str]:
+def doubts(names: Sequence[str], shapes: Iterable) -> list[str]:
     """What is odd about some shapes beside the others, a sentence each.
 
     Sizes are compared to the median, rims too; spectra to that of the most alike shape.
@@ -82,10 +82,12 @@ def doubts(names: Sequence[str], shapes: Sequence) -> list[str]:
     from jfsf.matching.parts._surfaces import LONG_LOOP, longest_loop
     from jfsf.mesh import surface_area
 
-    size = np.sqrt([float(surface_area(own.mesh)) for own in shapes])
-    rim = np.array([longest_loop(own.mesh) for own in shapes])
-    apart = _apart([own.sketch.signature for own in shapes])
-    found = []
+    areas, rims, signatures = [], [], []
+    for own in shapes:  # one at a time: there may be many
+        areas.append(float(surface_area(own.mesh)))
+        rims.append(longest_loop(own.mesh))
+        signatures.append(own.sketch.signature)
+    size, rim, apart, found = np.sqrt(areas), np.array(rims), _apart(signatures), []
     for i, name in enumerate(names):
         factor = size[i] / np.median(size)
         if max(factor, 1 / factor) > TWO_UNITS:
@@ -110,11 +112,13 @@ def doubts(names: Sequence[str], shapes: Sequence) -> list[str]:
 
 def _apart(signatures) -> np.ndarray:
     """Of each shape the `spectrum_gap` to the most alike one."""
+    from scipy.spatial.distance import cdist
+
     from jfsf.apps.collections._cycles import evals_of
     from jfsf.matching._certificate import EIGENVALUES
     from jfsf.matching._confidence import LEAST
 
     logs = np.log([evals_of(row)[:EIGENVALUES] + LEAST for row in signatures])
-    gaps = np.abs(logs[:, None] - logs[None]).max(2)
+    gaps = cdist(logs, logs, "chebyshev")
     np.fill_diagonal(gaps, np.inf)
     return gaps.min(1)

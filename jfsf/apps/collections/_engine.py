@@ -165,14 +165,14 @@ def put_on_all(
     """
     base = graph.paths.template
     joined = np.flatnonzero(graph.joined).tolist()
-    itself = np.arange(len(sketches[base].mass))
-    way = lambda i: itself if i == base else map_along(graph.maps, graph.paths.way(i))
+    itself, maps = np.arange(len(sketches[base].mass)), graph.maps
+    way = lambda i: itself if i == base else map_along(maps, graph.paths.way(i))
     failed = runner.place(graph, {i: way(i) for i in joined if i >= old})
     placed = set(joined) - set(failed)
     others = lambda i: [(j, T) for j, T in graph.trusted_maps(i) if j in placed]
     new = sorted(placed - set(range(old)))
-    maps = {i: [] if i == base else others(i) for i in new}
-    return failed | runner.agree(graph, maps)
+    known = {i: [] if i == base else others(i) for i in new}
+    return failed | runner.agree(graph, known)
 
 
 def _each_once(runner: Runner) -> MatchPairs:

@@ -196,9 +196,9 @@ class Graph(NamedTuple):
     def trusted_maps(self, shape: int) -> list[tuple[int, Int[ArrayLike, " m"]]]:
         """Joined shapes whose maps to this one are trusted, and these maps."""
         found = []
-        for (a, b), likely in sorted(self.right.items()):
+        for a, b in sorted(edge for edge in self.right if shape in edge):
             other = a + b - shape
-            if shape in (a, b) and likely >= TRUSTED and self.joined[other]:
+            if self.right[a, b] >= TRUSTED and self.joined[other]:
                 maps = self.matched[a, b].maps
                 found.append((other, maps.T_yx if a == shape else maps.T_xy))
         return found
