@@ -32,6 +32,7 @@ Read in this order:
 - `_collection_templates`: other templates, each put on all shapes
 - `_collection_landmarks`: the template's landmarks on all shapes, and how sure they are
 - `_collection_check`: these beside those that people placed, and two simple methods
+- `_collection_marks`: all landmarks of a run
 - `_collection`: `jfsf collection`
 - `_morphometrics_results`: tables, ends of components and pictures of specimens
 - `_morphometrics`: `jfsf morphometrics`

@@ -14,30 +14,17 @@ import typer
 from jfsf.apps.cli import _options as opt
 from jfsf.apps.cli._collection_carried import (
     carried_of,
-    points_of,
     write_carried,
 )
-from jfsf.apps.cli._collection_check import CHECKED, write_check
 from jfsf.apps.cli._collection_frozen import (
     check_new,
     columns_of,
     frozen_of,
-    marks_of,
     odd_beside,
 )
 from jfsf.apps.cli._collection_jobs import Sketches
-from jfsf.apps.cli._collection_landmarks import (
-    TO_CHECK,
-    landmarks_on,
-    write_doubtful,
-    write_landmarks_of,
-)
+from jfsf.apps.cli._collection_marks import read_marks, write_marks
 from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
-from jfsf.apps.cli._collection_people import (
-    file_of_template,
-    mirrored_with,
-    placed_by_people,
-)
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
     rows_of,
@@ -59,11 +46,9 @@ from jfsf.apps.cli._collection_runner import (
     number_of,
     outcomes,
 )
-from jfsf.apps.cli._collection_semilandmarks import semilandmarks_of, write_sliders
 from jfsf.apps.cli._collection_symmetry import (
     SYMMETRY,
     pairs_of,
-    write_pairs,
 )
 from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
@@ -242,11 +227,15 @@ def collection(
         check_new(frozen, paths, out, template, orientation.value)
     elif template is not None:
         template, paths = _with_template(template, paths)
-    marks = file_of_template(landmarks, template)
-    points, sliding, pairs = points_of(marks, template), None, None
-    placed = placed_by_people(None if marks == landmarks else landmarks, paths, points)
-    several = max(templates, len(placed)) > 1
-    if several and points is None:
+    ways = largest_component, repair
+    files = {
+        "check": check_landmarks,
+        "semilandmarks": semilandmarks or (),
+        "ways": ways,
+    }
+    marks = read_marks(landmarks, template, paths, frozen, **files)
+    several = max(templates, 0 if marks is None else len(marks.given)) > 1
+    if several and marks is None:
         raise ValueError(
             f"--templates {templates} carries landmarks; give --landmarks, or leave it "
             "out"
@@ -256,27 +245,15 @@ def collection(
             f"{onto}: has one template; leave --templates out, and name one file as "
             "--landmarks"
         )
-    if frozen is not None and points is None and (known := marks_of(frozen)):
-        marks, points, sliding, pairs = known
-    people = placed_by_people(check_landmarks, paths, points)
-    if semilandmarks:
-        if points is None or template is None:
-            raise ValueError(
-                f"{semilandmarks[0]}: semilandmarks follow on landmarks; give "
-                "--landmarks too"
-            )
-        points, sliding = semilandmarks_of(
-            semilandmarks, points, template, largest_component, repair
-        )
+    if symmetric and marks is None:
+        raise ValueError("--symmetric pairs landmarks; give --landmarks too")
     carried = carried_of(template, labels=labels, values=values)
     odd = []
     if frozen is not None and not carried:
         carried, odd = columns_of(frozen)
-    if symmetric and points is None:
-        raise ValueError("--symmetric pairs landmarks; give --landmarks too")
     can_write_in(out)
     out = out.absolute()
-    jobs, ways = jobs_of_shapes(out, paths), (largest_component, repair)
+    jobs = jobs_of_shapes(out, paths)
     settings = {"orientation": orientation.value, "mirror": mirror.value}
     if frozen is not None:
         settings["onto"] = str(frozen.folder)
@@ -298,10 +275,10 @@ def collection(
             else:
                 odd += odd_beside(frozen, paths, shapes)
             base = number_of(shapes, reasons, template if frozen is None else None)
-            if symmetric and points is not None:
+            if symmetric and marks is not None:
                 own = frozen.kept_template if frozen else jobs[names[base or 0]].out
-                pairs, found = pairs_of(out, own, points, run)
-                odd.append(found)
+                pairs, line = pairs_of(out, own, marks.points, run)
+                marks, odd = marks._replace(pairs=pairs), [*odd, line]
             for line in odd:
                 shown.say(line)
             if frozen is None:
@@ -313,7 +290,8 @@ def collection(
                     orientation=orientation.value,
                     mirror=mirror.value,
                 )
-                others = put_others(shapes, graph, runner, templates - 1, placed)
+                given = () if marks is None else marks.given
+                others = put_others(shapes, graph, runner, templates - 1, given)
             else:
                 how = {"mirror": mirror.value, "report": report}
                 shapes, graph, failed = join_onto(frozen, out, shapes, run, **how)
@@ -336,19 +314,11 @@ def collection(
             written, notes = write_scores_of(out, rows, frozen)
         write_table(out / "summary.csv", COLUMNS, rows)
         written.insert(0, out / "summary.csv")
-        tables, said_of = [], []
+        tables, of_marks = [], []
+        if marks is not None:
+            own = write_marks(out, marks, rows, shapes, graph, others)
+            written, tables, of_marks = written + own[0], *own[1:]
         turned = {names[i] for i in graph.mirrored_back}
-        if points is not None and marks is not None:
-            joined = [row["name"] for row in rows if not row["reason"]]
-            of_people = [mirrored_with(own, turned) for own in (placed, people)]
-            found = landmarks_on(
-                out, points, shapes, graph, joined, others, of_people[0]
-            )
-            written += write_landmarks_of(out, found, points, marks)
-            written += write_sliders(out, sliding) + write_pairs(out, pairs)
-            tables, said = write_check(out, found, of_people[1], shapes, name, placed)
-            said_of = [*write_doubtful(out, found), *said]
-            written += [out / TO_CHECK, *([out / CHECKED] if people else [])]
         file = paths.get(name, template)
         whole = read(file, finite=False) if file is not None and carried else mesh
         written += write_carried(out, rows, paths, shapes, name, carried, turned, whole)
@@ -356,8 +326,8 @@ def collection(
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
     summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
-    lines = [] if points is None else [f"{marks}: {line}" for line in points.said]
-    lines += odd + [
+    lines = ([] if marks is None else marks.said) + odd
+    lines += [
         f"{path}: {line}"
         for n, path in paths.items()
         if n in shapes
@@ -368,8 +338,7 @@ def collection(
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"
         for i in sorted(graph.mirrored_back)
     ]
-    lines += [line for own in (placed | people).values() for line in own.said]
-    say_result([summary, *tables], lines + said_of, notes, written)
+    say_result([summary, *tables], lines + of_marks, notes, written)
     if reasons:
         raise typer.Exit(1)
 
