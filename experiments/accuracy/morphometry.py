@@ -123,7 +123,7 @@ def on_template(mesh: jfsf.Mesh, points: Points, moved: Points) -> Points:
 
 def collected(folder: Path, base: str, templates: int) -> dict[str, Points]:
     """The landmarks of the joined specimens, by the command line."""
-    out = folder / f"model_{templates}"
+    out = folder / "model"  # with more templates the same run goes on
     command = [sys.executable, "-m", "jfsf", "collection", folder / "scans"]
     command += ["--out", out, "--template", folder / "scans" / f"{base}.off"]
     command += ["--landmarks", folder / f"{base}.csv"]
