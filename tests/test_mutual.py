@@ -90,9 +90,18 @@ def test_all_neighbours_of_points_in_20_dimensions_are_found(dtype, k0):
     all_found(x, y, k0)
 
 
+@pytest.mark.slow
 @given(testing.seeds, st.sampled_from([1, 2, 8, 32, 128]), st.sampled_from([2, 20]))
 def test_neighbours_that_share_bins_are_found(seed, step, k0):
-    # Neighbours are `step` apart in their file, so many are in one bin.
+    share_bins(seed, step, k0)
+
+
+def test_neighbours_that_share_a_bin_are_found():
+    share_bins(0, 32, 20)
+
+
+def share_bins(seed, step, k0):
+    """All are found where those near are `step` apart in their file: in one bin."""
     rng = np.random.default_rng(seed)
     place, way = np.arange(MANY_X) // step, np.arange(MANY_X) % step
     places = (way * (MANY_X // step + 1) + place) / 100
