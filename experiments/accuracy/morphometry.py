@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist, pdist
 
 import jfsf
 from experiments import command_line, results_file
@@ -145,13 +145,13 @@ def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
     x, y = (np.asarray(meshes[n].vertices, float) for n in (base, name))
     some = lambda points: points[rng.permutation(len(points))[:POINTS]]
     centre, unit = y.mean(0), np.sqrt(((y - y.mean(0)) ** 2).sum(1).mean())
+    goal, source = (some(y) - centre) / unit, (some(move(x)) - centre) / unit
     given = {"alpha": LAMBDA, "beta": BETA, "max_iterations": ITERATIONS}
-    drift = DeformableRegistration(
-        X=(some(y) - centre) / unit, Y=(some(move(x)) - centre) / unit, **given
-    )
+    drift = DeformableRegistration(X=goal, Y=source, **given)
     drift.register()
     landmarks = (move(truth[base]) - centre) / unit
-    moved = drift.transform_point_cloud(Y=landmarks) * unit + centre
+    kernel = np.exp(-cdist(landmarks, source, "sqeuclidean") / (2 * BETA**2))
+    moved = (landmarks + kernel @ drift.W) * unit + centre
     return closest(surface_tree(meshes[name]), moved).position
 
 
