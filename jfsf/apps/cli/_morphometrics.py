@@ -1,6 +1,5 @@
 """jfsf morphometrics: the landmarks of many specimens, compared."""
 
-import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -118,6 +117,7 @@ def morphometrics(
     from jfsf.apps.cli import _morphometrics_results as results
     from jfsf.apps.landmarks import read_specimens
     from jfsf.apps.morphometrics import _tables as tables
+    from jfsf.apps.morphometrics._checks import PointsError
 
     need_matplotlib()
     can_write_in(out)
@@ -163,8 +163,9 @@ def morphometrics(
         modes = room.components(shapes)
         ends = results.ends_of(modes, aligned.sizes.mean(), mesh)
         meshes = results.meshes_of(ends, mesh)
-    except ValueError as error:
-        raise ValueError(f"{landmarks}: {_named(error, found)}") from None
+    except PointsError as error:
+        why = error.named(found.specimens, found.landmarks)
+        raise ValueError(f"{landmarks}: {why}") from None
     try:
         allometry = room.allometry(shapes, aligned.sizes)
     except ValueError as error:
@@ -179,15 +180,6 @@ def morphometrics(
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
     say_result([], lines, doubts, written)
-
-
-def _named(error, found) -> str:
-    """The message of an error, with names of specimens and landmarks for numbers."""
-    text = str(error).split(": ", 1)[-1]
-    for what, names in (("specimen", found.specimens), ("landmark", found.landmarks)):
-        name = lambda m, names=names: repr(names[int(m[1])] or int(m[1]) + 1)
-        text = re.sub(rf"(?<={what} )(\d+)", name, text)
-    return text
 
 
 def _read(found, numbers, slide) -> list[str]:

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from jaxtyping import Float
 
-from jfsf.apps.morphometrics._checks import check_points, is_flat
+from jfsf.apps.morphometrics._checks import PointsError, check_points, is_flat
 from jfsf.apps.morphometrics._sliding import bending_energy, check_sliders, slide
 from jfsf.types import ArrayLike
 
@@ -131,10 +131,11 @@ def _slid(shapes, sliders, bending):
     number = 0
     while change > TOLERANCE and number < SLIDES:
         if bending and is_flat(mean):
-            raise ValueError(
-                "procrustes: the landmarks lie in a plane, where the spline in space "
-                'is not defined; slide="procrustes"'
+            words = (
+                "the landmarks lie in a plane, where the spline in space is not "
+                'defined; slide="procrustes"'
             )
+            raise PointsError("procrustes", words)
         energy = bending_energy(mean) if bending else None
         shapes = slide(shapes, mean, sliders, energy)
         now = len(shapes) * (shapes.mean(0) ** 2).sum()
