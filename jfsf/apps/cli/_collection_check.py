@@ -19,10 +19,10 @@ from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
     nearest,
     size_of,
-    write_numbers,
 )
 from jfsf.apps.cli._collection_people import Placed
 from jfsf.apps.cli._print import counted
+from jfsf.apps.cli._runs import write_table
 from jfsf.types import Mesh
 
 CHECKED = "check.csv"  # for each landmark that people placed
@@ -128,8 +128,7 @@ def write_check(
     if not people:
         return [], []
     rows = checked_rows(out, found, people, shapes, base, given)
-    table = [[row[name] for name in COLUMNS] for row in rows]
-    write_numbers(out / CHECKED, COLUMNS, table)
+    write_table(out / CHECKED, COLUMNS, rows, missing="NA")
     by = {"shape": _means(rows, "specimen"), "landmark": _means(rows, "landmark")}
     tables = [_table(by[of], of) for of in by if by[of]]
     return tables, _said_of(rows)

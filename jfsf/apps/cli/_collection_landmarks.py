@@ -11,8 +11,6 @@ landmarks on heel bones of carnivores 0.66 are within it, 0.62 within the larger
 two, and 0.55 within that of the map of a pair (vertex_constants.json).
 """
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +23,7 @@ from jfsf.apps.cli._collection_carried import SLICER
 from jfsf.apps.cli._collection_jobs import file_of
 from jfsf.apps.cli._collection_people import Placed
 from jfsf.apps.cli._collection_runner import TEMPLATES
+from jfsf.apps.cli._runs import write_table
 from jfsf.types import ArrayLike, Mesh
 
 # The landmarks to be checked first: as many as are beyond their radius if it is right.
@@ -89,6 +88,7 @@ def landmarks_on(
             templates among these they are carried on.
     """
     from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._record import titles_of
 
     names = list(shapes)
     base = names[graph.paths.template]
@@ -127,9 +127,9 @@ def landmarks_on(
             place[own.rows], length[own.rows] = own.points, 0.0
         points.append(place)
         radius.append(length)
-    titles = [name or str(i) for i, name in enumerate(landmarks.names, 1)]
     own = at.on(shapes[base].mesh.vertices)
-    return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius), own)
+    titles, every = titles_of(landmarks.names), (np.stack(points), np.stack(radius))
+    return OnShapes(sorted(joined), titles, *every, own)
 
 
 def _registered(out: Path, part: str, name: str, at: _At) -> np.ndarray:
@@ -197,6 +197,7 @@ def write_landmarks_of(out: Path, found: OnShapes, landmarks, path: Path) -> lis
     """
     from jfsf.apps.landmarks import Landmarks, write_landmarks
     from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
+    from jfsf.apps.landmarks._record import csv_text
     from jfsf.storage._atomic import write_text
 
     suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
@@ -217,20 +218,8 @@ def write_landmarks_of(out: Path, found: OnShapes, landmarks, path: Path) -> lis
     write_text(tables[0], specimens_csv(found.specimens, found.names, found.points))
     write_text(tables[1], specimens_tps(found.specimens, found.points))
     rows = zip(found.specimens, *found.radius.T.tolist(), strict=True)
-    write_numbers(tables[2], ["specimen", *found.names], list(rows))
+    write_text(tables[2], csv_text(["specimen", *found.names], rows))
     return [*tables, folder]
-
-
-def write_numbers(path: Path, titles: Sequence[str], rows: Sequence[Sequence]) -> None:
-    """Write a table, NA for nan, as R reads it."""
-    from jfsf.storage._atomic import write_text
-
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(titles)
-    for row in rows:
-        table.writerow(["NA" if cell != cell else cell for cell in row])
-    write_text(path, text.getvalue())
 
 
 def size_of(points: Float[np.ndarray, "l 3"]) -> float:
@@ -270,7 +259,7 @@ def write_doubtful(out: Path, found: OnShapes) -> list[str]:
     """Write the landmarks to be checked as to_check.csv; what to say of them."""
     rows = doubtful(found)
     columns = "specimen", "landmark", "radius", "of_size", "times_median"
-    write_numbers(out / TO_CHECK, columns, [[row[c] for c in columns] for row in rows])
+    write_table(out / TO_CHECK, columns, rows)
     if not rows:
         return ["how sure the landmarks are is not known: the maps have no radius"]
     lines = [

@@ -1,7 +1,5 @@
 """The results of `jfsf morphometrics`: tables, the ends of components, and pictures."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +14,7 @@ from jfsf.apps.landmarks import (
 )
 from jfsf.apps.landmarks._morphometrics import Specimens, specimens_csv
 from jfsf.apps.landmarks._place import on_surface
+from jfsf.apps.landmarks._record import csv_text
 from jfsf.apps.morphometrics import warp
 from jfsf.apps.morphometrics._draw import draw_allometry, draw_components
 from jfsf.apps.morphometrics._procrustes import rotations
@@ -216,9 +215,4 @@ def _anova(found: Any, specimens: int) -> dict[str, list]:
 
 
 def _table(columns: dict[str, Any]) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        table.writerow([x.item() if isinstance(x, np.generic) else x for x in row])
-    return text.getvalue()
+    return csv_text(list(columns), zip(*columns.values(), strict=True))

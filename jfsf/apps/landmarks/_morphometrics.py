@@ -8,8 +8,6 @@
   number, and so many lines of a name, x, y and z; 9999 is a missing one.
 """
 
-import csv
-import io
 import os
 import re
 from collections.abc import Sequence
@@ -24,8 +22,10 @@ from jfsf.apps.landmarks._record import (
     Landmarks,
     cells_of,
     collected,
+    csv_text,
     is_number,
     numbered_lines,
+    titles_of,
     to_point,
 )
 from jfsf.storage._text import find_separator, read_text
@@ -238,7 +238,10 @@ def specimens_tps(specimens: Sequence[str], points: Float[ArrayLike, "s l 3"]) -
     lines = []
     for name, rows in zip(specimens, np.asarray(points, float), strict=True):
         lines.append(f"LM3={len(rows)}")
-        lines += [" ".join(map(_number, row)) for row in rows.tolist()]
+        lines += [
+            " ".join(_MISSING if x != x else repr(x) for x in row)
+            for row in rows.tolist()
+        ]
         lines.append(f"ID={name}")
     return "\n".join([*lines, ""])
 
@@ -256,14 +259,6 @@ def specimens_csv(
         names: of the landmarks; numbers from 1 on for those without.
         points: as in `specimens_tps`.
     """
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    named = [name or str(i) for i, name in enumerate(names, 1)]
-    table.writerow(["specimen", *(f"{name}_{c}" for name in named for c in "xyz")])
-    for specimen, rows in zip(specimens, np.asarray(points, float), strict=True):
-        table.writerow([specimen, *map(_number, rows.ravel().tolist())])
-    return text.getvalue()
-
-
-def _number(value: float) -> str:
-    return repr(value) if np.isfinite(value) else _MISSING
+    titles = ["specimen", *(f"{name}_{c}" for name in titles_of(names) for c in "xyz")]
+    rows = np.reshape(points, (len(specimens), -1)).tolist()
+    return csv_text(titles, [[n, *own] for n, own in zip(specimens, rows, strict=True)])

@@ -1,6 +1,7 @@
 """The record of landmarks, and what all of its readers and writers share."""
 
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -166,6 +167,22 @@ def cells_of(line: str, separator: str, path: object) -> list[str]:
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{path}: {error}; save it again as .csv") from None
     return cells
+
+
+def csv_text(
+    titles: Sequence[str], rows: Iterable[Sequence], missing: str = "NA"
+) -> str:
+    """A table with titles, and what stands for nan: NA, as R reads it."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(titles)
+    table.writerows([missing if x != x else x for x in row] for row in rows)
+    return text.getvalue()
+
+
+def titles_of(names: Sequence[str]) -> list[str]:
+    """Names of landmarks, and numbers from 1 on for those without."""
+    return [name or str(i) for i, name in enumerate(names, 1)]
 
 
 def quoted(name: str) -> str:

@@ -18,12 +18,7 @@ class PointsError(ValueError):
     """
 
     def __init__(
-        self,
-        name: str,
-        words: str,
-        *,
-        specimen: int = -1,
-        landmarks: Sequence[int] = (),
+        self, name: str, words: str, specimen: int = -1, landmarks: Sequence[int] = ()
     ):
         self.words, self.specimen, self.landmarks = words, specimen, landmarks
         said = words.format(specimen=specimen, landmarks=landmarks)
