@@ -44,6 +44,7 @@ from jfsf.apps.landmarks import (
 from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
 from jfsf.apps.morphometrics._draw import draw_components
 from jfsf.apps.morphometrics._sliding import Sliders, bending_energy, slide
+from jfsf.apps.morphometrics._tables import ALONE, lists_in, write_lists
 
 R = json.loads(Path(__file__).with_name("gpagen.json").read_text())
 PAIRS = R["pairs"]
@@ -539,6 +540,40 @@ def test_the_command_warps_a_mesh(folder):
     assert not (folder / "c").exists()
 
 
+def test_landmarks_without_a_partner_are_left_out_of_the_symmetric_shapes(folder):
+    """As `jfsf collection --symmetric` lists them; without them it is the same."""
+    out, file = folder / "shape", folder / "landmarks.csv"
+    mates = [[1 + a, 1 + b] for a, b in PAIRS]
+    (one, other), *rest = mates
+    lines = [f"{one},", *(f"{a},{b}" for a, b in rest)]
+    (folder / "alone.csv").write_text("\n".join(["left,right", *lines]))
+    done = run(file, "--out", out, "--pairs", folder / "alone.csv")
+    assert done.code == 0, done.text
+    assert f"as they have no partner: l{one - 1}" in done.text
+    found = read_specimens(out / "symmetric.csv")
+    kept = [i for i in range(17) if i != one - 1]
+    assert found.landmarks == tuple(f"l{i}" for i in kept)
+    shapes = read_specimens(out / "aligned.csv").points
+    assert shapes.shape == (6, 17, 3)
+    pairs = [[kept.index(a - 1), kept.index(b - 1)] for a, b in rest]
+    parts = room.symmetric_parts(shapes[:, kept], pairs)
+    near(found.points, parts.symmetric)
+    end = read_landmarks(out / "shapes" / "PC1_min.fcsv")
+    assert end.names == found.landmarks
+
+
+def test_lists_of_landmarks_come_back(tmp_path):
+    lists = {"curves": np.array([[0, 3, 1]]), "pairs": np.array([[0, 4], [2, ALONE]])}
+    written = write_lists(tmp_path, lists)
+    assert (tmp_path / "landmark_pairs.csv").read_text() == "left,right\n1,5\n3,\n"
+    found = lists_in(tmp_path, 5)
+    assert [path.name for path in written] == ["curveslide.csv", "landmark_pairs.csv"]
+    assert found.keys() == lists.keys()
+    for kind, rows in found.items():
+        np.testing.assert_array_equal(rows, lists[kind])
+    assert write_lists(tmp_path, {}) == [] == list(tmp_path.iterdir())
+
+
 def test_outliers_and_mirror_images_are_named(folder):
     points = like(10)
     points[4] *= [1, 1, -1]
@@ -575,7 +610,7 @@ def test_two_specimens_are_enough(folder):
         (["--curves", "FILE"], "", "is empty"),
         (["--surfaces", "FILE"], "1\n2\n1\n", "landmark 1 is twice"),
         (["--pairs", "FILE"], "left,right\n1,2\n2,3\n", "landmark 2 is twice"),
-        (["--pairs", "FILE"], "left,right\n3,\n", "landmark 3 has no partner"),
+        (["--pairs", "FILE"], "left,right\n,3\n", "line 2 is ',3'"),
         (["--pairs", "FILE"], '"",left,right\n1,2\n', "line 2 is '1,2'"),
         (["--curves", "FILE"], '1,"2,3\n', "line 1 is '1,2,3'"),
         (["--groups", "FILE"], "name\nman_t\n", "has one column"),

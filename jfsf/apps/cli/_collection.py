@@ -278,7 +278,8 @@ def collection(
             if symmetric and marks is not None:
                 own = frozen.kept_template if frozen else jobs[names[base or 0]].out
                 pairs, line = pairs_of(out, own, marks.points, run)
-                marks, odd = marks._replace(pairs=pairs), [*odd, line]
+                marks = marks._replace(lists=marks.lists | {"pairs": pairs})
+                odd.append(line)
             for line in odd:
                 shown.say(line)
             if frozen is None:

@@ -9,15 +9,10 @@ import typer
 
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._print import counted, say_result
+from jfsf.apps.landmarks._record import titles_of
 
 MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
 MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
-# Beside the landmarks, where `jfsf collection` writes them; options that take them.
-BESIDE = {
-    "curveslide.csv": "curves",
-    "surfslide.csv": "surfaces",
-    "landmark_pairs.csv": "pairs",
-}
 
 
 class Slide(StrEnum):
@@ -113,11 +108,10 @@ def morphometrics(
 
     Example: jfsf morphometrics model/landmarks.csv --out shape --groups species.csv
     """
-    from jfsf.apps import morphometrics as room
     from jfsf.apps.cli import _morphometrics_results as results
     from jfsf.apps.landmarks import read_specimens
-    from jfsf.apps.morphometrics import _tables as tables
     from jfsf.apps.morphometrics._checks import PointsError
+    from jfsf.apps.morphometrics._tables import LISTS, has_rows, read_groups, read_list
 
     need_matplotlib()
     can_write_in(out)
@@ -132,65 +126,47 @@ def morphometrics(
     if template_landmarks is not None and template is None:
         raise ValueError("--template-landmarks lie on a mesh; give --template too")
     found = read_specimens(landmarks)
-    number = len(found.landmarks)
-    numbers = {
-        option: path and tables.read_numbers(path, titles, number)
-        for option, path, titles in (
-            ("curves", curves, tables.CURVES),
-            ("surfaces", surfaces, tables.SURFACES),
-            ("pairs", pairs, tables.PAIRS),
-        )
-    }
+    lists, doubts = {}, []
+    given = {"curves": curves, "surfaces": surfaces, "pairs": pairs}
+    for option, path in given.items():
+        beside = landmarks.parent / LISTS[option].file
+        if path is not None:
+            lists[option] = read_list(path, LISTS[option], len(found.landmarks))
+        elif has_rows(beside):
+            doubts.append(
+                f"{beside} is there and was not used; add --{option} {beside}"
+            )
     title, own = "", [""] * len(found.specimens)
     if groups is not None:
-        title, own = tables.read_groups(groups, found.specimens, group)
-    mesh = template and results.template_of(template, template_landmarks, found)
-    doubts = []
-    for name, option in BESIDE.items():
-        there = landmarks.parent / name
-        if numbers[option] is None and tables.has_rows(there):
-            doubts.append(f"{there} is there and was not used; add --{option} {there}")
-    parts = allometry = None
-    no_allometry = []
+        title, own = read_groups(groups, found.specimens, group)
+    two = results.two_sided(found, lists.pop("pairs", None))
+    mesh = template and results.template_of(template, template_landmarks, two.found)
     try:
-        points = room.estimate_missing(found.points)
-        options = {name: numbers[name] for name in ("curves", "surfaces")}
-        aligned = room.procrustes(points, slide=slide.value, **options)
-        shapes = aligned.shapes
-        if numbers["pairs"] is not None:
-            parts = room.symmetric_parts(shapes, numbers["pairs"])
-            shapes = parts.symmetric
-        modes = room.components(shapes)
-        ends = results.ends_of(modes, aligned.sizes.mean(), mesh)
-        meshes = results.meshes_of(ends, mesh)
+        compared = results.compare(found, two, mesh, slide=slide.value, **lists)
     except PointsError as error:
         why = error.named(found.specimens, found.landmarks)
         raise ValueError(f"{landmarks}: {why}") from None
-    try:
-        allometry = room.allometry(shapes, aligned.sizes)
-    except ValueError as error:
-        no_allometry = [f"no {error}"]
-    compared = results.Compared(found, aligned, parts, modes, allometry, title, own)
-    written = results.write_results(out, compared, ends, meshes)
-    lines = [*_read(found, numbers, slide), *_summary(compared), *no_allometry]
-    if not aligned.rested:
+    written = results.write_results(out, found, two.found, compared, title, own)
+    if two.alone:
+        doubts.append(
+            f"{pairs}: left out of the symmetric shapes, as they have no partner: "
+            f"{', '.join(two.alone)}"
+        )
+    if not compared.aligned.rested:
         doubts.append(
             "the shapes still moved when it ended, as gpagen does: they are far apart"
         )
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
+    lines = [*_read(found, lists, slide), *_summary(found.specimens, compared)]
     say_result([], lines, doubts, written)
 
 
-def _read(found, numbers, slide) -> list[str]:
+def _read(found, lists, slide) -> list[str]:
     """What was read, which landmarks slide and which are estimated, in words."""
     line = f"{len(found.specimens)} specimens, {len(found.landmarks)} landmarks"
-    slid = [
-        f"{len(numbers[option])} on {option}"
-        for option in ("curves", "surfaces")
-        if numbers[option] is not None
-    ]
-    if slid:
+    if lists:
+        slid = (f"{len(rows)} on {option}" for option, rows in lists.items())
         by = "bending energy" if slide is Slide.bending else "Procrustes distance"
         line += f"; {' and '.join(slid)} slide by {by}"
     lost = np.isnan(found.points).all(2)
@@ -199,15 +175,15 @@ def _read(found, numbers, slide) -> list[str]:
         return [line]
     number = counted(int(lost.sum()), "landmark is", "landmarks are")
     lines = [line, f"{number} missing: estimated by thin-plate spline, from the others"]
+    titles = np.array(titles_of(found.landmarks))
     for i in specimens[:MOST_ESTIMATED]:
-        own = [found.landmarks[at] or str(at + 1) for at in np.flatnonzero(lost[i])]
-        lines.append(f"  {found.specimens[i]}: {', '.join(own)}")
+        lines.append(f"  {found.specimens[i]}: {', '.join(titles[lost[i]])}")
     if (more := len(specimens) - MOST_ESTIMATED) > 0:
         lines.append(f"  and {more} specimens: the column estimated of sizes.csv")
     return lines
 
 
-def _summary(compared) -> list[str]:
+def _summary(specimens, compared) -> list[str]:
     """What was found, in words."""
     lines = []
     modes, allometry, parts = compared.modes, compared.allometry, compared.parts
@@ -221,12 +197,14 @@ def _summary(compared) -> list[str]:
     shown = ", ".join(f"PC{k} {share:.1%}" for k, share in shares)
     of = "" if parts is None else " of the symmetric part"
     lines.append(f"variance{of}: {shown or 'none'}")
-    if allometry is not None:
+    if isinstance(allometry, str):
+        lines.append(f"no {allometry}")
+    else:
         lines.append(
             f"allometry{of}: R2 {allometry.share:.1%}, F {allometry.F:.3g}, p "
             f"{allometry.p:.3g} ({allometry.orders} orders of the specimens, seed 0)"
         )
-    return [*lines, *_unusual(compared.found.specimens, compared.aligned)]
+    return [*lines, *_unusual(specimens, compared.aligned)]
 
 
 def _unusual(names, aligned) -> list[str]:

@@ -14,10 +14,20 @@ from jfsf.apps.landmarks import (
 )
 from jfsf.apps.landmarks._morphometrics import Specimens, specimens_csv
 from jfsf.apps.landmarks._place import on_surface
-from jfsf.apps.landmarks._record import csv_text
-from jfsf.apps.morphometrics import warp
+from jfsf.apps.landmarks._record import csv_text, titles_of
+from jfsf.apps.morphometrics import (
+    allometry,
+    components,
+    estimate_missing,
+    procrustes,
+    symmetric_parts,
+    warp,
+)
 from jfsf.apps.morphometrics._draw import draw_allometry, draw_components
-from jfsf.apps.morphometrics._procrustes import rotations
+from jfsf.apps.morphometrics._procrustes import Superimposed, rotations
+from jfsf.apps.morphometrics._statistics import Allometry, Components
+from jfsf.apps.morphometrics._symmetry import SymmetricParts
+from jfsf.apps.morphometrics._tables import ALONE
 from jfsf.mesh import read
 from jfsf.storage._atomic import write_text
 from jfsf.types import Mesh
@@ -27,25 +37,39 @@ ENDS = 2  # components whose ends are written, those of the picture
 OPTIONAL = "symmetric.csv", "asymmetric.csv", "allometry.csv", "allometry.png"
 
 
-class Compared(NamedTuple):
-    """What was computed of the specimens.
+class TwoSided(NamedTuple):
+    """What is known of left and right.
 
-    found: their landmarks, as read.
-    aligned: superimposed (`Superimposed`).
-    parts: symmetric and asymmetric (`SymmetricParts`); None without pairs.
-    modes: their `Components`.
-    allometry: as `allometry` returns it; None where there is none.
-    title: of the column of groups; "" without.
-    groups: of each specimen; "" for one without.
+    found: the specimens with the landmarks of their symmetric shapes: all, or those
+        that have a partner or are on the midline.
+    kept: their numbers among all.
+    pairs: of these, left and right; None if sides are not told apart.
+    alone: names of the others.
     """
 
     found: Specimens
-    aligned: Any
-    parts: Any
-    modes: Any
-    allometry: Any
-    title: str
-    groups: list[str]
+    kept: np.ndarray
+    pairs: np.ndarray | None
+    alone: list[str]
+
+
+class Compared(NamedTuple):
+    """What was computed of the specimens.
+
+    aligned: superimposed.
+    parts: symmetric and asymmetric; None without pairs.
+    modes: the components of the aligned shapes, or of their symmetric parts.
+    ends: landmarks of the mean and of the ends of components, by name.
+    meshes: the template, warped to these; none without.
+    allometry: of the same shapes; or why there is none.
+    """
+
+    aligned: Superimposed
+    parts: SymmetricParts | None
+    modes: Components
+    ends: dict[str, np.ndarray]
+    meshes: dict[str, Mesh]
+    allometry: Allometry | str
 
 
 class Template(NamedTuple):
@@ -98,16 +122,64 @@ def template_of(path: Path, file: Path | None, found: Specimens) -> Template:
     return Template(mesh, at, points)
 
 
-def ends_of(modes: Any, size: float, template: Template | None) -> dict[str, Any]:
+def two_sided(found: Specimens, pairs: np.ndarray | None) -> TwoSided:
+    """Leave out the landmarks without a partner.
+
+    Args:
+        found: the specimens.
+        pairs: of `read_list`; None without.
+    """
+    kept = np.arange(len(found.landmarks))
+    if pairs is None:
+        return TwoSided(found, kept, None, [])
+    lost = pairs[:, 1] == ALONE
+    kept = np.setdiff1d(kept, alone := pairs[lost, 0])
+    names, titles = found.landmarks, titles_of(found.landmarks)
+    own = tuple(names[i] for i in kept), found.points[:, kept]
+    numbers = np.searchsorted(kept, pairs[~lost])
+    return TwoSided(
+        Specimens(found.specimens, *own), kept, numbers, [titles[i] for i in alone]
+    )
+
+
+def compare(
+    found: Specimens, two: TwoSided, template: Template | None, **options: Any
+) -> Compared:
+    """Superimpose the specimens, and compare them.
+
+    Args:
+        found: the specimens.
+        two: of `two_sided`.
+        template: the mesh to warp.
+        options: of `procrustes`.
+
+    Raises:
+        PointsError: they, or the template's landmarks, cannot be compared.
+    """
+    aligned = procrustes(estimate_missing(found.points), **options)
+    shapes, parts = aligned.shapes, None
+    if two.pairs is not None:
+        parts = symmetric_parts(np.take(shapes, two.kept, 1), two.pairs)
+        shapes = parts.symmetric
+    modes = components(shapes)
+    ends = _ends_of(modes, aligned.sizes.mean(), template)
+    meshes = {}
+    if template is not None:
+        (vertices, faces), at, points = template.mesh[:2], template.at, template.points
+        for name, shape in ends.items():
+            meshes[name] = Mesh(warp(vertices, points, shape[at]), faces)
+    try:
+        by_size = allometry(shapes, aligned.sizes)
+    except ValueError as error:
+        by_size = str(error)
+    return Compared(aligned, parts, modes, ends, meshes, by_size)
+
+
+def _ends_of(modes: Components, size: float, template: Template | None):
     """Landmarks of the mean, and of the ends of the first components, by name.
 
     An end has the least or the largest score of the specimens, and the mean of all
     other components. They have the mean centroid size, or lie on a template.
-
-    Args:
-        modes: the `Components`.
-        size: mean centroid size.
-        template: the mesh to warp.
     """
     shapes = {"mean": modes.mean}
     for k, (axis, scores) in enumerate(zip(modes.axes, modes.scores.T, strict=True), 1):
@@ -126,72 +198,66 @@ def ends_of(modes: Any, size: float, template: Template | None) -> dict[str, Any
     return dict(zip(shapes, every @ turn.T + own.mean(0), strict=True))
 
 
-def meshes_of(ends: dict[str, Any], template: Template | None) -> dict[str, Mesh]:
-    """A template warped to each of some landmarks, by name; none without a template.
-
-    Raises:
-        ValueError: its landmarks lie in a plane, or two at one place.
-    """
-    if template is None:
-        return {}
-    (vertices, faces), at, points = template.mesh[:2], template.at, template.points
-    moved = {name: warp(vertices, points, shape[at]) for name, shape in ends.items()}
-    return {name: Mesh(vertices, faces) for name, vertices in moved.items()}
-
-
 def write_results(
-    out: Path, compared: Compared, ends: dict[str, Any], meshes: dict[str, Mesh]
+    out: Path,
+    found: Specimens,
+    own: Specimens,
+    compared: Compared,
+    title: str,
+    groups: list[str],
 ) -> list[Path]:
     """Write tables, shapes and pictures; returns what was written.
 
     Args:
         out: the folder; made if it is not there.
-        compared: what was computed.
-        ends: of `ends_of`.
-        meshes: of `meshes_of`.
+        found: the specimens.
+        own: with the landmarks of their symmetric shapes.
+        compared: of `compare`.
+        title: of the column of groups; "" without.
+        groups: of each specimen; "" for one without.
     """
-    folder, found = out / "shapes", compared.found
+    folder = out / "shapes"
     folder.mkdir(parents=True, exist_ok=True)
-    texts = _texts(compared)
+    texts = _texts(found, own, compared, {title: groups} if title else {})
     for name in OPTIONAL:
         if name not in texts:
             (out / name).unlink(missing_ok=True)
     for name, text in texts.items():
         write_text(out / name, text)
-    for name, shape in ends.items():
-        write_landmarks(folder / f"{name}.fcsv", Landmarks(found.landmarks, shape))
+    for name, shape in compared.ends.items():
+        write_landmarks(folder / f"{name}.fcsv", Landmarks(own.landmarks, shape))
         (folder / f"{name}.ply").unlink(missing_ok=True)
-        if name in meshes:
-            export_mesh(folder / f"{name}.ply", meshes[name])
+        if name in compared.meshes:
+            export_mesh(folder / f"{name}.ply", compared.meshes[name])
     written = [*(out / name for name in texts), folder, out / "components.png"]
-    shown = found.specimens, compared.groups
+    shown = found.specimens, groups
     draw_components(written[-1], compared.modes, *shown)
-    if compared.allometry is not None:
+    if not isinstance(compared.allometry, str):
         written.append(out / "allometry.png")
         draw_allometry(written[-1], compared.allometry, compared.aligned.sizes, *shown)
     return written
 
 
-def _texts(compared: Compared) -> dict[str, str]:
-    """The text of each table, by its name."""
-    found, aligned, parts, modes, allometry, title, groups = compared
-    names, landmarks = found.specimens, found.landmarks
+def _texts(found, own, compared: Compared, scores: dict[str, Any]) -> dict[str, str]:
+    """The text of each table, by its name; `scores` are the first columns of theirs."""
+    aligned, parts, modes = compared.aligned, compared.parts, compared.modes
+    names, by_size = found.specimens, compared.allometry
     columns = {
         "centroid_size": aligned.sizes,
         "log_centroid_size": np.log(aligned.sizes),
         "distance": aligned.distances,
         "estimated": np.isnan(found.points).all(2).sum(1),
     }
-    scores = {title: groups} if title else {}
     scores |= {f"PC{k}": column for k, column in enumerate(modes.scores.T, 1)}
-    texts = {"aligned.csv": specimens_csv(names, landmarks, aligned.shapes)}
+    texts = {"aligned.csv": specimens_csv(names, found.landmarks, aligned.shapes)}
     if parts is not None:
         columns["asymmetry"] = parts.distances
-        texts["symmetric.csv"] = specimens_csv(names, landmarks, parts.symmetric)
-        texts["asymmetric.csv"] = specimens_csv(names, landmarks, parts.asymmetric)
-    if allometry is not None:
-        scores["regression_score"] = allometry.scores
-        texts["allometry.csv"] = _table(_anova(allometry, len(names)))
+        for what in ("symmetric", "asymmetric"):
+            points = getattr(parts, what)
+            texts[f"{what}.csv"] = specimens_csv(names, own.landmarks, points)
+    if not isinstance(by_size, str):
+        scores["regression_score"] = by_size.scores
+        texts["allometry.csv"] = _table(_anova(by_size, len(names)))
     texts["sizes.csv"] = _table({"specimen": names} | columns)
     texts["scores.csv"] = _table({"specimen": names} | scores)
     number = range(1, 1 + len(modes.share))

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jfsf.storage._text import find_separator
 from jfsf.types import ArrayLike
 
 # What no name holds, in any format: it is one line of text that XML can hold.
@@ -167,6 +168,25 @@ def cells_of(line: str, separator: str, path: object) -> list[str]:
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{path}: {error}; save it again as .csv") from None
     return cells
+
+
+def table_rows(
+    text: str, path: object, otherwise: str = ","
+) -> list[tuple[int, list[str]]]:
+    """The number of each line of a table, and its cells without blanks around them.
+
+    Args:
+        text: of the table; tabs, semicolons or commas stand between the cells,
+        otherwise: if there are none in the first line.
+        path: opens the message.
+
+    Raises:
+        ValueError: as `cells_of`.
+    """
+    lines = numbered_lines(text)
+    mark, said = find_separator([line for _, line in lines], "\t;,")
+    rows = ((i, cells_of(line, mark or otherwise, path)) for i, line in lines[said:])
+    return [(i, [cell.strip() for cell in cells]) for i, cells in rows]
 
 
 def csv_text(

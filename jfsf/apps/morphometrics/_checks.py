@@ -17,9 +17,7 @@ class PointsError(ValueError):
     words: the message, with `{specimen}` and `{landmarks[0]}` for these.
     """
 
-    def __init__(
-        self, name: str, words: str, specimen: int = -1, landmarks: Sequence[int] = ()
-    ):
+    def __init__(self, name: str, words: str, specimen: Any = -1, landmarks: Any = ()):
         self.words, self.specimen, self.landmarks = words, specimen, landmarks
         said = words.format(specimen=specimen, landmarks=landmarks)
         super().__init__(f"{name}: {said}")
