@@ -13,17 +13,17 @@ from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
     doubtful,
     landmarks_on,
-    size_of,
     write_doubtful,
     write_landmarks_of,
 )
 from jfsf.apps.cli._collection_people import (
-    Placed,
+    ByPeople,
     file_of_template,
     mirrored_with,
     placed_by_people,
 )
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
+from jfsf.apps.morphometrics._procrustes import centroid_size
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
@@ -97,7 +97,7 @@ def test_other_templates_vote_and_people_have_the_last_word(three):
     np.testing.assert_allclose(three.points[0, 0], one.points[0, 1], atol=1e-12)
     assert three.radius[0, 0] > one.radius[0, 0]
     np.testing.assert_allclose(three.radius[0, 1:], one.radius[0, 1:])
-    given = {"b": Placed(Path("b.csv"), np.array([2]), np.ones((1, 3)), [])}
+    given = {"b": ByPeople(Path("b.csv"), np.array([2]), np.ones((1, 3)), [])}
     held = of(out, meshes, others=["large"], given=given)
     assert (held.points[0, 2] == 1).all() and held.radius[0, 2] == 0
     assert (held.radius[0, [0, 1, 3]] > 0).all()
@@ -156,7 +156,7 @@ def test_the_least_sure_tenth_is_to_be_checked(tmp_path):
     rng = np.random.default_rng(0)
     points = rng.normal(size=(10, 4, 3)) * np.geomspace(1, 1e6, 10)[:, None, None]
     # A landmark that is unsure on all shapes is none of them, and size plays no part.
-    radius = np.array([[size_of(own)] for own in points]) * [0.01, 0.01, 0.01, 0.5]
+    radius = centroid_size(points)[:, None] * [0.01, 0.01, 0.01, 0.5]
     radius[3, 1] *= 3
     radius[7, 3] *= 2
     radius[5] = points[5] = np.nan
@@ -193,8 +193,8 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     put(tmp_path, "s", goal + 0.01)  # the map's own pose
     found = of(tmp_path, meshes)
     found.points[found.specimens.index("s")] = goal[AT] + [[0.3], [0.0], [0.0], [0.0]]
-    own = Placed(Path("s.csv"), np.arange(4), goal[AT], [])
-    two = Placed(
+    own = ByPeople(Path("s.csv"), np.arange(4), goal[AT], [])
+    two = ByPeople(
         Path("o.csv"), np.array([2, 0]), meshes["other"].vertices[AT[[2, 0]]], []
     )
     people = {"s": own, "other": two, "t": own}
@@ -206,7 +206,7 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     ]
     error = np.array([row["error"] for row in rows])
     np.testing.assert_allclose(error, [0, 0, 0.3 * np.sqrt(3), 0, 0, 0], atol=1e-12)
-    assert rows[2]["of_size"] == pytest.approx(error[2] / size_of(goal[AT]))
+    assert rows[2]["of_size"] == pytest.approx(error[2] / centroid_size(goal[AT]))
     within = [row["within"] for row in rows]
     assert within == [1.0] * 6  # 0.1 of sqrt(area)
     # Of the same form the two simple methods leave nothing.
@@ -229,7 +229,7 @@ def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_pat
     for name, mesh in meshes.items():
         put(tmp_path, name, mesh.vertices)
     shapes = {name: SimpleNamespace(mesh=mesh) for name, mesh in meshes.items()}
-    true = Placed(Path("o.csv"), np.arange(4), meshes["other"].vertices[AT], [])
+    true = ByPeople(Path("o.csv"), np.arange(4), meshes["other"].vertices[AT], [])
     found = of(tmp_path, meshes)
     rows = checked_rows(tmp_path, found, {"other": true}, shapes, "t", ())
     least = sum(row["similarity"] ** 2 for row in rows)

@@ -43,6 +43,7 @@ from jfsf.apps.landmarks import (
 )
 from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
 from jfsf.apps.morphometrics._draw import draw_components
+from jfsf.apps.morphometrics._procrustes import similarity
 from jfsf.apps.morphometrics._sliding import Sliders, bending_energy, slide
 from jfsf.apps.morphometrics._tables import ALONE, lists_in, write_lists
 
@@ -149,6 +150,17 @@ def test_sliding_is_the_least_energy_along_the_directions():
     best = shape.copy()
     best[1] += steps[np.argmin(energies)] * way
     near(found, best, 1e-3)
+
+
+@pytest.mark.parametrize("signs", [[1, 1, 1], [1, 1, -1]])
+def test_a_similarity_is_that_of_least_squares(signs):
+    onto = like(1, spread=0.5)[0] * signs
+    scale, turn, shift = similarity(MEAN, onto)
+    a, b = (own - own.mean(0) for own in (MEAN, onto))
+    near(turn.T, Rotation.align_vectors(b, a)[0].as_matrix(), 1e-9)
+    off = scale * MEAN @ turn + shift - onto
+    near(off.sum(0), 0, 1e-9)  # nor does another shift
+    near((off * (a @ turn)).sum(), 0, 1e-9)  # or scale bring them nearer
 
 
 def test_missing_landmarks_are_those_of_geomorph():

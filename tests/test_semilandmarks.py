@@ -9,7 +9,7 @@ from scipy.spatial import Delaunay, KDTree
 
 from jfsf.apps.landmarks import Landmarks
 from jfsf.apps.landmarks._outlines import Outline, appended, read_outlines
-from jfsf.apps.landmarks._place import _nearest
+from jfsf.apps.landmarks._place import nearest
 from jfsf.apps.landmarks._programs import markups_text
 from jfsf.apps.landmarks._semilandmarks import semilandmarks
 from jfsf.types import Mesh
@@ -34,7 +34,7 @@ EDGE = 1 / 19
 
 
 def on(mesh, *points):
-    return np.asarray(_nearest(mesh, np.array(points, float)).points)
+    return np.asarray(nearest(mesh, np.array(points, float)).points)
 
 
 @pytest.mark.parametrize("seed", range(3))

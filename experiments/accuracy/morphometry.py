@@ -39,9 +39,9 @@ from experiments.accuracy.collection import shapes_of, write_off
 from jfsf.apps.collections import unlikeness
 from jfsf.apps.collections._cycles import sketch
 from jfsf.apps.landmarks import Landmarks, read_specimens, write_landmarks
+from jfsf.apps.landmarks._place import nearest
 from jfsf.apps.morphometrics import procrustes
-from jfsf.mesh import closest
-from jfsf.mesh._closest import surface_tree
+from jfsf.apps.morphometrics._procrustes import centroid_size, similarity
 
 TEMPLATES = 3
 COMPONENTS = 3
@@ -111,14 +111,7 @@ def by_map(meshes, truth, base: str, name: str) -> Points:
         return truth[base]
     T_xy = jfsf.match(meshes[base], meshes[name]).T_xy
     on_shape = jfsf.register(meshes[base], meshes[name], T_xy)
-    return on_template(meshes[base], truth[base], np.asarray(on_shape.vertices))
-
-
-def on_template(mesh: jfsf.Mesh, points: Points, moved: Points) -> Points:
-    """Where points of a mesh go when its vertices are moved."""
-    found = closest(surface_tree(mesh), points)
-    corners = np.asarray(mesh.faces)[found.face]
-    return np.einsum("lc,lci->li", found.barycentric, moved[corners])
+    return nearest(meshes[base], truth[base]).on(on_shape.vertices)
 
 
 def collected(folder: Path, base: str, templates: int) -> dict[str, Points]:
@@ -152,17 +145,7 @@ def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
     drift.register()
     landmarks = (move(truth[base]) - centre) / unit
     moved = drift.transform_point_cloud(Y=landmarks) * unit + centre
-    return closest(surface_tree(meshes[name]), moved).position
-
-
-def similarity(points: Points, onto: Points) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale, rotation R and shift: s x R + t is nearest to `onto` (Umeyama 1991)."""
-    a, b = points - points.mean(0), onto - onto.mean(0)
-    u, sizes, vt = np.linalg.svd(a.T @ b)
-    signs = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
-    turn = (u * signs) @ vt
-    scale = float((sizes * signs).sum() / (a**2).sum())
-    return scale, turn, onto.mean(0) - scale * points.mean(0) @ turn
+    return nearest(meshes[name], moved).points
 
 
 def similar(points: Points, onto: Points) -> Points:
@@ -187,8 +170,8 @@ def error(points: Points | None, truth: Points) -> float:
     """Mean distance, in percent of the centroid size of the true landmarks."""
     if points is None:
         return np.nan
-    size = np.sqrt(((truth - truth.mean(0)) ** 2).sum())
-    return float(100 * np.nanmean(np.linalg.norm(points - truth, axis=1)) / size)
+    mean = np.nanmean(np.linalg.norm(points - truth, axis=1))
+    return float(100 * mean / centroid_size(truth))
 
 
 def space(points: dict[str, Points], truth: dict[str, Points]) -> dict:

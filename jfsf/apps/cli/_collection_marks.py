@@ -17,7 +17,7 @@ from jfsf.apps.cli._collection_landmarks import (
     write_landmarks_of,
 )
 from jfsf.apps.cli._collection_people import (
-    Placed,
+    ByPeople,
     file_of_template,
     mirrored_with,
     placed_by_people,
@@ -42,8 +42,8 @@ class Marks(NamedTuple):
 
     path: Path
     points: "Landmarks"
-    given: dict[str, Placed]
-    people: dict[str, Placed]
+    given: dict[str, ByPeople]
+    people: dict[str, ByPeople]
     lists: dict[str, np.ndarray]
 
     @property

@@ -8,7 +8,7 @@ import numpy as np
 from jfsf.mesh._read import stem_of
 
 
-class Placed(NamedTuple):
+class ByPeople(NamedTuple):
     """Landmarks that people placed on a shape.
 
     path: of the file.
@@ -62,7 +62,7 @@ def file_of_template(landmarks: Path | None, template: Path | None) -> Path | No
     return files[name]
 
 
-def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]:
+def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeople]:
     """The landmark files of a folder that are named as shapes, by these names.
 
     Args:
@@ -104,7 +104,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
         alone = [line for line in pairs.said if "without a partner" in line]
         said = [f"{path}: {line}" for line in (*marks.said, *alone)]
         of_template, own = pairs.rows.T
-        found[name] = Placed(path, of_template, points[own], said)
+        found[name] = ByPeople(path, of_template, points[own], said)
     if not files.keys() & paths.keys():
         raise ValueError(
             f"{folder}: has no landmark file that is named as a shape, such as "
@@ -118,7 +118,7 @@ def _some(files: dict[str, Path]) -> str:
     return ", ".join(path.name for path in [*files.values()][:5]) or "none"
 
 
-def mirrored_with(people: dict[str, Placed], turned) -> dict[str, Placed]:
+def mirrored_with(people: dict[str, ByPeople], turned) -> dict[str, ByPeople]:
     """The same, mirrored in x where the shape was mirrored back: of these names."""
     return {
         name: own._replace(points=own.points * [-1, 1, 1]) if name in turned else own

@@ -28,7 +28,7 @@ class Placed(NamedTuple):
 
     corners: (l, 3) int64, the vertices of the triangle that each lies on; three times
         the same where it is a vertex.
-    weights: (l, 3) barycentric coordinates, of sum 1.
+    weights: (l, 3) barycentric coordinates, of sum 1; nan for a point that is.
     points: (l, 3) float64, in the coordinates of the mesh.
     distances: (l,) from the landmark to that point, in units of the mesh.
     """
@@ -37,6 +37,11 @@ class Placed(NamedTuple):
     weights: ArrayLike
     points: ArrayLike
     distances: ArrayLike
+
+    def on(self, vertices: ArrayLike) -> np.ndarray:
+        """The points, where the vertices of the mesh lie so."""
+        corners = np.asarray(vertices, float)[self.corners]
+        return np.einsum("lc,lci->li", self.weights, corners)
 
 
 class AtVertices(NamedTuple):
@@ -124,7 +129,7 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
         outside = np.maximum(low - landmarks.points, landmarks.points - high).max(1)
     # First those outside of the box: squares of their distances may be infinite.
     _refuse_far(landmarks, outside, diagonal)
-    placed = _nearest(mesh, landmarks.points)
+    placed = nearest(mesh, landmarks.points)
     _refuse_far(landmarks, placed.distances, diagonal)
     return placed
 
@@ -157,23 +162,28 @@ def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
     ]
 
 
-def _nearest(mesh: Mesh, points: ArrayLike) -> Placed:
+def nearest(mesh: Mesh, points: ArrayLike) -> Placed:
     """The point of the mesh nearest to each point, exactly (`jfsf.mesh.closest`).
 
     Args:
         mesh: n vertices, m faces. Of a point cloud, and of a mesh without area, the
             nearest vertices are found.
-        points: (l, 3), finite.
+        points: (l, 3); nan for one that is missing.
     """
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     points = np.asarray(points, np.float64)
+    known = np.isfinite(points).all(1, keepdims=True)
+    points = np.where(known, points, vertices[:1])
     faces = faces[face_areas(vertices, faces) > 0]
     if len(faces) == 0:
         distances, vertex = KDTree(vertices).query(points)
-        return _at_vertices(mesh, vertex)._replace(distances=distances)
-    at = closest(surface_tree(Mesh(vertices, faces)), points)
-    corners = faces[at.face].astype(np.int64)
-    return Placed(corners, at.barycentric, at.position, at.distance)
+        found = _at_vertices(mesh, vertex)._replace(distances=distances)
+    else:
+        at = closest(surface_tree(Mesh(vertices, faces)), points)
+        corners = faces[at.face].astype(np.int64)
+        found = Placed(corners, at.barycentric, at.position, at.distance)
+    there = lambda values: np.where(known, values, np.nan)
+    return found._replace(weights=there(found.weights), points=there(found.points))
 
 
 def _at_vertices(mesh: Mesh, vertices: ArrayLike) -> Placed:

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from jfsf.apps.landmarks._outlines import Outline
 from jfsf.apps.landmarks._patches import spread
 from jfsf.apps.landmarks._paths import Paths, at_shares, length_of
-from jfsf.apps.landmarks._place import _nearest, on_surface
+from jfsf.apps.landmarks._place import nearest, on_surface
 from jfsf.apps.landmarks._record import Landmarks
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
@@ -80,7 +80,7 @@ def semilandmarks(
     together = np.concatenate([np.zeros((0, 3)), *points])
     return Semilandmarks(
         tuple(names),
-        _nearest(mesh, together).points if len(together) else together,
+        nearest(mesh, together).points if len(together) else together,
         np.array(slide, int).reshape(-1, 3),
         np.array(surface, int),
     )

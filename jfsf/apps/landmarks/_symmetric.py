@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.landmarks._place import Placed, _nearest
+from jfsf.apps.landmarks._place import Placed, nearest
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
 
@@ -49,8 +49,7 @@ def mirror_pairs(
         within: most such distance, in sqrt(area).
     """
     vertices, points = np.asarray(mesh.vertices, float), np.asarray(placed.points)
-    images = vertices[np.asarray(T)[placed.corners]]
-    mirrored = _nearest(mesh, np.einsum("lc,lci->li", placed.weights, images)).points
+    mirrored = nearest(mesh, placed.on(vertices[np.asarray(T)])).points
     away = np.linalg.norm(mirrored[:, None] - points, axis=2)
     away = (away + away.T) / 2
     number, near = np.arange(len(points)), away.argmin(1)
