@@ -7,6 +7,8 @@ in percent of its centroid size, the mean error of
 
 - `pair`: `jfsf.match` of the template and the specimen alone, and `jfsf.register`;
 - `collection`: the command; and `templates`: with --templates 3;
+- `people`: the same three templates, each with the experts' own landmarks, on the
+  specimens that are none of them (`on_the_rest` has all ways there);
 - `cpd`: deformable coherent point drift as ALPACA does it (Porto, Rolfe and Maga 2021;
   Myronenko and Song 2010; pycpd), from the similarity that best fits the map `pair`,
   which flatters it; then to the nearest point of the surface;
@@ -31,7 +33,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
-from scipy.spatial.distance import pdist
+from scipy.spatial.distance import cdist, pdist
 
 import jfsf
 from experiments import command_line, results_file
@@ -75,8 +77,18 @@ def main() -> None:
     by_pair = {name: by_map(meshes, truth, base, name) for name in meshes}
     ways = {
         "pair": by_pair,
-        "collection": collected(args.folder, base, 1),
-        "templates": collected(args.folder, base, TEMPLATES),
+        "collection": collected(args.folder, base, on_base),
+        "templates": collected(args.folder, base, on_base, TEMPLATES),
+    }
+    given = {base, *(path.name for path in (args.folder / "model/templates").iterdir())}
+    several = args.folder / "given"
+    several.mkdir(exist_ok=True)
+    for name in given:
+        own = Landmarks(names, truth[name], None, None)
+        write_landmarks(several / f"{name}.csv", own)
+    people = collected(args.folder, base, several)
+    ways |= {
+        "people": {name: own for name, own in people.items() if name not in given},
         "cpd": {n: drifted(meshes, truth, base, n, by_pair[n]) for n in meshes},
         "similarity": {n: similar(truth[base], own) for n, own in truth.items()},
         "tps": {n: left_out(truth[base], own) for n, own in truth.items()},
@@ -90,8 +102,12 @@ def main() -> None:
         "template": base,
         "specimens": len(rows),
         "landmarks": len(names),
-        **{way: float(np.nanmean([row[way] for row in rows])) for way in ways},
-        "space": {way: space(ways[way], truth) for way in list(ways)[:4]},
+        **means(rows, ways),
+        "on_the_rest": means([r for r in rows if r["specimen"] not in given], ways),
+        "space": {
+            way: space(ways[way], truth)
+            for way in ("pair", "collection", "templates", "cpd")
+        },
     }
     print(json.dumps(summary, indent=1))
     out = args.out or command_line.RESULTS / f"morphometry_{args.set}.json"
@@ -114,12 +130,19 @@ def by_map(meshes, truth, base: str, name: str) -> Points:
     return nearest(meshes[base], truth[base]).on(on_shape.vertices)
 
 
-def collected(folder: Path, base: str, templates: int) -> dict[str, Points]:
+def means(rows: list[dict], ways) -> dict[str, float]:
+    """Over the specimens, of each way."""
+    return {way: float(np.nanmean([row[way] for row in rows])) for way in ways}
+
+
+def collected(
+    folder: Path, base: str, landmarks: Path, templates: int = 1
+) -> dict[str, Points]:
     """The landmarks of the joined specimens, by the command line."""
     out = folder / "model"  # with more templates the same run goes on
     command = [sys.executable, "-m", "jfsf", "collection", folder / "scans"]
     command += ["--out", out, "--template", folder / "scans" / f"{base}.off"]
-    command += ["--landmarks", folder / f"{base}.csv"]
+    command += ["--landmarks", landmarks]
     command += ["--templates", templates] if templates > 1 else []
     subprocess.run(list(map(str, command)), check=False)
     found = read_specimens(out / "landmarks.csv")
@@ -138,13 +161,13 @@ def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
     x, y = (np.asarray(meshes[n].vertices, float) for n in (base, name))
     some = lambda points: points[rng.permutation(len(points))[:POINTS]]
     centre, unit = y.mean(0), np.sqrt(((y - y.mean(0)) ** 2).sum(1).mean())
+    goal, source = (some(y) - centre) / unit, (some(move(x)) - centre) / unit
     given = {"alpha": LAMBDA, "beta": BETA, "max_iterations": ITERATIONS}
-    drift = DeformableRegistration(
-        X=(some(y) - centre) / unit, Y=(some(move(x)) - centre) / unit, **given
-    )
+    drift = DeformableRegistration(X=goal, Y=source, **given)
     drift.register()
     landmarks = (move(truth[base]) - centre) / unit
-    moved = drift.transform_point_cloud(Y=landmarks) * unit + centre
+    kernel = np.exp(-cdist(landmarks, source, "sqeuclidean") / (2 * BETA**2))
+    moved = (landmarks + kernel @ drift.W) * unit + centre
     return nearest(meshes[name], moved).points
 
 
