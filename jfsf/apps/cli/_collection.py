@@ -227,11 +227,11 @@ def collection(
         check_new(frozen, paths, out, template, orientation.value)
     elif template is not None:
         template, paths = _with_template(template, paths)
-    ways = largest_component, repair
+    loading = largest_component, repair
     files = {
         "check": check_landmarks,
         "semilandmarks": semilandmarks or (),
-        "ways": ways,
+        "loading": loading,
     }
     marks = read_marks(landmarks, template, paths, frozen, **files)
     several = max(templates, 0 if marks is None else len(marks.given)) > 1
@@ -264,10 +264,10 @@ def collection(
         begin(out, settings)
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
-        reasons = look(jobs, shown, *ways, least=least)
+        reasons = look(jobs, shown, *loading, least=least)
         with connect(scheduler, workers=workers) as client:
             run = partial(outcomes, client, shown)
-            shapes, reasons = kept_shapes(jobs, run, reasons, *ways, least=least)
+            shapes, reasons = kept_shapes(jobs, run, reasons, *loading, least=least)
             names = list(shapes)
             if frozen is None:
                 where = [str(paths[name]) for name in names]

@@ -18,17 +18,13 @@ def points_of(landmarks: Path | None, template: Path | None):
     would be others.
     """
     from jfsf.apps.landmarks import read_landmarks
-    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._place import as_points
     from jfsf.mesh import read
 
     if landmarks is None or template is None:
         return None
-    found = read_landmarks(landmarks)
-    mesh = read(template, finite=False)  # --repair leaves them out
-    at = on_surface(found, mesh)
-    if found.vertices is None:
-        return found
-    return found._replace(points=at.points, vertices=None)
+    # What is not finite is left out by --repair.
+    return as_points(read_landmarks(landmarks), read(template, finite=False))
 
 
 class Carried(NamedTuple):

@@ -62,7 +62,7 @@ def read_marks(
     *,
     check: Path | None,
     semilandmarks: Sequence[Path],
-    ways: tuple[bool, bool],
+    loading: tuple[bool, bool],
 ) -> Marks | None:
     """Read what a run is given of landmarks; None if it is nothing.
 
@@ -74,7 +74,7 @@ def read_marks(
         frozen: the finished collection, for --onto.
         check: the folder of --check-landmarks.
         semilandmarks: files of curves and patches.
-        ways: --largest-component and --repair.
+        loading: --largest-component and --repair.
 
     Raises:
         ValueError: files that do not fit, or landmarks that are missing.
@@ -91,7 +91,7 @@ def read_marks(
                 f"{semilandmarks[0]}: semilandmarks follow on landmarks; give "
                 "--landmarks too"
             )
-        mesh = matchable(template, *ways).mesh
+        mesh = matchable(template, *loading).mesh
         points, own = _with_semilandmarks(semilandmarks, points, mesh)
         lists |= own
     if points is None or path is None:

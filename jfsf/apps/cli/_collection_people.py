@@ -77,7 +77,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeopl
             far from the shape.
     """
     from jfsf.apps.landmarks import pair_landmarks, read_landmarks
-    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._place import as_points
     from jfsf.mesh import read
 
     if folder is None:
@@ -96,11 +96,11 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeopl
         except (ValueError, OSError):  # it is left out, and then named with the reason
             continue
         try:
-            at = on_surface(marks, mesh)
+            marks = as_points(marks, mesh)
             pairs = pair_landmarks(landmarks, marks)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        points = np.asarray(at.points if marks.points is None else marks.points, float)
+        points = np.asarray(marks.points, float)
         alone = [line for line in pairs.said if "without a partner" in line]
         said = [f"{path}: {line}" for line in (*marks.said, *alone)]
         of_template, own = pairs.rows.T
@@ -119,7 +119,12 @@ def _some(files: dict[str, Path]) -> str:
 
 
 def mirrored_with(people: dict[str, ByPeople], turned) -> dict[str, ByPeople]:
-    """The same, mirrored in x where the shape was mirrored back: of these names."""
+    """What people placed, mirrored in x on shapes that were mirrored back.
+
+    Args:
+        people: by names of shapes.
+        turned: names of the shapes that were mirrored back.
+    """
     return {
         name: own._replace(points=own.points * [-1, 1, 1]) if name in turned else own
         for name, own in people.items()

@@ -13,7 +13,7 @@ from jfsf.apps.landmarks import (
     write_landmarks,
 )
 from jfsf.apps.landmarks._morphometrics import Specimens, specimens_csv
-from jfsf.apps.landmarks._place import on_surface
+from jfsf.apps.landmarks._place import as_points
 from jfsf.apps.landmarks._record import csv_text, titles_of
 from jfsf.apps.morphometrics import (
     allometry,
@@ -96,30 +96,30 @@ def template_of(path: Path, file: Path | None, found: Specimens) -> Template:
     Raises:
         ValueError: the mesh has landmarks of no specimen, or they lie far from it.
     """
-    mesh, number = read(path), len(found.landmarks)
+    mesh, every = read(path), found.landmarks
     if file is not None:
         own = read_landmarks(file)
-        every = Landmarks(found.landmarks, np.zeros((number, 3)))
-        try:
-            at, rows = pair_landmarks(every, own).rows.T
-            placed = own.points if own.vertices is None else on_surface(own, mesh)[2]
-        except ValueError as error:
-            raise ValueError(f"the specimens (X), {file} (Y): {error}") from None
-        points = np.asarray(placed)[rows]
     elif path.stem in found.specimens:
         points = found.points[found.specimens.index(path.stem)]
         at = np.flatnonzero(np.isfinite(points).all(1))
-        points = points[at]
+        own = Landmarks(tuple(every[i] for i in at), points[at])
     else:
         raise ValueError(
             f"{path}: no specimen has the name {path.stem!r}; give the landmarks of "
             "this mesh as --template-landmarks"
         )
     try:
-        on_surface(Landmarks(tuple(found.landmarks[i] for i in at), points), mesh)
+        points = np.asarray(as_points(own, mesh).points, float)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
-    return Template(mesh, at, points)
+    if file is None:
+        return Template(mesh, at, points)
+    try:
+        pairs = pair_landmarks(Landmarks(every, np.zeros((len(every), 3))), own)
+    except ValueError as error:
+        raise ValueError(f"the specimens (X), {file} (Y): {error}") from None
+    at, rows = pairs.rows.T
+    return Template(mesh, at, points[rows])
 
 
 def two_sided(found: Specimens, pairs: np.ndarray | None) -> TwoSided:

@@ -134,6 +134,22 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
     return placed
 
 
+def as_points(landmarks: Landmarks, mesh: Mesh) -> Landmarks:
+    """Landmarks as points; those that are vertices, where these lie.
+
+    Args:
+        landmarks: points in the coordinates of the mesh; or vertices.
+        mesh: n vertices, m faces.
+
+    Raises:
+        ValueError: as `on_surface`.
+    """
+    at = on_surface(landmarks, mesh)
+    if landmarks.vertices is None:
+        return landmarks
+    return landmarks._replace(points=at.points, vertices=None)
+
+
 def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
     worst = int(away.argmax())
     if away[worst] > FAR * diagonal:

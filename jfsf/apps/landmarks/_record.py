@@ -176,9 +176,9 @@ def table_rows(
     """The number of each line of a table, and its cells without blanks around them.
 
     Args:
-        text: of the table; tabs, semicolons or commas stand between the cells,
-        otherwise: if there are none in the first line.
+        text: of the table. Tabs, semicolons or commas stand between the cells.
         path: opens the message.
+        otherwise: stands between the cells if the first line has none of these.
 
     Raises:
         ValueError: as `cells_of`.
