@@ -172,8 +172,7 @@ def _said_of(rows: list[dict]) -> list[str]:
 
 def _mean(values: np.ndarray) -> float:
     """Of those that are known; nan if none is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
+    return float(np.ma.filled(np.ma.masked_invalid(values).mean(), np.nan))
 
 
 def _percent(share: float, digits: int = 2) -> str:

@@ -9,7 +9,6 @@ import typer
 
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._print import counted, say_result
-from jfsf.apps.landmarks._record import titles_of
 
 MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
 MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
@@ -108,10 +107,11 @@ def morphometrics(
 
     Example: jfsf morphometrics model/landmarks.csv --out shape --groups species.csv
     """
-    from jfsf.apps.cli import _morphometrics_results as results
+    from jfsf.apps.cli._morphometrics_compared import compare, template_of, two_sided
+    from jfsf.apps.cli._morphometrics_results import write_results
     from jfsf.apps.landmarks import read_specimens
     from jfsf.apps.morphometrics._checks import PointsError
-    from jfsf.apps.morphometrics._tables import LISTS, has_rows, read_groups, read_list
+    from jfsf.apps.morphometrics._tables import read_groups
 
     need_matplotlib()
     can_write_in(out)
@@ -126,27 +126,19 @@ def morphometrics(
     if template_landmarks is not None and template is None:
         raise ValueError("--template-landmarks lie on a mesh; give --template too")
     found = read_specimens(landmarks)
-    lists, doubts = {}, []
     given = {"curves": curves, "surfaces": surfaces, "pairs": pairs}
-    for option, path in given.items():
-        beside = landmarks.parent / LISTS[option].file
-        if path is not None:
-            lists[option] = read_list(path, LISTS[option], len(found.landmarks))
-        elif has_rows(beside):
-            doubts.append(
-                f"{beside} is there and was not used; add --{option} {beside}"
-            )
+    lists, doubts = _lists_of(given, len(found.landmarks), landmarks.parent)
     title, own = "", [""] * len(found.specimens)
     if groups is not None:
         title, own = read_groups(groups, found.specimens, group)
-    two = results.two_sided(found, lists.pop("pairs", None))
-    mesh = template and results.template_of(template, template_landmarks, two.found)
+    two = two_sided(found, lists.pop("pairs", None))
+    mesh = template and template_of(template, template_landmarks, two.found)
     try:
-        compared = results.compare(found, two, mesh, slide=slide.value, **lists)
+        compared = compare(found, two, mesh, slide=slide.value, **lists)
     except PointsError as error:
         why = error.named(found.specimens, found.landmarks)
         raise ValueError(f"{landmarks}: {why}") from None
-    written = results.write_results(out, found, two.found, compared, title, own)
+    written = write_results(out, found, two.found, compared, title, own)
     if two.alone:
         doubts.append(
             f"{pairs}: left out of the symmetric shapes, as they have no partner: "
@@ -162,8 +154,32 @@ def morphometrics(
     say_result([], lines, doubts, written)
 
 
+def _lists_of(given, landmarks: int, folder: Path) -> tuple[dict, list[str]]:
+    """The lists that are given, and what to say of others in the folder.
+
+    Args:
+        given: the file of each option, or None.
+        landmarks: how many there are.
+        folder: where these are.
+    """
+    from jfsf.apps.morphometrics._tables import LISTS, has_rows, read_list
+
+    lists, unused = {}, []
+    for option, path in given.items():
+        beside = folder / LISTS[option].file
+        if path is not None:
+            lists[option] = read_list(path, LISTS[option], landmarks)
+        elif has_rows(beside):
+            unused.append(
+                f"{beside} is there and was not used; add --{option} {beside}"
+            )
+    return lists, unused
+
+
 def _read(found, lists, slide) -> list[str]:
     """What was read, which landmarks slide and which are estimated, in words."""
+    from jfsf.apps.landmarks._record import titles_of
+
     line = f"{len(found.specimens)} specimens, {len(found.landmarks)} landmarks"
     if lists:
         slid = (f"{len(rows)} on {option}" for option, rows in lists.items())
