@@ -32,7 +32,6 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist, pdist
 
 import jfsf
@@ -42,7 +41,7 @@ from jfsf.apps.collections import unlikeness
 from jfsf.apps.collections._cycles import sketch
 from jfsf.apps.landmarks import Landmarks, read_specimens, write_landmarks
 from jfsf.apps.landmarks._place import nearest
-from jfsf.apps.morphometrics import procrustes
+from jfsf.apps.morphometrics import procrustes, warp
 from jfsf.apps.morphometrics._procrustes import centroid_size, similarity
 
 TEMPLATES = 3
@@ -184,8 +183,7 @@ def left_out(points: Points, onto: Points) -> Points:
         return found
     for i in range(len(points)):
         rest = np.arange(len(points)) != i
-        spline = RBFInterpolator(points[rest], onto[rest], kernel="linear", degree=1)
-        found[i] = spline(points[i : i + 1])[0]
+        found[i] = warp(points[i : i + 1], points[rest], onto[rest])[0]
     return found
 
 
