@@ -55,12 +55,13 @@ def read_list(path: Path, kind: Kind, landmarks: int) -> Int[np.ndarray, "r c"]:
             twice; it names the file and the line.
         OSError: the file cannot be read.
     """
-    (head, *rows), width = _rows(path), len(kind.titles)
-    columns, is_head = list(range(width)), len(head[1]) == width
-    if set(kind.titles) <= set(head[1]):
-        columns, is_head = [head[1].index(title) for title in kind.titles], True
-    if not is_head or any(to_vertex(cell) is not None for cell in head[1]):
-        rows = [head, *rows]
+    rows, width = _rows(path), len(kind.titles)
+    first = rows[0][1]
+    columns, is_head = list(range(width)), len(first) == width
+    if set(kind.titles) <= set(first):
+        columns, is_head = [first.index(title) for title in kind.titles], True
+    if is_head and all(to_vertex(cell) is None for cell in first):
+        rows = rows[1:]
     numbers, known = np.full((len(rows), width), ALONE), set()
     for at, (line, cells) in enumerate(rows):
         where = f"{path}: line {line}"
@@ -79,7 +80,9 @@ def read_list(path: Path, kind: Kind, landmarks: int) -> Int[np.ndarray, "r c"]:
         if len(set(row)) < len(row):
             raise ValueError(f"{where} has a landmark twice")
         if again := known.intersection(once := row[kind.once]):
-            raise ValueError(f"{where}: landmark {min(again)} is twice in the file")
+            raise ValueError(
+                f"{where}: landmark {min(again)} is twice in the file; take one out"
+            )
         known.update(once)
         numbers[at, : len(row)] = np.array(row) - 1
     return numbers
