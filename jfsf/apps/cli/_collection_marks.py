@@ -84,7 +84,8 @@ def read_marks(
     given = placed_by_people(None if path == landmarks else landmarks, paths, points)
     if frozen is not None and points is None and (known := marks_of(frozen)):
         path, points, sliding, pairs = known
-    people = placed_by_people(check, paths, points)
+    slid = () if sliding is None else (*sliding.slide[:, 1], *sliding.surface)
+    people = placed_by_people(check, paths, points, slid)
     if semilandmarks:
         if points is None or template is None:
             raise ValueError(

@@ -36,7 +36,10 @@ def semilandmarks_of(
 
     outlines = read_outlines(files, points.names)
     mesh = matchable(template, largest, mend).mesh
-    found = semilandmarks(mesh, on_surface(points, mesh).points, outlines)
+    try:
+        found = semilandmarks(mesh, on_surface(points, mesh).points, outlines)
+    except ValueError as error:
+        raise ValueError(f"{template}: {error}") from None
     return appended(points, found.names, found.points), found
 
 

@@ -47,8 +47,7 @@ def pairs_of(
     Raises:
         ValueError: it has no symmetry to be found.
     """
-    from jfsf.apps.landmarks._place import on_surface
-    from jfsf.apps.landmarks._record import titled
+    from jfsf.apps.landmarks._place import _listed, on_surface
     from jfsf.apps.landmarks._symmetric import WITHIN, mirror_pairs
 
     (out / SYMMETRY).mkdir(exist_ok=True)
@@ -65,10 +64,11 @@ def pairs_of(
         f"landmarks, {len(found.midline)} on the midline"
     )
     if len(found.alone):
-        alone = ", ".join(titled(points.names, at) for at in found.alone.tolist())
+        alone = [points.names[at] or str(at + 1) for at in found.alone.tolist()]
         said += (
-            f"; without a partner within {WITHIN:.0%} of sqrt(area), and alone in "
-            f"{PAIRS}: {alone}; write their partners there, or leave them out"
+            f", {len(alone)} without a partner within {WITHIN:.0%} of sqrt(area): "
+            f"{_listed(alone)}; write their partners in {PAIRS}, or take out the lines "
+            "of those on the midline"
         )
     rows = [[str(a + 1), str(b + 1)] for a, b in found.pairs.tolist()]
     rows += [[str(a + 1), ""] for a in found.alone.tolist()]

@@ -13,6 +13,10 @@ from jfsf.apps.cli._print import counted, say_result
 
 MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
 MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
+# A landmark without a partner is not on the midline if in the mean it is so far from
+# it, in root mean square distances of landmarks from the centroid. By hand: of walking
+# bodies those on the midline are within 0.05, those that lack a partner beyond 0.13.
+OFF_MIDLINE = 0.1
 # Beside the landmarks, where `jfsf collection` writes them; options that take them.
 BESIDE = {
     "curveslide.csv": "curves",
@@ -176,6 +180,12 @@ def morphometrics(
         doubts.append(
             "the shapes still moved when it ended, as gpagen does: they are far apart"
         )
+    if parts is not None and (beside := _beside(found, parts, numbers["pairs"])):
+        doubts.append(
+            f"{pairs}: {beside} have no partner, so they count as on the midline, but "
+            "are far from it; write their partners, or leave them out of "
+            f"{landmarks.name}"
+        )
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
     say_result([], lines, doubts, written)
@@ -260,6 +270,14 @@ def _unusual(names, aligned) -> list[str]:
             "give all as left or all as right"
         )
     return lines
+
+
+def _beside(found, parts, pairs) -> str:
+    """Landmarks that no pair has, and that are not on the midline either."""
+    away = np.linalg.norm(parts.asymmetric.mean(0), axis=1)
+    far = np.flatnonzero(away > OFF_MIDLINE / np.sqrt(len(away)))
+    names = [found.landmarks[i] or str(i + 1) for i in far if i not in pairs]
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def _without(names, groups) -> str:

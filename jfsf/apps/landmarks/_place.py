@@ -89,7 +89,8 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
 
     Raises:
         ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of
-            its bounding box, or is a vertex that it does not have; wrong shapes.
+            its bounding box, or is a vertex that it does not have; three or more are
+            nearer to each other than to the mesh; wrong shapes.
     """
     landmarks = checked(landmarks, "on_surface")
     vertices, faces = mesh_arrays(mesh, "on_surface")
@@ -126,6 +127,7 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
     _refuse_far(landmarks, outside, diagonal)
     placed = _nearest(mesh, landmarks.points)
     _refuse_far(landmarks, placed.distances, diagonal)
+    _refuse_small(landmarks, placed.distances, diagonal)
     return placed
 
 
@@ -143,6 +145,19 @@ def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
             f"more than {FAR:.0%} of the diagonal of its bounding box "
             f"({diagonal:.4g}); are both in the same units and axes, and is the file "
             f"of another mesh, or of one that was moved?{system}"
+        )
+
+
+def _refuse_small(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
+    # In metres they all are near the origin, and that may be near a mesh in mm.
+    spread = float(np.linalg.norm(np.ptp(np.asarray(landmarks.points), axis=0)))
+    worst = float(np.max(away))
+    if len(landmarks.names) > 2 and spread < worst:
+        raise ValueError(
+            f"all landmarks lie within {spread:.4g} of each other, and up to "
+            f"{worst:.4g} from the mesh, whose bounding box has a diagonal of "
+            f"{diagonal:.4g}; are both in the same units, and is the file of another "
+            "mesh?"
         )
 
 
@@ -207,9 +222,9 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
     """Pair the landmarks of two shapes.
 
     By name, if both have names that occur once each, and at least one is in both. Else
-    by their order, if there are as many of both and neither has names of its own: none,
-    or numbers as a program gives them ("F-1", "F-2"). Numbers without a gap from 0 on
-    and from 1 on are paired by their order too.
+    by their order, if there are as many of both and one has no names, or both have
+    numbers as a program gives them ("F-1", "F-2"). Numbers without a gap from 0 on and
+    from 1 on are paired by their order too.
 
     Args:
         landmarks_x, landmarks_y: the landmarks of X and of Y.
@@ -223,7 +238,8 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
     count = {name: i for i, name in enumerate(y)}
     common = [(i, count[name]) for i, name in enumerate(x) if name and name in count]
     unique = all(len(set(named)) == len(named) for named in (_named(x), _named(y)))
-    by_order = _generated(x) and _generated(y) and len(x) == len(y)
+    nameless = not any(x) or not any(y)
+    by_order = len(x) == len(y) and (nameless or _generated(x) and _generated(y))
     if common and unique and not (by_order and _shifted(x, y)):
         rows = np.array(common, np.int64)
         names = tuple(landmarks_x.names[i] for i in rows[:, 0])
