@@ -1,6 +1,7 @@
 """Landmarks of a collection: how sure they are, and beside those that people placed."""
 
 import csv
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from jfsf import testing
+from jfsf.apps.cli._collection_carried import points_of
 from jfsf.apps.cli._collection_check import checked_rows, write_check
 from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
@@ -241,6 +243,25 @@ def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_pat
     assert all(row["icp"] > 0 for row in rows)
     said = write_check(tmp_path, found, {"other": true}, shapes, "t", ())[1]
     assert said[-1] == "the map is better than both on each shape and for each landmark"
+
+
+def test_landmarks_off_the_template_are_named(tmp_path):
+    import trimesh
+
+    mesh, file = tmp_path / "t.ply", tmp_path / "t.csv"
+    trimesh.Trimesh(*BLOB, process=False).export(mesh)
+    points = BLOB.vertices[[0, 9, 30]].astype(float)
+    size = np.linalg.norm(np.ptp(BLOB.vertices, axis=0))
+    outward = points[1] - BLOB.vertices.mean(0)
+    outward /= np.linalg.norm(outward)
+    for share, said in ((0.0, ""), (0.03, "landmark 'b' is .*% of the diagonal")):
+        points[1] = BLOB.vertices[9] + share * size * outward
+        write_landmarks(file, Landmarks(("a", "b", "c"), points))
+        lines = points_of(file, mesh).said
+        assert len(lines) == bool(said) and re.match(said, "".join(lines))
+    write_landmarks(file, Landmarks(("a", "b", "c"), points + 9 * size))
+    with pytest.raises(ValueError, match=r"t\.csv: landmark .* is the file of another"):
+        points_of(file, mesh)
 
 
 def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):

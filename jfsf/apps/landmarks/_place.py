@@ -17,10 +17,10 @@ from jfsf.mesh._geometry import face_areas
 from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
-# Distance from the surface beyond which a landmark is refused, in diagonals of the
-# bounding box of the mesh. Landmarks by hand, or of a copy with other vertices, are
-# within 0.01; those in other units or axes seldom within 0.05.
-FAR = 0.05
+# Distances from the surface within which a landmark is expected, and beyond which it is
+# refused, in diagonals of the bounding box of the mesh. Landmarks by hand, or of a copy
+# with other vertices, are within 0.01; those in other units or axes seldom within 0.05.
+NEAR, FAR = 0.01, 0.05
 
 
 class Placed(NamedTuple):
@@ -151,13 +151,11 @@ def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
 def _refuse_small(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
     # In metres they all are near the origin, and that may be near a mesh in mm.
     spread = float(np.linalg.norm(np.ptp(np.asarray(landmarks.points), axis=0)))
-    worst = float(np.max(away))
-    if len(landmarks.names) > 2 and spread < worst:
+    if len(landmarks.names) > 2 and spread < np.max(away):
         raise ValueError(
             f"all landmarks lie within {spread:.4g} of each other, and up to "
-            f"{worst:.4g} from the mesh, whose bounding box has a diagonal of "
-            f"{diagonal:.4g}; are both in the same units, and is the file of another "
-            "mesh?"
+            f"{np.max(away):.4g} from the mesh, whose bounding box has a diagonal of "
+            f"{diagonal:.4g}; are both in the same units, and is it the right mesh?"
         )
 
 
