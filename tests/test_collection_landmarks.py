@@ -1,6 +1,7 @@
 """Landmarks of a collection: how sure they are, and beside those that people placed."""
 
 import csv
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -8,6 +9,7 @@ import numpy as np
 import pytest
 
 from jfsf import testing
+from jfsf.apps.cli._collection_carried import points_of
 from jfsf.apps.cli._collection_check import checked_rows, write_check
 from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
@@ -176,6 +178,9 @@ def test_the_least_sure_tenth_is_to_be_checked(tmp_path):
     assert "s3, b: within" in said[1] and len(said) == 5
     with (tmp_path / "to_check.csv").open() as file:
         assert [row["specimen"] for row in csv.DictReader(file)][:2] == ["s3", "s7"]
+    # In one shape alone there is no median: the largest come first.
+    alone = found._replace(specimens=["s1"], points=points[1:2], radius=radius[1:2])
+    assert doubtful(alone)[0]["landmark"] == "d"
     unknown = found._replace(radius=np.full_like(radius, np.nan))
     assert "not known" in write_doubtful(tmp_path, unknown)[0]
 
@@ -240,6 +245,25 @@ def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_pat
     assert said[-1] == "the map is better than both on each shape and for each landmark"
 
 
+def test_landmarks_off_the_template_are_named(tmp_path):
+    import trimesh
+
+    mesh, file = tmp_path / "t.ply", tmp_path / "t.csv"
+    trimesh.Trimesh(*BLOB, process=False).export(mesh)
+    points = BLOB.vertices[[0, 9, 30]].astype(float)
+    size = np.linalg.norm(np.ptp(BLOB.vertices, axis=0))
+    outward = points[1] - BLOB.vertices.mean(0)
+    outward /= np.linalg.norm(outward)
+    for share, said in ((0.0, ""), (0.03, "landmark 'b' is .*% of the diagonal")):
+        points[1] = BLOB.vertices[9] + share * size * outward
+        write_landmarks(file, Landmarks(("a", "b", "c"), points))
+        lines = points_of(file, mesh).said
+        assert len(lines) == bool(said) and re.match(said, "".join(lines))
+    write_landmarks(file, Landmarks(("a", "b", "c"), points + 9 * size))
+    with pytest.raises(ValueError, match=r"t\.csv: landmark .* is the file of another"):
+        points_of(file, mesh)
+
+
 def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
     import trimesh
 
@@ -270,7 +294,12 @@ def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
     (found,) = read().items()
     assert found[0] == "s.1" and found[1].rows.tolist() == [0, 2]
     np.testing.assert_allclose(found[1].points, BLOB.vertices[[0, 2]], atol=1e-6)
-    assert len(found[1].said) == 2 and "'b'" in found[1].said[0]
+    assert found[1].said == [
+        f"{folder / 's.1.mrk.json'}: has no landmark 'b'",
+        f"{folder / 's.1.mrk.json'}: the template has no landmark 'new'",
+    ]
+    slid = placed_by_people(folder, paths, template, [1])["s.1"]
+    assert len(slid.said) == 1  # nobody need place those that slide
     mirrored = mirrored_with(read(), {"s.1"})["s.1"].points
     np.testing.assert_allclose(mirrored, found[1].points * [-1, 1, 1])
     write_landmarks(folder / "s.1.csv", own)

@@ -471,6 +471,20 @@ def test_the_command_compares_specimens(folder):
     assert hint in done.text and "landmark_pairs.csv" not in done.text
 
 
+def test_landmarks_off_the_midline_without_a_partner_are_named(folder):
+    names = [f"l{i}" for i in OFF_CURVES]
+    table = specimens_csv(R["specimens"], names, bodies()[:, OFF_CURVES])
+    (folder / "landmarks.csv").write_text(table)
+    args = folder / "landmarks.csv", "--out", folder / "shape"
+    for kept in (PAIRS, PAIRS[1:]):
+        rows = [f"{OFF_CURVES.index(a) + 1},{OFF_CURVES.index(b) + 1}" for a, b in kept]
+        (folder / "pairs.csv").write_text("\n".join(["left,right", *rows]))
+        done = run(*args, "--pairs", folder / "pairs.csv")
+        assert ("no partner" in done.text) is (kept != PAIRS), done.text
+    a, b = sorted(PAIRS[0])
+    assert f"pairs.csv: l{a}, l{b} have no partner" in done.text
+
+
 def test_the_command_warps_a_mesh(folder):
     """The mean and the ends, where the mesh of a specimen lies and in its size."""
     mesh = testing.blob(0)

@@ -53,7 +53,7 @@ from jfsf.apps.cli._collection_symmetry import (
 from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
-from jfsf.apps.cli._print import say_result
+from jfsf.apps.cli._print import counted, say_result
 from jfsf.apps.cli._runs import begin, stopping, write_table
 from jfsf.apps.cli._stages import stages
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
@@ -326,7 +326,8 @@ def collection(
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
-    summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
+    of = ", ".join([f"template {name}", *(f"also {other}" for other in others)])
+    summary = table(rows, f"{of}, {counted(len(graph.matched), 'pair', 'pairs')}")
     lines = ([] if marks is None else marks.said) + odd
     lines += [
         f"{path}: {line}"

@@ -149,7 +149,7 @@ def _said_of(rows: list[dict]) -> list[str]:
         f"{counted(shapes, 'shape', 'shapes')}: the map is {percent['error']} of the "
         f"centroid size off in the mean, {percent['median']} in the median; "
         f"{_percent(whole['within'], 0)} of the errors are within the radius, where "
-        f"90 % are expected; 90 % are within {times:.1f} times the radius",
+        f"90% are expected; 90% are within {times:.1f} times the radius",
         f"the best similarity of the landmarks themselves leaves "
         f"{percent['similarity']} (nothing that only moves, turns and scales the "
         f"template leaves less in root mean square), iterative closest points leave "
@@ -208,7 +208,8 @@ def _table(groups: list[dict], of: str) -> Table:
     shown.add_column(of)
     titles = "number", "mean", "of size", "median", "similarity", "ICP", "within radius"
     for title in titles:
-        shown.add_column(title, justify="right")
+        widest = max(map(len, title.split()))
+        shown.add_column(title, justify="right", min_width=widest)
     for own in groups[:SHOWN]:
         of_size = (own[what] for what in ("error", "median", "similarity", "icp"))
         shown.add_row(
@@ -218,6 +219,10 @@ def _table(groups: list[dict], of: str) -> Table:
             *map(_percent, of_size),
             _percent(own["within"], 0),
         )
+    shown.caption = (
+        "Mean error in the unit of the files, and over the centroid size of these "
+        "landmarks, as all that follow."
+    )
     if len(groups) > SHOWN:
-        shown.caption = f"The worst {SHOWN} of {len(groups)}."
+        shown.caption += f" The worst {SHOWN} of {len(groups)}."
     return shown

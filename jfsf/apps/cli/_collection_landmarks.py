@@ -210,7 +210,8 @@ def doubtful(found: OnShapes) -> list[dict]:
     known = np.isfinite(found.radius) & (found.radius > 0) & (size > 0)
     share = np.ma.array(found.radius, mask=~known) / np.where(size > 0, size, 1)
     times = (share / np.ma.median(share, axis=0)).filled(0.0)
-    first = np.argsort(-times, axis=None, kind="stable")
+    # In one shape alone each is its own median.
+    first = np.lexsort((-share.filled(0.0).ravel(), -times.ravel()))
     rows = []
     for i, j in zip(*np.unravel_index(first, times.shape), strict=True):
         rows.append(

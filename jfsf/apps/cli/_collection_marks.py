@@ -23,7 +23,6 @@ from jfsf.apps.cli._collection_people import (
     placed_by_people,
 )
 from jfsf.apps.cli._files import matchable
-from jfsf.types import Mesh
 
 if TYPE_CHECKING:
     from jfsf.apps.landmarks import Landmarks
@@ -84,15 +83,16 @@ def read_marks(
     given = placed_by_people(None if path == landmarks else landmarks, paths, points)
     if frozen is not None and points is None and (known := marks_of(frozen)):
         path, points, lists = known
-    people = placed_by_people(check, paths, points)
+    slid = [*lists["curves"][:, 1]] if "curves" in lists else []
+    slid += [*lists["surfaces"][:, 0]] if "surfaces" in lists else []
+    people = placed_by_people(check, paths, points, slid)
     if semilandmarks:
         if points is None or template is None:
             raise ValueError(
                 f"{semilandmarks[0]}: semilandmarks follow on landmarks; give "
                 "--landmarks too"
             )
-        mesh = matchable(template, *loading).mesh
-        points, own = _with_semilandmarks(semilandmarks, points, mesh)
+        points, own = _with_semilandmarks(semilandmarks, points, template, loading)
         lists |= own
     if points is None or path is None:
         return None
@@ -100,7 +100,7 @@ def read_marks(
 
 
 def _with_semilandmarks(
-    files: Sequence[Path], points: "Landmarks", mesh: Mesh
+    files: Sequence[Path], points: "Landmarks", template: Path, loading
 ) -> "tuple[Landmarks, dict[str, np.ndarray]]":
     """Landmarks of a template, with semilandmarks after them, and which slide."""
     from jfsf.apps.landmarks._outlines import appended, read_outlines
@@ -108,7 +108,11 @@ def _with_semilandmarks(
     from jfsf.apps.landmarks._semilandmarks import semilandmarks
 
     outlines = read_outlines(files, points.names)
-    found = semilandmarks(mesh, on_surface(points, mesh).points, outlines)
+    mesh = matchable(template, *loading).mesh
+    try:
+        found = semilandmarks(mesh, on_surface(points, mesh).points, outlines)
+    except ValueError as error:
+        raise ValueError(f"{template}: {error}") from None
     lists = {"curves": found.slide, "surfaces": found.surface[:, None]}
     known = {kind: rows for kind, rows in lists.items() if len(rows)}
     return appended(points, found.names, found.points), known

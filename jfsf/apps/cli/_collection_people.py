@@ -62,7 +62,9 @@ def file_of_template(landmarks: Path | None, template: Path | None) -> Path | No
     return files[name]
 
 
-def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeople]:
+def placed_by_people(
+    folder: Path | None, paths, landmarks, sliding=()
+) -> dict[str, ByPeople]:
     """The landmark files of a folder that are named as shapes, by these names.
 
     Args:
@@ -70,6 +72,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeopl
             no folder.
         paths: the file of each shape, by name.
         landmarks: of the template; None if there are none.
+        sliding: numbers of those, from 0, that people need not place.
 
     Raises:
         ValueError: no template's landmarks, no folder, no such file, two of one shape,
@@ -77,6 +80,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeopl
             far from the shape.
     """
     from jfsf.apps.landmarks import pair_landmarks, read_landmarks
+    from jfsf.apps.landmarks._pairs import _listed
     from jfsf.apps.landmarks._place import as_points
     from jfsf.mesh import read
 
@@ -101,9 +105,15 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, ByPeopl
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
         points = np.asarray(marks.points, float)
-        alone = [line for line in pairs.said if "without a partner" in line]
-        said = [f"{path}: {line}" for line in (*marks.said, *alone)]
         of_template, own = pairs.rows.T
+        no = {*of_template.tolist(), *sliding}
+        lacking = [name for i, name in enumerate(landmarks.names) if i not in no]
+        others = [name for i, name in enumerate(marks.names) if i not in own]
+        said = [f"{path}: {line}" for line in marks.said]
+        if lacking:
+            said.append(f"{path}: has no landmark {_listed(lacking)}")
+        if others:
+            said.append(f"{path}: the template has no landmark {_listed(others)}")
         found[name] = ByPeople(path, of_template, points[own], said)
     if not files.keys() & paths.keys():
         raise ValueError(

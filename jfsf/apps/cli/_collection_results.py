@@ -10,6 +10,7 @@ from rich.table import Table
 
 from jfsf.apps.cli._collection_jobs import file_of, picture_of_shape
 from jfsf.apps.cli._pair import pages_of
+from jfsf.apps.cli._print import counted
 from jfsf.apps.cli._summary import INDEX
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
@@ -94,7 +95,8 @@ def write_model_of(
 def table(rows, title: str) -> Table:
     """A line for each shape, those to be looked at first."""
     joined = sum(not row["reason"] for row in rows)
-    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {escape(title)}")
+    shapes = counted(len(rows), "shape", "shapes")
+    shown = Table(title=f"{shapes}, {joined} joined; {escape(title)}")
     shown.add_column("shape")
     titles = "confidence", "distance", "of size", "of √area", "bridged", "flipped"
     for name in titles:
@@ -102,10 +104,12 @@ def table(rows, title: str) -> Table:
     for row in rows:
         if not row["reason"]:
             likely = row["confidence"]
+            # On the template itself there are only roundings.
+            length = row["mean_in_unit"] if row["mean_of_size"] > 1e-9 else 0
             shown.add_row(
                 escape(row["name"]),
                 "unknown" if np.isnan(likely) else f"{likely:.2f}",
-                f"{row['mean_in_unit']:.3g}",
+                f"{length:.3g}",
                 f"{row['mean_of_size']:.2%}",
                 f"{row['mean_distance']:.2%}",
                 f"{row['bridged']:.1%}",

@@ -46,8 +46,8 @@ def pairs_of(
     Raises:
         ValueError: it has no symmetry to be found.
     """
+    from jfsf.apps.landmarks._pairs import _listed
     from jfsf.apps.landmarks._place import on_surface
-    from jfsf.apps.landmarks._record import titled
     from jfsf.apps.landmarks._symmetric import WITHIN, mirror_pairs
     from jfsf.apps.morphometrics._tables import ALONE, LISTS
 
@@ -65,11 +65,12 @@ def pairs_of(
         f"landmarks, {len(found.midline)} on the midline"
     )
     if len(found.alone):
-        alone = ", ".join(titled(points.names, at) for at in found.alone.tolist())
+        alone = [points.names[at] or str(at + 1) for at in found.alone.tolist()]
         said += (
-            f"; without a partner within {WITHIN:.0%} of sqrt(area), and alone in "
-            f"{LISTS['pairs'].file}: {alone}; write their partners there, or jfsf "
-            "morphometrics leaves them out"
+            f", {len(alone)} without a partner within {WITHIN:.0%} of sqrt(area): "
+            f"{_listed(alone)}; write their partners in {LISTS['pairs'].file}, or take "
+            "out the lines of those on the midline; jfsf morphometrics leaves out the "
+            "others"
         )
     alone = np.stack([found.alone, np.full_like(found.alone, ALONE)], 1)
     rows = np.concatenate([found.pairs, alone])

@@ -12,6 +12,10 @@ from jfsf.apps.cli._print import counted, say_result
 
 MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
 MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
+# A landmark without a partner is not on the midline if in the mean it is so far from
+# it, in root mean square distances of landmarks from the centroid. By hand: of walking
+# bodies those on the midline are within 0.05, those that lack a partner beyond 0.13.
+OFF_MIDLINE = 0.1
 
 
 class Slide(StrEnum):
@@ -148,6 +152,12 @@ def morphometrics(
         doubts.append(
             "the shapes still moved when it ended, as gpagen does: they are far apart"
         )
+    if beside := _beside(two, compared.parts):
+        doubts.append(
+            f"{pairs}: {beside} have no partner, so they count as on the midline, but "
+            "are far from it; write their partners, or leave them out of "
+            f"{landmarks.name}"
+        )
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
     lines = [*_read(found, lists, slide), *_summary(found.specimens, compared)]
@@ -246,6 +256,19 @@ def _unusual(names, aligned) -> list[str]:
             "give all as left or all as right"
         )
     return lines
+
+
+def _beside(two, parts) -> str:
+    """Landmarks that no pair has, and that are not on the midline either."""
+    from jfsf.apps.landmarks._record import titles_of
+
+    if parts is None:
+        return ""
+    away = np.linalg.norm(parts.asymmetric.mean(0), axis=1)
+    far = np.flatnonzero(away > OFF_MIDLINE / np.sqrt(len(away)))
+    titles = titles_of(two.found.landmarks)
+    names = [titles[i] for i in far if i not in two.pairs]
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def _without(names, groups) -> str:

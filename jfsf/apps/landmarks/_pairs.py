@@ -30,9 +30,9 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
     """Pair the landmarks of two shapes.
 
     By name, if both have names that occur once each, and at least one is in both. Else
-    by their order, if there are as many of both and neither has names of its own: none,
-    or numbers as a program gives them ("F-1", "F-2"). Numbers without a gap from 0 on
-    and from 1 on are paired by their order too.
+    by their order, if there are as many of both and one has no names, or both have
+    numbers as a program gives them ("F-1", "F-2"). Numbers without a gap from 0 on and
+    from 1 on are paired by their order too.
 
     Args:
         landmarks_x, landmarks_y: the landmarks of X and of Y.
@@ -46,7 +46,8 @@ def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
     count = {name: i for i, name in enumerate(y)}
     common = [(i, count[name]) for i, name in enumerate(x) if name and name in count]
     unique = all(len(set(named)) == len(named) for named in (_named(x), _named(y)))
-    by_order = _generated(x) and _generated(y) and len(x) == len(y)
+    nameless = not any(x) or not any(y)
+    by_order = len(x) == len(y) and (nameless or _generated(x) and _generated(y))
     if common and unique and not (by_order and _shifted(x, y)):
         rows = np.array(common, np.int64)
         names = tuple(landmarks_x.names[i] for i in rows[:, 0])

@@ -12,10 +12,10 @@ from jfsf.mesh._geometry import face_areas
 from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
-# Distance from the surface beyond which a landmark is refused, in diagonals of the
-# bounding box of the mesh. Landmarks by hand, or of a copy with other vertices, are
-# within 0.01; those in other units or axes seldom within 0.05.
-FAR = 0.05
+# Distances from the surface within which a landmark is expected, and beyond which it is
+# refused, in diagonals of the bounding box of the mesh. Landmarks by hand, or of a copy
+# with other vertices, are within 0.01; those in other units or axes seldom within 0.05.
+NEAR, FAR = 0.01, 0.05
 
 
 class Placed(NamedTuple):
@@ -89,7 +89,8 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
 
     Raises:
         ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of
-            its bounding box, or is a vertex that it does not have; wrong shapes.
+            its bounding box, or is a vertex that it does not have; three or more are
+            nearer to each other than to the mesh; wrong shapes.
     """
     landmarks = checked(landmarks, "on_surface")
     vertices, faces = mesh_arrays(mesh, "on_surface")
@@ -126,6 +127,7 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
     _refuse_far(landmarks, outside, diagonal)
     placed = nearest(mesh, landmarks.points)
     _refuse_far(landmarks, placed.distances, diagonal)
+    _refuse_small(landmarks, placed.distances, diagonal)
     return placed
 
 
@@ -159,6 +161,17 @@ def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
             f"more than {FAR:.0%} of the diagonal of its bounding box "
             f"({diagonal:.4g}); are both in the same units and axes, and is the file "
             f"of another mesh, or of one that was moved?{system}"
+        )
+
+
+def _refuse_small(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
+    # In metres they all are near the origin, and that may be near a mesh in mm.
+    spread = float(np.linalg.norm(np.ptp(np.asarray(landmarks.points), axis=0)))
+    if len(landmarks.names) > 2 and spread < np.max(away):
+        raise ValueError(
+            f"all landmarks lie within {spread:.4g} of each other, and up to "
+            f"{np.max(away):.4g} from the mesh, whose bounding box has a diagonal of "
+            f"{diagonal:.4g}; are both in the same units, and is it the right mesh?"
         )
 
 

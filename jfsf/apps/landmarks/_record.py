@@ -65,8 +65,9 @@ def collected(
         raise ValueError(f"{path}: has no landmark with a position; place some")
     said = ()
     if without:
-        have = "landmark has" if len(without) == 1 else "landmarks have"
-        left_out = f"{have} no position and were left out: {', '.join(without)}"
+        one = len(without) == 1
+        have, were = ("landmark has", "was") if one else ("landmarks have", "were")
+        left_out = f"{have} no position and {were} left out: {', '.join(without)}"
         said = (f"{len(without)} {left_out}",)
     points, vertices = np.array(places), None
     if points.ndim == 1:
