@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from jfsf import testing
 from jfsf.apps.cli._collection_carried import points_of
@@ -222,6 +223,13 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     assert len(tables) == 2 and "6 landmarks that people placed on 2 shapes" in said[0]
     assert "100% of the errors are within the radius" in said[0]
     assert any("no better than the best similarity" in line for line in said)
+    # On the screen of 80 columns no title and no name of a shape is cut.
+    shown, longest = Console(width=80, record=True), "Lontra_canadensis_4711"
+    tables[0].add_row(longest, *["100.00%"] * 7)
+    shown.print(tables[0])
+    text = shown.export_text()
+    assert "…" not in text and "similarity" in text and "unit of the files" in text
+    assert max(map(len, text.splitlines())) <= 80
     with (tmp_path / "check.csv").open() as file:
         assert [row["similarity"] for row in csv.DictReader(file)][:2] == ["NA", "NA"]
     rows = checked_rows(tmp_path, found, people, shapes, "t", {"s": own})

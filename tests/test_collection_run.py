@@ -220,6 +220,9 @@ def test_landmarks_are_carried_by_templates_and_checked(collected, scans, tmp_pa
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/*.npz")}
     said = run("--templates", "3")
     assert re.search(r"other templates 20/20: ", said)
+    others = sorted(path.name for path in (out / "templates").iterdir())
+    named = re.findall(r"also (\w+),", " ".join(said.split()))
+    assert sorted(named) == others and len(others) == 2
     assert all(path.stat().st_mtime_ns == date for path, date in before.items())
     several = sorted(out.glob("templates/*/registered/*.npz"))
     assert len(several) == 10
@@ -511,8 +514,8 @@ def test_landmarks_are_paired_by_the_symmetry_of_the_template(
         done = CliRunner().invoke(app, list(map(str, args)))
         assert done.exit_code == 0, done.output
         said = " ".join(done.output.split())
-        assert "confidence 0.90: 1 pairs of landmarks, 1 on the midline" in said
-        assert "landmark_pairs.csv: landmark 'm2'" in said
+        assert "confidence 0.90: 1 pair of landmarks, 1 on the midline, 1" in said
+        assert ": 'm2'; write their partners in landmark_pairs.csv" in said
         rows = (out / "landmark_pairs.csv").read_text().split()
         assert rows[0] == "left,right" and rows[1] in ("1,2", "2,1")
         assert rows[2:] == ["3,"]

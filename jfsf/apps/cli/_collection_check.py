@@ -205,8 +205,16 @@ def _means(rows: list[dict], by: str) -> list[dict]:
 
 def _table(groups: list[dict], of: str) -> Table:
     shown = Table(title=f"error of the landmarks that people placed, by {of}")
-    shown.add_column(of)
-    titles = "number", "mean", "of size", "median", "similarity", "ICP", "within radius"
+    shown.add_column(of, overflow="fold")
+    titles = (
+        "number",
+        "mean",
+        "of size",
+        "median",
+        "similarity",
+        "ICP",
+        "within\nradius",
+    )
     for title in titles:
         widest = max(map(len, title.split()))
         shown.add_column(title, justify="right", min_width=widest)
@@ -221,7 +229,7 @@ def _table(groups: list[dict], of: str) -> Table:
         )
     shown.caption = (
         "Mean error in the unit of the files, and over the centroid size of these "
-        "landmarks, as all that follow."
+        "landmarks, as are the next three."
     )
     if len(groups) > SHOWN:
         shown.caption += f" The worst {SHOWN} of {len(groups)}."

@@ -97,7 +97,7 @@ def table(rows, title: str) -> Table:
     joined = sum(not row["reason"] for row in rows)
     shapes = counted(len(rows), "shape", "shapes")
     shown = Table(title=f"{shapes}, {joined} joined; {escape(title)}")
-    shown.add_column("shape")
+    shown.add_column("shape", overflow="fold")
     titles = "confidence", "distance", "of size", "of √area", "bridged", "flipped"
     for name in titles:
         shown.add_column(name, justify="right")

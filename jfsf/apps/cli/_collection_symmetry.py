@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jfsf.apps.cli._collection_jobs import file_of, kept
+from jfsf.apps.cli._print import counted
 from jfsf.batch._jobs import Job
 
 if TYPE_CHECKING:
@@ -61,8 +62,9 @@ def pairs_of(
     placed = on_surface(points, mesh)
     found = mirror_pairs(mesh, placed, T, system=points.system)
     said = (
-        f"symmetry of the template, confidence {sure:.2f}: {len(found.pairs)} pairs of "
-        f"landmarks, {len(found.midline)} on the midline"
+        f"symmetry of the template, confidence {sure:.2f}: "
+        f"{counted(len(found.pairs), 'pair', 'pairs')} of landmarks, "
+        f"{len(found.midline)} on the midline"
     )
     if len(found.alone):
         alone = [points.names[at] or str(at + 1) for at in found.alone.tolist()]
