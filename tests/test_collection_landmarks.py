@@ -235,6 +235,7 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     rows = checked_rows(tmp_path, found, people, shapes, "t", {"s": own})
     assert {row["specimen"] for row in rows} == {"other"}
     assert write_check(tmp_path, found, {}, shapes, "t", ()) == ([], [])
+    assert not (tmp_path / "check.csv").exists()
 
 
 def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_path):

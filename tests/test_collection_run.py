@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection_jobs import RECENT, Sketches
+from jfsf.apps.cli._collection_results import in_doubt
 from jfsf.apps.cli._collection_runner import KEPT, STAGES
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._runs import _kept
@@ -270,6 +271,19 @@ def test_what_is_odd_beside_the_others_is_named():
         said, ("is open", "100 times as small", "kind"), strict=True
     ):
         assert words in line
+
+
+def test_joined_shapes_in_doubt_are_named_the_least_sure_first():
+    trusts = {"sure": 0.96, "low": 0.71, "out": 0.5, "half": 0.9, "template": 1.0}
+    rows = [
+        {"name": name, "trust": trust, "reason": "why" * (name == "out")}
+        for name, trust in trusts.items()
+    ]
+    lines = in_doubt(rows)
+    assert [line.split(": ")[1] for line in lines] == ["low", "half"]
+    assert "with 71% probability" in lines[0]
+    many = in_doubt(20 * rows)
+    assert len(many) == 11 and many[-1] == "  and 30 more: trust in summary.csv"
 
 
 def test_time_left_follows_from_what_was_measured():

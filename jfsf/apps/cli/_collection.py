@@ -27,6 +27,7 @@ from jfsf.apps.cli._collection_marks import read_marks, write_marks
 from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
+    in_doubt,
     rows_of,
     table,
     write_index_page,
@@ -335,6 +336,7 @@ def collection(
         if n in shapes
         for line in shapes[n].said
     ]
+    lines += in_doubt(rows)
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
     lines += [
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"

@@ -122,10 +122,14 @@ def write_check(
 ) -> tuple[list[Table], list[str]]:
     """Write the errors as check.csv; what to show and to say of them.
 
+    Without people's landmarks the table of an earlier run, which may be of others, is
+    removed.
+
     Args:
         out, found, people, shapes, base, given: as `checked_rows`.
     """
     if not people:
+        (out / CHECKED).unlink(missing_ok=True)
         return [], []
     rows = checked_rows(out, found, people, shapes, base, given)
     write_table(out / CHECKED, COLUMNS, rows, missing="NA")

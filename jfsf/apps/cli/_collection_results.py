@@ -21,6 +21,7 @@ from jfsf.mesh._geometry import centroid_size
 LEFT_OUT = "left_out"  # a folder of pictures: a shape may have joined before
 MODEL_PAGE = "model.html"
 
+SHOWN = 10  # shapes in doubt that are named on the screen
 COLUMNS = (
     "name",
     "trust",
@@ -121,6 +122,21 @@ def table(rows, title: str) -> Table:
         "as one of the square root of its area."
     )
     return shown
+
+
+def in_doubt(rows) -> list[str]:
+    """A line for each joined shape whose maps are in doubt, the least sure first."""
+    from jfsf.apps.collections._grow import SURE
+
+    found = [row for row in rows if not row["reason"] and row["trust"] < SURE]
+    found.sort(key=lambda row: row["trust"])
+    lines = [
+        f"in doubt: {row['name']}: with {row['trust']:.0%} probability the maps that "
+        "lead to it are right; look at it"
+        for row in found[:SHOWN]
+    ]
+    more = len(found) - SHOWN
+    return lines + ([f"  and {more} more: trust in summary.csv"] if more > 0 else [])
 
 
 def write_index_page(out: Path, rows, shapes, graph) -> Path:
