@@ -17,6 +17,7 @@ import trimesh
 
 from jfsf import testing
 from jfsf.apps.landmarks import Landmarks, write_landmarks
+from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
 from jfsf.apps.mapfiles import write_match
 from jfsf.types import Certificate, Match
 
@@ -119,8 +120,14 @@ def formats() -> dict[str, Format]:
     np.savez(held := io.BytesIO(), T_xy=T - 1)
     found["npz"] = Format(".npz", held.getvalue(), npz_parts)
     found["match"] = Format(".npz", _match(), npz_parts)
-    for suffix in (".json", ".fcsv", ".pp", ".tsv"):
+    for suffix in (".json", ".fcsv", ".pp", ".tsv", ".pts"):
         found[suffix[1:]] = Format(suffix, _landmarks(suffix, v[:5]))
+    names, landmarks = ["a", "b, c"], ["x", "", "y"]
+    some = v[:6].reshape(2, 3, 3).copy()
+    some[1, 2] = np.nan
+    found["tps"] = Format(".tps", specimens_tps(names, some).encode())
+    table = specimens_csv(names, landmarks, some).encode()
+    found["specimens"] = Format(".CSV", table)
     return found
 
 

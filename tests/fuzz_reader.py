@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jfsf.apps.landmarks import read_landmarks
+from jfsf.apps.landmarks import read_landmarks, read_specimens
 from jfsf.apps.landmarks._files import read_vertex_pairs
 from jfsf.apps.mapfiles import MapFileError, read_map, read_match
 from jfsf.apps.mapfiles._stored import read_stored
@@ -74,6 +74,14 @@ def landmarks(path):
         assert points.shape == (len(names), 3) and np.isfinite(points).all()
 
 
+def specimens(path):
+    names, titles, points = read_specimens(path)
+    assert names and len(set(names)) == len(names)
+    assert points.shape == (len(names), len(titles), 3)
+    missing = np.isnan(points).any(2)
+    assert np.isfinite(points[~missing]).all() and np.isnan(points[missing]).all()
+
+
 def grow(path):
     np.ones(MEGABYTES << 18)
 
@@ -83,9 +91,12 @@ READERS = {
     **dict.fromkeys(SUFFIXES, [mesh]),
     **dict.fromkeys([".vts", ".map", ".mat"], MAPS),
     ".npz": [*MAPS, match],
-    ".csv": [pairs, landmarks],
-    ".txt": [landmark_pairs, landmarks],
-    ".tsv": [landmarks],
+    ".csv": [pairs, landmarks, specimens],
+    ".CSV": [specimens, landmarks],
+    ".txt": [landmark_pairs, landmarks, specimens],
+    ".tsv": [landmarks, specimens],
+    ".tps": [specimens, landmarks],
+    ".pts": [landmarks],
     **dict.fromkeys([".json", ".fcsv", ".pp"], [landmarks]),
     # What the process that started this one must notice.
     ".die": [lambda path: os.abort()],

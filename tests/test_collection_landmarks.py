@@ -1,29 +1,32 @@
 """Landmarks of a collection: how sure they are, and beside those that people placed."""
 
 import csv
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from jfsf import testing
+from jfsf.apps.cli._collection_carried import points_of
 from jfsf.apps.cli._collection_check import checked_rows, write_check
 from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
     doubtful,
     landmarks_on,
-    size_of,
     write_doubtful,
     write_landmarks_of,
 )
 from jfsf.apps.cli._collection_people import (
-    Placed,
+    ByPeople,
     file_of_template,
     mirrored_with,
     placed_by_people,
 )
 from jfsf.apps.landmarks import Landmarks, read_landmarks, write_landmarks
+from jfsf.apps.morphometrics._procrustes import centroid_size
 from jfsf.mesh import surface_area
 from jfsf.types import Mesh
 
@@ -97,7 +100,7 @@ def test_other_templates_vote_and_people_have_the_last_word(three):
     np.testing.assert_allclose(three.points[0, 0], one.points[0, 1], atol=1e-12)
     assert three.radius[0, 0] > one.radius[0, 0]
     np.testing.assert_allclose(three.radius[0, 1:], one.radius[0, 1:])
-    given = {"b": Placed(Path("b.csv"), np.array([2]), np.ones((1, 3)), [])}
+    given = {"b": ByPeople(Path("b.csv"), np.array([2]), np.ones((1, 3)), [])}
     held = of(out, meshes, others=["large"], given=given)
     assert (held.points[0, 2] == 1).all() and held.radius[0, 2] == 0
     assert (held.radius[0, [0, 1, 3]] > 0).all()
@@ -156,7 +159,7 @@ def test_the_least_sure_tenth_is_to_be_checked(tmp_path):
     rng = np.random.default_rng(0)
     points = rng.normal(size=(10, 4, 3)) * np.geomspace(1, 1e6, 10)[:, None, None]
     # A landmark that is unsure on all shapes is none of them, and size plays no part.
-    radius = np.array([[size_of(own)] for own in points]) * [0.01, 0.01, 0.01, 0.5]
+    radius = centroid_size(points)[:, None] * [0.01, 0.01, 0.01, 0.5]
     radius[3, 1] *= 3
     radius[7, 3] *= 2
     radius[5] = points[5] = np.nan
@@ -176,6 +179,9 @@ def test_the_least_sure_tenth_is_to_be_checked(tmp_path):
     assert "s3, b: within" in said[1] and len(said) == 5
     with (tmp_path / "to_check.csv").open() as file:
         assert [row["specimen"] for row in csv.DictReader(file)][:2] == ["s3", "s7"]
+    # In one shape alone there is no median: the largest come first.
+    alone = found._replace(specimens=["s1"], points=points[1:2], radius=radius[1:2])
+    assert doubtful(alone)[0]["landmark"] == "d"
     unknown = found._replace(radius=np.full_like(radius, np.nan))
     assert "not known" in write_doubtful(tmp_path, unknown)[0]
 
@@ -193,8 +199,8 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     put(tmp_path, "s", goal + 0.01)  # the map's own pose
     found = of(tmp_path, meshes)
     found.points[found.specimens.index("s")] = goal[AT] + [[0.3], [0.0], [0.0], [0.0]]
-    own = Placed(Path("s.csv"), np.arange(4), goal[AT], [])
-    two = Placed(
+    own = ByPeople(Path("s.csv"), np.arange(4), goal[AT], [])
+    two = ByPeople(
         Path("o.csv"), np.array([2, 0]), meshes["other"].vertices[AT[[2, 0]]], []
     )
     people = {"s": own, "other": two, "t": own}
@@ -206,7 +212,7 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     ]
     error = np.array([row["error"] for row in rows])
     np.testing.assert_allclose(error, [0, 0, 0.3 * np.sqrt(3), 0, 0, 0], atol=1e-12)
-    assert rows[2]["of_size"] == pytest.approx(error[2] / size_of(goal[AT]))
+    assert rows[2]["of_size"] == pytest.approx(error[2] / centroid_size(goal[AT]))
     within = [row["within"] for row in rows]
     assert within == [1.0] * 6  # 0.1 of sqrt(area)
     # Of the same form the two simple methods leave nothing.
@@ -217,11 +223,19 @@ def test_errors_are_those_of_known_shifts(tmp_path):
     assert len(tables) == 2 and "6 landmarks that people placed on 2 shapes" in said[0]
     assert "100% of the errors are within the radius" in said[0]
     assert any("no better than the best similarity" in line for line in said)
+    # On the screen of 80 columns no title and no name of a shape is cut.
+    shown, longest = Console(width=80, record=True), "Lontra_canadensis_4711"
+    tables[0].add_row(longest, *["100.00%"] * 7)
+    shown.print(tables[0])
+    text = shown.export_text()
+    assert "…" not in text and "similarity" in text and "unit of the files" in text
+    assert max(map(len, text.splitlines())) <= 80
     with (tmp_path / "check.csv").open() as file:
         assert [row["similarity"] for row in csv.DictReader(file)][:2] == ["NA", "NA"]
     rows = checked_rows(tmp_path, found, people, shapes, "t", {"s": own})
     assert {row["specimen"] for row in rows} == {"other"}
     assert write_check(tmp_path, found, {}, shapes, "t", ()) == ([], [])
+    assert not (tmp_path / "check.csv").exists()
 
 
 def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_path):
@@ -229,7 +243,7 @@ def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_pat
     for name, mesh in meshes.items():
         put(tmp_path, name, mesh.vertices)
     shapes = {name: SimpleNamespace(mesh=mesh) for name, mesh in meshes.items()}
-    true = Placed(Path("o.csv"), np.arange(4), meshes["other"].vertices[AT], [])
+    true = ByPeople(Path("o.csv"), np.arange(4), meshes["other"].vertices[AT], [])
     found = of(tmp_path, meshes)
     rows = checked_rows(tmp_path, found, {"other": true}, shapes, "t", ())
     least = sum(row["similarity"] ** 2 for row in rows)
@@ -238,6 +252,25 @@ def test_a_similarity_leaves_what_it_must_and_a_better_map_is_said_to_be(tmp_pat
     assert all(row["icp"] > 0 for row in rows)
     said = write_check(tmp_path, found, {"other": true}, shapes, "t", ())[1]
     assert said[-1] == "the map is better than both on each shape and for each landmark"
+
+
+def test_landmarks_off_the_template_are_named(tmp_path):
+    import trimesh
+
+    mesh, file = tmp_path / "t.ply", tmp_path / "t.csv"
+    trimesh.Trimesh(*BLOB, process=False).export(mesh)
+    points = BLOB.vertices[[0, 9, 30]].astype(float)
+    size = np.linalg.norm(np.ptp(BLOB.vertices, axis=0))
+    outward = points[1] - BLOB.vertices.mean(0)
+    outward /= np.linalg.norm(outward)
+    for share, said in ((0.0, ""), (0.03, "landmark 'b' is .*% of the diagonal")):
+        points[1] = BLOB.vertices[9] + share * size * outward
+        write_landmarks(file, Landmarks(("a", "b", "c"), points))
+        lines = points_of(file, mesh).said
+        assert len(lines) == bool(said) and re.match(said, "".join(lines))
+    write_landmarks(file, Landmarks(("a", "b", "c"), points + 9 * size))
+    with pytest.raises(ValueError, match=r"t\.csv: landmark .* is the file of another"):
+        points_of(file, mesh)
 
 
 def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
@@ -270,7 +303,12 @@ def test_files_of_people_are_found_by_the_names_of_shapes(tmp_path):
     (found,) = read().items()
     assert found[0] == "s.1" and found[1].rows.tolist() == [0, 2]
     np.testing.assert_allclose(found[1].points, BLOB.vertices[[0, 2]], atol=1e-6)
-    assert len(found[1].said) == 2 and "'b'" in found[1].said[0]
+    assert found[1].said == [
+        f"{folder / 's.1.mrk.json'}: has no landmark 'b'",
+        f"{folder / 's.1.mrk.json'}: the template has no landmark 'new'",
+    ]
+    slid = placed_by_people(folder, paths, template, [1])["s.1"]
+    assert len(slid.said) == 1  # nobody need place those that slide
     mirrored = mirrored_with(read(), {"s.1"})["s.1"].points
     np.testing.assert_allclose(mirrored, found[1].points * [-1, 1, 1])
     write_landmarks(folder / "s.1.csv", own)

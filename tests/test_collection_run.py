@@ -25,6 +25,7 @@ from typer.testing import CliRunner
 from jfsf import testing
 from jfsf.apps.cli._app import app
 from jfsf.apps.cli._collection_jobs import RECENT, Sketches
+from jfsf.apps.cli._collection_results import in_doubt
 from jfsf.apps.cli._collection_runner import KEPT, STAGES
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._runs import _kept
@@ -220,6 +221,9 @@ def test_landmarks_are_carried_by_templates_and_checked(collected, scans, tmp_pa
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/*.npz")}
     said = run("--templates", "3")
     assert re.search(r"other templates 20/20: ", said)
+    others = sorted(path.name for path in (out / "templates").iterdir())
+    named = re.findall(r"also (\w+),", " ".join(said.split()))
+    assert sorted(named) == others and len(others) == 2
     assert all(path.stat().st_mtime_ns == date for path, date in before.items())
     several = sorted(out.glob("templates/*/registered/*.npz"))
     assert len(several) == 10
@@ -267,6 +271,19 @@ def test_what_is_odd_beside_the_others_is_named():
         said, ("is open", "100 times as small", "kind"), strict=True
     ):
         assert words in line
+
+
+def test_joined_shapes_in_doubt_are_named_the_least_sure_first():
+    trusts = {"sure": 0.96, "low": 0.71, "out": 0.5, "half": 0.9, "template": 1.0}
+    rows = [
+        {"name": name, "trust": trust, "reason": "why" * (name == "out")}
+        for name, trust in trusts.items()
+    ]
+    lines = in_doubt(rows)
+    assert [line.split(": ")[1] for line in lines] == ["low", "half"]
+    assert "with 71% probability" in lines[0]
+    many = in_doubt(20 * rows)
+    assert len(many) == 11 and many[-1] == "  and 30 more: trust in summary.csv"
 
 
 def test_time_left_follows_from_what_was_measured():
@@ -511,8 +528,8 @@ def test_landmarks_are_paired_by_the_symmetry_of_the_template(
         done = CliRunner().invoke(app, list(map(str, args)))
         assert done.exit_code == 0, done.output
         said = " ".join(done.output.split())
-        assert "confidence 0.90: 1 pairs of landmarks, 1 on the midline" in said
-        assert "landmark_pairs.csv: landmark 'm2'" in said
+        assert "confidence 0.90: 1 pair of landmarks, 1 on the midline, 1" in said
+        assert ": 'm2'; write their partners in landmark_pairs.csv" in said
         rows = (out / "landmark_pairs.csv").read_text().split()
         assert rows[0] == "left,right" and rows[1] in ("1,2", "2,1")
         assert rows[2:] == ["3,"]

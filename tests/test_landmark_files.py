@@ -551,6 +551,15 @@ def test_far_landmarks_are_refused():
         to_vertices(Landmarks(("a",), None, np.array([N])), X)
 
 
+def test_landmarks_in_metres_inside_a_mesh_in_millimetres_are_refused():
+    points = X.vertices[[3, 50, 90]] * 1e-3
+    inside = X.vertices[7] * (1 - 1e-2)  # near the surface, as the origin may be
+    with pytest.raises(ValueError, match="lie within .* same units"):
+        on_surface(Landmarks(("", "", ""), inside + points), X)
+    # Two clicks on one place are no error.
+    on_surface(Landmarks(("", ""), np.stack([inside, inside])), X)
+
+
 @pytest.mark.parametrize(
     "x, y, rows, said",
     [
@@ -568,7 +577,9 @@ def test_far_landmarks_are_refused():
         ("F-1 F-3", "F-1 F-2", [[0, 0]], ["1 paired by name", "'F-3'", "'F-2'"]),
         ("e\u0301", "é", [[0, 0]], ["1 paired by name"]),
         ("nose ear", "Nase Ohr", None, ["X has 'nose', 'ear', Y has 'Nase', 'Ohr'"]),
-        ("nose ear", "- -", None, ["Y has one without a name"]),
+        ("nose ear", "- -", [[0, 0], [1, 1]], ["2 paired by their order"]),
+        ("nose ear", "- - -", None, ["Y has one without a name"]),
+        ("nose ear", "Nase -", None, ["Y has 'Nase', one without a name"]),
         ("- -", "- - -", None, ["no landmark has the same name"]),
         ("nose nose", "nose ear", None, ["landmarks of X have the same name: 'nose'"]),
         ("nose ear", "ear ear", None, ["landmarks of Y have the same name: 'ear'"]),

@@ -43,7 +43,9 @@ from jfsf.apps.landmarks import (
 )
 from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
 from jfsf.apps.morphometrics._draw import draw_components
+from jfsf.apps.morphometrics._procrustes import similarity
 from jfsf.apps.morphometrics._sliding import Sliders, bending_energy, slide
+from jfsf.apps.morphometrics._tables import ALONE, lists_in, write_lists
 
 R = json.loads(Path(__file__).with_name("gpagen.json").read_text())
 PAIRS = R["pairs"]
@@ -138,16 +140,22 @@ def test_sliding_is_the_least_energy_along_the_directions():
     assert np.linalg.eigvalsh(energy).min() > -1e-12  # an energy
     near(energy @ np.c_[np.ones(9), mean], 0, 1e-9)  # of what is not affine
     found = slide(shape[None], mean, sliders, energy)[0]
-    way = shape[2] - shape[0]
-    steps = np.linspace(-1, 1, 4001)
-    energies = []
-    for step in steps:
-        off = shape - mean
-        off[1] += step * way
-        energies.append(np.einsum("ld,lk,kd->", off, energy, off))
-    best = shape.copy()
-    best[1] += steps[np.argmin(energies)] * way
-    near(found, best, 1e-3)
+    tried = np.repeat(shape[None], 4001, 0)
+    tried[:, 1] += np.linspace(-1, 1, 4001)[:, None] * (shape[2] - shape[0])
+    off = tried - mean
+    energies = np.einsum("sld,lk,skd->s", off, energy, off)
+    near(found, tried[energies.argmin()], 1e-3)
+
+
+@pytest.mark.parametrize("signs", [[1, 1, 1], [1, 1, -1]])
+def test_a_similarity_is_that_of_least_squares(signs):
+    onto = like(1, spread=0.5)[0] * signs
+    scale, turn, shift = similarity(MEAN, onto)
+    a, b = (own - own.mean(0) for own in (MEAN, onto))
+    near(turn.T, Rotation.align_vectors(b, a)[0].as_matrix(), 1e-9)
+    off = scale * MEAN @ turn + shift - onto
+    near(off.sum(0), 0, 1e-9)  # nor does another shift
+    near((off * (a @ turn)).sum(), 0, 1e-9)  # or scale bring them nearer
 
 
 def test_missing_landmarks_are_those_of_geomorph():
@@ -263,6 +271,7 @@ def test_names_in_a_picture_do_not_overlap():
 LOST = np.array([like(3)[0], like(3)[1], like(3)[2]])
 LOST[0, 2] = np.nan
 FLAT = like(3) * [1, 1, 0]
+BOTH = {"curves": [[0, 1, 2]], "surfaces": [1]}
 
 
 @pytest.mark.parametrize(
@@ -277,10 +286,7 @@ FLAT = like(3) * [1, 1, 0]
         (lambda: room.procrustes(like(2), curves=[[0, 1, 9]]), "0 to 8"),
         (lambda: room.procrustes(like(2), curves=[[0, 1, 1]]), "twice in a row"),
         (lambda: room.procrustes(like(2), surfaces=[3, 3]), "3 is twice in surfaces"),
-        (
-            lambda: room.procrustes(like(2), curves=[[0, 1, 2]], surfaces=[1]),
-            "1 is twice in curves and surfaces",
-        ),
+        (lambda: room.procrustes(like(2), **BOTH), "1 is twice in curves and surfaces"),
         (lambda: room.procrustes(like(2)[:, :4], surfaces=[1]), "4 landmarks; a surf"),
         (lambda: room.procrustes(FLAT, surfaces=[1]), "lie in a plane"),
         (lambda: room.estimate_missing(LOST[:2]), r"1 of 2 .*landmark 2 \(in 1\)"),
@@ -344,48 +350,46 @@ def test_specimens_come_back(tmp_path, suffix):
 TPS = "LM3=1\n1 2 3\nIMAGE=a.png\nSCALE=2\n"
 
 
+NONE = 3 * [np.nan]
+
+
 @pytest.mark.parametrize(
-    "name, text, specimens, points",
+    "name, text, expected",
     [
-        (
-            "a.tps",
-            TPS + "LM3=1\nNA NA NA\n",
-            ("a.png", "2"),
-            [[[2, 4, 6]], 3 * [np.nan]],
-        ),
-        ("a.csv", '"",X1.X,X1.Y,X1.Z\n"s",1,2,3\n', ("s",), [[[1, 2, 3]]]),
-        ("a.csv", "sep=;\nid;a x;a y;a z\ns;1;;3\n", None, "line 3 .*without the numb"),
+        ("a.tps", TPS + "LM3=1\nNA NA NA\n", {"a.png": [2, 4, 6], "2": NONE}),
+        ("a.csv", '"",X1.X,X1.Y,X1.Z\n"s",1,2,3\n', {"s": [1, 2, 3]}),
         (
             "a.txt",
             "id ax ay az\ns 1 2 3\nt NA NA NA\n",
-            ("s", "t"),
-            [[[1, 2, 3]], None],
+            {"s": [1, 2, 3], "t": NONE},
         ),
-        (
-            "a.tps",
-            TPS + "LM3=2\n1 2 3\n1 2 3\n",
-            None,
-            "'2' has 2 landmarks, the first 1",
-        ),
-        ("a.tps", TPS + TPS, None, "names that others have, such as 'a.png'"),
-        ("a.tps", "LM=1\n1 2\n", None, "in a plane"),
-        ("a.tps", "nothing", None, "has no specimen"),
-        ("a.csv", "name,x,y,z\n", None, "no table of specimens"),
-        ("a.csv", "id,a_x,a_z,a_y\ns,1,2,3\n", None, "no table of specimens"),
-        ("a.csv", "id,a_x,a_y,a_z\ns,1,2\n", None, "line 2 has 3 cells, the first 4"),
-        ("a.fcsv", "", None, "landmarks of many specimens are .tps"),
     ],
 )
-def test_files_of_specimens(tmp_path, name, text, specimens, points):
+def test_files_of_specimens(tmp_path, name, text, expected):
     (tmp_path / name).write_text(text)
-    if specimens is None:
-        with pytest.raises(ValueError, match=points):
-            read_specimens(tmp_path / name)
-        return
     found = read_specimens(tmp_path / name)
-    assert found.specimens == specimens
-    expected = [3 * [np.nan] if p is None else np.ravel(p) for p in points]
-    np.testing.assert_array_equal(found.points[:, 0], expected)
+    assert found.specimens == tuple(expected)
+    np.testing.assert_array_equal(found.points[:, 0], list(expected.values()))
+
+
+@pytest.mark.parametrize(
+    "name, text, words",
+    [
+        ("a.csv", "sep=;\nid;a x;a y;a z\ns;1;;3\n", "line 3 .*without the numb"),
+        ("a.tps", TPS + "LM3=2\n1 2 3\n1 2 3\n", "'2' has 2 landmarks, the first 1"),
+        ("a.tps", TPS + TPS, "names that others have, such as 'a.png'"),
+        ("a.tps", "LM=1\n1 2\n", "in a plane"),
+        ("a.tps", "nothing", "has no specimen"),
+        ("a.csv", "name,x,y,z\n", "no table of specimens"),
+        ("a.csv", "id,a_x,a_z,a_y\ns,1,2,3\n", "no table of specimens"),
+        ("a.csv", "id,a_x,a_y,a_z\ns,1,2\n", "line 2 has 3 cells, the first 4"),
+        ("a.fcsv", "", "landmarks of many specimens are .tps"),
+    ],
+)
+def test_files_without_specimens_are_named(tmp_path, name, text, words):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ValueError, match=words):
+        read_specimens(tmp_path / name)
 
 
 def run(*args):
@@ -423,14 +427,10 @@ def folder(tmp_path):
 
 def test_the_command_compares_specimens(folder):
     out, file = folder / "shape", folder / "landmarks.csv"
-    lists = (
-        "--curves",
-        folder / "curveslide.csv",
-        "--surfaces",
-        folder / "surfslide.csv",
-    )
-    groups = "--groups", folder / "groups.csv", "--group", "end"
-    done = run(file, "--out", out, *lists, *groups, "--pairs", folder / "pairs.csv")
+    args = ["--curves", folder / "curveslide.csv", "--pairs", folder / "pairs.csv"]
+    args += ["--surfaces", folder / "surfslide.csv"]
+    args += ["--groups", folder / "groups.csv", "--group", "end"]
+    done = run(file, "--out", out, *args)
     assert done.code == 0, done.text
     for words in (
         "6 specimens, 17 landmarks; 4 on curves and 5 on surfaces slide by bending",
@@ -449,14 +449,9 @@ def test_the_command_compares_specimens(folder):
     aligned = room.procrustes(room.estimate_missing(points), **options)
     parts = room.symmetric_parts(aligned.shapes, PAIRS)
     modes = room.components(parts.symmetric)
-    for name, shapes in (
-        ("aligned", aligned.shapes),
-        ("symmetric", parts.symmetric),
-        ("asymmetric", parts.asymmetric),
-    ):
-        np.testing.assert_array_equal(
-            read_specimens(out / f"{name}.csv").points, shapes
-        )
+    shapes = {"symmetric": parts.symmetric, "asymmetric": parts.asymmetric}
+    for name, own in ({"aligned": aligned.shapes} | shapes).items():
+        np.testing.assert_array_equal(read_specimens(out / f"{name}.csv").points, own)
     sizes, scores = rows_of(out / "sizes.csv"), rows_of(out / "scores.csv")
     near([float(row["asymmetry"]) for row in sizes], parts.distances)
     assert [row["estimated"] for row in sizes] == ["0", "0", "1", "0", "0", "0"]
@@ -467,14 +462,27 @@ def test_the_command_compares_specimens(folder):
     near(end.points, aligned.sizes.mean() * expected, 1e-9)
     model = rows_of(out / "allometry.csv")
     assert [row["Df"] for row in model] == ["1", "4", "5"]
-    assert all(
-        (out / f"{name}.png").stat().st_size for name in ("components", "allometry")
-    )
+    assert (out / "components.png").stat().st_size
+    assert (out / "allometry.png").stat().st_size
     # Again with less: what is not made now is gone, and the lists are pointed at.
     done = run(file, "--out", out)
     assert done.code == 0 and not (out / "symmetric.csv").exists()
     hint = f"{folder / 'curveslide.csv'} is there and was not used; add --curves"
     assert hint in done.text and "landmark_pairs.csv" not in done.text
+
+
+def test_landmarks_off_the_midline_without_a_partner_are_named(folder):
+    names = [f"l{i}" for i in OFF_CURVES]
+    table = specimens_csv(R["specimens"], names, bodies()[:, OFF_CURVES])
+    (folder / "landmarks.csv").write_text(table)
+    args = folder / "landmarks.csv", "--out", folder / "shape"
+    for kept in (PAIRS, PAIRS[1:]):
+        rows = [f"{OFF_CURVES.index(a) + 1},{OFF_CURVES.index(b) + 1}" for a, b in kept]
+        (folder / "pairs.csv").write_text("\n".join(["left,right", *rows]))
+        done = run(*args, "--pairs", folder / "pairs.csv")
+        assert ("no partner" in done.text) is (kept != PAIRS), done.text
+    a, b = sorted(PAIRS[0])
+    assert f"pairs.csv: l{a}, l{b} have no partner" in done.text
 
 
 def test_the_command_warps_a_mesh(folder):
@@ -487,20 +495,22 @@ def test_the_command_warps_a_mesh(folder):
     points[0] = own
     turns = Rotation.random(5, rng=1).as_matrix()
     turns[0] = np.eye(3)
-    points = np.einsum("sab,slb->sla", turns, points) * [
-        [[1]],
-        [[9]],
-        [[2]],
-        [[3]],
-        [[4]],
-    ]
+    sizes = np.array([1, 9, 2, 3, 4])[:, None, None]
+    points = np.einsum("sab,slb->sla", turns, points) * sizes
     names = [f"m{i}" for i in range(5)]
     marks = [f"l{i}" for i in range(9)]
     (folder / "all.csv").write_text(specimens_csv(names, marks, points))
-    trimesh.Trimesh(*mesh, process=False).export(folder / "m0.ply")
-    done = run(
-        folder / "all.csv", "--out", folder / "a", "--template", folder / "m0.ply"
-    )
+    for name in ("m0", "other"):
+        trimesh.Trimesh(*mesh, process=False).export(folder / f"{name}.ply")
+
+    def warped(out, template, landmarks=None):
+        args = ["--out", folder / out, "--template", folder / template]
+        if landmarks is not None:
+            write_landmarks(folder / "t.fcsv", landmarks)
+            args += ["--template-landmarks", folder / "t.fcsv"]
+        return run(folder / "all.csv", *args)
+
+    done = warped("a", "m0.ply")
     assert done.code == 0, done.text
     mean = jfsf.read(folder / "a" / "shapes" / "mean.ply")
     landmarks = read_landmarks(folder / "a" / "shapes" / "mean.fcsv").points
@@ -513,30 +523,52 @@ def test_the_command_warps_a_mesh(folder):
     assert 0.02 < np.abs(high - low).max() < 0.5
     # By a file of landmarks, of which one is another: the others are enough.
     own_file = Landmarks((*marks[:8], "other"), own)
-    write_landmarks(folder / "t.fcsv", own_file)
-    template = (
-        "--template",
-        folder / "m0.ply",
-        "--template-landmarks",
-        folder / "t.fcsv",
-    )
-    done = run(folder / "all.csv", "--out", folder / "b", *template)
+    done = warped("b", "m0.ply", own_file)
     assert done.code == 0, done.text
     near(jfsf.read(folder / "b" / "shapes" / "mean.ply").vertices, mean.vertices, 0.1)
-    trimesh.Trimesh(*mesh, process=False).export(folder / "other.ply")
-    done = run(
-        folder / "all.csv", "--out", folder / "c", "--template", folder / "other.ply"
-    )
-    assert "no specimen has the name 'other'" in done.text and done.code == 1
-    write_landmarks(folder / "far.fcsv", own_file._replace(points=own + 9))
-    template = *template[:3], folder / "far.fcsv"
-    done = run(folder / "all.csv", "--out", folder / "c", *template)
-    assert f"{folder / 'm0.ply'}: " in done.text and done.code == 1
-    write_landmarks(folder / "none.fcsv", Landmarks(("p", "q"), own[:2]))
-    template = *template[:3], folder / "none.fcsv"
-    done = run(folder / "all.csv", "--out", folder / "c", *template)
-    assert "no landmark has the same name" in done.text and done.code == 1
+    far, none = own_file._replace(points=own + 9), Landmarks(("p", "q"), own[:2])
+    for template, words in (
+        (["other.ply"], "no specimen has the name 'other'"),
+        (["m0.ply", far], f"{folder / 'm0.ply'}: "),
+        (["m0.ply", none], "no landmark has the same name"),
+    ):
+        done = warped("c", *template)
+        assert words in done.text and done.code == 1
     assert not (folder / "c").exists()
+
+
+def test_landmarks_without_a_partner_are_left_out_of_the_symmetric_shapes(folder):
+    """As `jfsf collection --symmetric` lists them; without them it is the same."""
+    out, file = folder / "shape", folder / "landmarks.csv"
+    mates = [[1 + a, 1 + b] for a, b in PAIRS]
+    (one, other), *rest = mates
+    lines = [f"{one},", *(f"{a},{b}" for a, b in rest)]
+    (folder / "alone.csv").write_text("\n".join(["left,right", *lines]))
+    done = run(file, "--out", out, "--pairs", folder / "alone.csv")
+    assert done.code == 0, done.text
+    assert f"as they have no partner: l{one - 1}" in done.text
+    found = read_specimens(out / "symmetric.csv")
+    kept = [i for i in range(17) if i != one - 1]
+    assert found.landmarks == tuple(f"l{i}" for i in kept)
+    shapes = read_specimens(out / "aligned.csv").points
+    assert shapes.shape == (6, 17, 3)
+    pairs = [[kept.index(a - 1), kept.index(b - 1)] for a, b in rest]
+    parts = room.symmetric_parts(shapes[:, kept], pairs)
+    near(found.points, parts.symmetric)
+    end = read_landmarks(out / "shapes" / "PC1_min.fcsv")
+    assert end.names == found.landmarks
+
+
+def test_lists_of_landmarks_come_back(tmp_path):
+    lists = {"curves": np.array([[0, 3, 1]]), "pairs": np.array([[0, 4], [2, ALONE]])}
+    written = write_lists(tmp_path, lists)
+    assert (tmp_path / "landmark_pairs.csv").read_text() == "left,right\n1,5\n3,\n"
+    found = lists_in(tmp_path, 5)
+    assert [path.name for path in written] == ["curveslide.csv", "landmark_pairs.csv"]
+    assert found.keys() == lists.keys()
+    for kind, rows in found.items():
+        np.testing.assert_array_equal(rows, lists[kind])
+    assert write_lists(tmp_path, {}) == [] == list(tmp_path.iterdir())
 
 
 def test_outliers_and_mirror_images_are_named(folder):
@@ -575,7 +607,7 @@ def test_two_specimens_are_enough(folder):
         (["--curves", "FILE"], "", "is empty"),
         (["--surfaces", "FILE"], "1\n2\n1\n", "landmark 1 is twice"),
         (["--pairs", "FILE"], "left,right\n1,2\n2,3\n", "landmark 2 is twice"),
-        (["--pairs", "FILE"], "left,right\n3,\n", "landmark 3 has no partner"),
+        (["--pairs", "FILE"], "left,right\n,3\n", "line 2 is ',3'"),
         (["--pairs", "FILE"], '"",left,right\n1,2\n', "line 2 is '1,2'"),
         (["--curves", "FILE"], '1,"2,3\n', "line 1 is '1,2,3'"),
         (["--groups", "FILE"], "name\nman_t\n", "has one column"),

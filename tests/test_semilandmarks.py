@@ -9,7 +9,7 @@ from scipy.spatial import Delaunay, KDTree
 
 from jfsf.apps.landmarks import Landmarks
 from jfsf.apps.landmarks._outlines import Outline, appended, read_outlines
-from jfsf.apps.landmarks._place import _nearest
+from jfsf.apps.landmarks._place import nearest
 from jfsf.apps.landmarks._programs import markups_text
 from jfsf.apps.landmarks._semilandmarks import semilandmarks
 from jfsf.types import Mesh
@@ -34,7 +34,7 @@ EDGE = 1 / 19
 
 
 def on(mesh, *points):
-    return np.asarray(_nearest(mesh, np.array(points, float)).points)
+    return np.asarray(nearest(mesh, np.array(points, float)).points)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -44,8 +44,8 @@ def test_a_curve_on_a_plane_is_straight_and_equally_spaced(seed):
     true = ends[0] + np.linspace(0, 1, 9)[1:-1, None] * (ends[1] - ends[0])
     assert np.linalg.norm(found.points - true, axis=1).max() < 0.02 * EDGE
     assert found.names == tuple(f"c_{i}" for i in range(1, 8))
-    assert found.slide[0].tolist() == [1, 3, 4] and found.slide[-1, 2] == 2
-    assert (found.slide[:, 1] == np.arange(3, 10)).all() and not len(found.surface)
+    assert found.slide[0].tolist() == [0, 2, 3] and found.slide[-1, 2] == 1
+    assert (found.slide[:, 1] == np.arange(2, 9)).all() and not len(found.surface)
 
 
 def test_a_curve_on_a_cylinder_is_straight_when_that_is_unrolled():
@@ -86,9 +86,9 @@ def test_landmarks_on_a_curve_stay_and_gaps_are_even():
     # One on the first third, five on the rest: gaps of 0.1 everywhere.
     x = np.append(marks, found.points, axis=0)[:, 0]
     np.testing.assert_allclose(np.diff(np.sort(x)), 0.1, atol=0.02 * EDGE)
-    order = np.argsort(x) + 1
+    order = np.argsort(x)
     chain = {tuple(three) for three in zip(order, order[1:], order[2:], strict=False)}
-    assert set(map(tuple, found.slide.tolist())) == {c for c in chain if c[1] > 3}
+    assert set(map(tuple, found.slide.tolist())) == {c for c in chain if c[1] > 2}
 
 
 RIM = np.array([[0.15, 0.2], [0.8, 0.15], [0.6, 0.85]])
@@ -99,7 +99,7 @@ def test_points_of_a_patch_lie_within_the_rim_and_are_spread(number):
     marks = np.insert(RIM, 2, 0, axis=1)
     found = semilandmarks(SHEET, marks, [Outline("p", "patch", number, (0, 1, 2))])
     points = found.points[:, :2]
-    assert (found.surface == np.arange(4, 4 + number)).all() and not len(found.slide)
+    assert (found.surface == np.arange(3, 3 + number)).all() and not len(found.slide)
     sides = np.roll(RIM, -1, 0) - RIM
     normal = np.stack([-sides[:, 1], sides[:, 0]], 1)
     normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
@@ -153,13 +153,13 @@ def test_a_curve_of_slicer_is_projected_and_spaced_anew(tmp_path):
     found = semilandmarks(SHEET, [[0.9, 0.501, 0]], [one])
     true = [[0.1 + 0.8 * i / 3, 0.5, 0] for i in range(3)]
     np.testing.assert_allclose(found.points, true, atol=2e-3)
-    assert found.slide.tolist() == [[2, 3, 4], [3, 4, 1]]
+    assert found.slide.tolist() == [[1, 2, 3], [2, 3, 0]]
     # A table gives it more points.
     (table := tmp_path / "more.csv").write_text("curve,crest,7\n")
     (one,) = read_outlines([table, path], ("a",))
     found = semilandmarks(SHEET, np.zeros((0, 3)), [one])
     np.testing.assert_allclose(found.points[:, 0], np.linspace(0.1, 0.9, 9), atol=2e-3)
-    assert found.slide[[0, -1]].tolist() == [[1, 2, 3], [7, 8, 9]]
+    assert found.slide[[0, -1]].tolist() == [[0, 1, 2], [6, 7, 8]]
 
 
 def test_a_closed_curve_of_slicer_goes_round(tmp_path):
@@ -171,13 +171,13 @@ def test_a_closed_curve_of_slicer_goes_round(tmp_path):
     middles = (np.array(square) + np.roll(square, -1, 0)) / 2
     true = np.stack([square, middles], 1).reshape(-1, 3)
     np.testing.assert_allclose(found.points, true, atol=0.02 * EDGE)
-    assert found.slide[[0, -1]].tolist() == [[9, 2, 3], [8, 9, 2]]
+    assert found.slide[[0, -1]].tolist() == [[8, 1, 2], [7, 8, 1]]
     # A landmark at its third point stays there, and nothing slides onto it.
     (one,) = read_outlines([path], ())
     found = semilandmarks(SHEET, [[0.801, 0.8, 0]], [one._replace(number=3)])
     corners = np.array(square)[[3, 0, 1]]
     np.testing.assert_allclose(found.points, corners, atol=2e-3)
-    assert found.slide.tolist() == [[1, 2, 3], [2, 3, 4], [3, 4, 1]]
+    assert found.slide.tolist() == [[0, 1, 2], [1, 2, 3], [2, 3, 0]]
 
 
 def test_a_table_names_landmarks_or_counts_them(tmp_path):

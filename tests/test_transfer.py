@@ -585,7 +585,8 @@ def test_a_collection_carries_what_its_template_has(tmp_path, registered):
     files = {"labels": tmp_path / "l.txt", "values": tmp_path / "v.npy"}
     carried = carried_of(paths["template"], **files)
     rows = [{"name": "scan", "reason": ""}, {"name": "lost", "reason": "broken"}]
-    write_carried(tmp_path, rows, paths, shapes, "template", carried, set())
+    args = tmp_path, rows, paths, shapes, "template", carried
+    write_carried(*args, set(), read_back["template"])
     values = np.load(tmp_path / "values" / "scan.npy")
     assert np.linalg.norm(values - bent(Y.vertices), axis=1).mean() < 0.02 * UNIT
     right = np.loadtxt(tmp_path / "labels" / "scan.txt") == quadrant(at_faces(Y))
@@ -597,7 +598,7 @@ def test_a_collection_carries_what_its_template_has(tmp_path, registered):
     trimesh.Trimesh(*mirror_image(read_back["scan"]), process=False).export(
         paths["scan"]
     )
-    write_carried(tmp_path, rows, paths, shapes, "template", carried, {"scan"})
+    write_carried(*args, {"scan"}, read_back["template"])
     again = np.load(tmp_path / "values" / "scan.npy")
     np.testing.assert_allclose(again, values, atol=1e-6)
 

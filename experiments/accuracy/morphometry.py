@@ -20,11 +20,13 @@ in percent of its centroid size, the mean error of
 `space` has of each way how its landmarks and the experts' agree: the correlation of the
 Procrustes distances between specimens, of the scores along the experts' first
 components, and the mean distance over the experts'. Landmarks that slide to where the
-template has them shrink it.
+template has them shrink it. `radius` has the share of errors within the radius of 90 %,
+and the rank correlation of the two.
 
     python -m experiments.accuracy.morphometry calcanei FOLDER --data ROOT
 """
 
+import csv
 import json
 import subprocess
 import sys
@@ -32,8 +34,8 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import RBFInterpolator
 from scipy.spatial.distance import cdist, pdist
+from scipy.stats import spearmanr
 
 import jfsf
 from experiments import command_line, results_file
@@ -41,9 +43,9 @@ from experiments.accuracy.collection import shapes_of, write_off
 from jfsf.apps.collections import unlikeness
 from jfsf.apps.collections._cycles import sketch
 from jfsf.apps.landmarks import Landmarks, read_specimens, write_landmarks
-from jfsf.apps.morphometrics import procrustes
-from jfsf.mesh import closest
-from jfsf.mesh._closest import surface_tree
+from jfsf.apps.landmarks._place import nearest
+from jfsf.apps.morphometrics import procrustes, warp
+from jfsf.apps.morphometrics._procrustes import centroid_size, similarity
 
 TEMPLATES = 3
 COMPONENTS = 3
@@ -75,20 +77,19 @@ def main() -> None:
     names = tuple(str(i) for i in range(1, len(truth[base]) + 1))
     write_landmarks(on_base, Landmarks(names, truth[base], None, None))
     by_pair = {name: by_map(meshes, truth, base, name) for name in meshes}
-    ways = {
-        "pair": by_pair,
-        "collection": collected(args.folder, base, on_base),
-        "templates": collected(args.folder, base, on_base, TEMPLATES),
-    }
+    one, radius = collected(args.folder, base, on_base)
+    several, of_several = collected(args.folder, base, on_base, TEMPLATES)
+    ways = {"pair": by_pair, "collection": one, "templates": several}
     given = {base, *(path.name for path in (args.folder / "model/templates").iterdir())}
-    several = args.folder / "given"
-    several.mkdir(exist_ok=True)
+    placed = args.folder / "given"
+    placed.mkdir(exist_ok=True)
     for name in given:
         own = Landmarks(names, truth[name], None, None)
-        write_landmarks(several / f"{name}.csv", own)
-    people = collected(args.folder, base, several)
+        write_landmarks(placed / f"{name}.csv", own)
+    people, of_people = collected(args.folder, base, placed)
+    rest = [name for name in people if name not in given]
     ways |= {
-        "people": {name: own for name, own in people.items() if name not in given},
+        "people": {name: people[name] for name in rest},
         "cpd": {n: drifted(meshes, truth, base, n, by_pair[n]) for n in meshes},
         "similarity": {n: similar(truth[base], own) for n, own in truth.items()},
         "tps": {n: left_out(truth[base], own) for n, own in truth.items()},
@@ -104,6 +105,13 @@ def main() -> None:
         "landmarks": len(names),
         **means(rows, ways),
         "on_the_rest": means([r for r in rows if r["specimen"] not in given], ways),
+        "radius": {
+            "collection": held(one, radius, truth, [n for n in one if n != base]),
+            "templates": held(
+                several, of_several, truth, [n for n in several if n != base]
+            ),
+            "people": held(people, of_people, truth, rest),
+        },
         "space": {
             way: space(ways[way], truth)
             for way in ("pair", "collection", "templates", "cpd")
@@ -127,14 +135,7 @@ def by_map(meshes, truth, base: str, name: str) -> Points:
         return truth[base]
     T_xy = jfsf.match(meshes[base], meshes[name]).T_xy
     on_shape = jfsf.register(meshes[base], meshes[name], T_xy)
-    return on_template(meshes[base], truth[base], np.asarray(on_shape.vertices))
-
-
-def on_template(mesh: jfsf.Mesh, points: Points, moved: Points) -> Points:
-    """Where points of a mesh go when its vertices are moved."""
-    found = closest(surface_tree(mesh), points)
-    corners = np.asarray(mesh.faces)[found.face]
-    return np.einsum("lc,lci->li", found.barycentric, moved[corners])
+    return nearest(meshes[base], truth[base]).on(on_shape.vertices)
 
 
 def means(rows: list[dict], ways) -> dict[str, float]:
@@ -144,8 +145,8 @@ def means(rows: list[dict], ways) -> dict[str, float]:
 
 def collected(
     folder: Path, base: str, landmarks: Path, templates: int = 1
-) -> dict[str, Points]:
-    """The landmarks of the joined specimens, by the command line."""
+) -> tuple[dict[str, Points], dict[str, Float[np.ndarray, " l"]]]:
+    """The landmarks of the joined specimens, and their radii, by the command line."""
     out = folder / "model"  # with more templates the same run goes on
     command = [sys.executable, "-m", "jfsf", "collection", folder / "scans"]
     command += ["--out", out, "--template", folder / "scans" / f"{base}.off"]
@@ -153,7 +154,20 @@ def collected(
     command += ["--templates", templates] if templates > 1 else []
     subprocess.run(list(map(str, command)), check=False)
     found = read_specimens(out / "landmarks.csv")
-    return dict(zip(found.specimens, found.points, strict=True))
+    with open(out / "landmarks_radius.csv", encoding="utf-8") as file:
+        _, *rows = csv.reader(file)
+    number = lambda cell: np.nan if cell == "NA" else float(cell)
+    radius = {row[0]: np.array(list(map(number, row[1:]))) for row in rows}
+    return dict(zip(found.specimens, found.points, strict=True)), radius
+
+
+def held(points, radius, truth, names) -> dict[str, float]:
+    """How well the radii of these specimens hold the errors, and rank them."""
+    away = [np.linalg.norm(points[n] - truth[n], axis=1) for n in names]
+    far, reach = np.concatenate(away), np.concatenate([radius[n] for n in names])
+    known = np.isfinite(far) & np.isfinite(reach)
+    rank = spearmanr(far[known], reach[known]).statistic
+    return {"within": float((far <= reach)[known].mean()), "rank": float(rank)}
 
 
 def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
@@ -175,17 +189,7 @@ def drifted(meshes, truth, base: str, name: str, start: Points) -> Points:
     landmarks = (move(truth[base]) - centre) / unit
     kernel = np.exp(-cdist(landmarks, source, "sqeuclidean") / (2 * BETA**2))
     moved = (landmarks + kernel @ drift.W) * unit + centre
-    return closest(surface_tree(meshes[name]), moved).position
-
-
-def similarity(points: Points, onto: Points) -> tuple[float, np.ndarray, np.ndarray]:
-    """Scale, rotation R and shift: s x R + t is nearest to `onto` (Umeyama 1991)."""
-    a, b = points - points.mean(0), onto - onto.mean(0)
-    u, sizes, vt = np.linalg.svd(a.T @ b)
-    signs = np.array([1, 1, np.sign(np.linalg.det(u @ vt))])
-    turn = (u * signs) @ vt
-    scale = float((sizes * signs).sum() / (a**2).sum())
-    return scale, turn, onto.mean(0) - scale * points.mean(0) @ turn
+    return nearest(meshes[name], moved).points
 
 
 def similar(points: Points, onto: Points) -> Points:
@@ -201,8 +205,7 @@ def left_out(points: Points, onto: Points) -> Points:
         return found
     for i in range(len(points)):
         rest = np.arange(len(points)) != i
-        spline = RBFInterpolator(points[rest], onto[rest], kernel="linear", degree=1)
-        found[i] = spline(points[i : i + 1])[0]
+        found[i] = warp(points[i : i + 1], points[rest], onto[rest])[0]
     return found
 
 
@@ -210,8 +213,8 @@ def error(points: Points | None, truth: Points) -> float:
     """Mean distance, in percent of the centroid size of the true landmarks."""
     if points is None:
         return np.nan
-    size = np.sqrt(((truth - truth.mean(0)) ** 2).sum())
-    return float(100 * np.nanmean(np.linalg.norm(points - truth, axis=1)) / size)
+    mean = np.nanmean(np.linalg.norm(points - truth, axis=1))
+    return float(100 * mean / centroid_size(truth))
 
 
 def space(points: dict[str, Points], truth: dict[str, Points]) -> dict:

@@ -22,7 +22,6 @@ Read in this order:
 - `_collection_jobs`: the jobs of `jfsf collection`
 - `_look`: what is unfit in a folder of meshes, and what mends it
 - `_collection_carried`: landmarks, labels and values of the template on all shapes
-- `_collection_semilandmarks`: points of curves and patches, and which of them slide
 - `_collection_symmetry`: left and right landmarks
 - `_collection_people`: landmarks that people placed on shapes, in a folder of files
 - `_collection_results`: what is written of all shapes when they are done
@@ -34,6 +33,7 @@ Read in this order:
 - `_collection_check`: these beside those that people placed, and two simple methods
 - `_collection_marks`: all landmarks of a run
 - `_collection`: `jfsf collection`
+- `_morphometrics_compared`: what is computed of specimens
 - `_morphometrics_results`: tables, ends of components and pictures of specimens
 - `_morphometrics`: `jfsf morphometrics`
 - `_transfer`: `jfsf transfer`

@@ -27,6 +27,7 @@ from jfsf.apps.cli._collection_marks import read_marks, write_marks
 from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
+    in_doubt,
     rows_of,
     table,
     write_index_page,
@@ -53,7 +54,7 @@ from jfsf.apps.cli._collection_symmetry import (
 from jfsf.apps.cli._collection_templates import OTHERS, put_others
 from jfsf.apps.cli._files import can_write_in, need_matplotlib
 from jfsf.apps.cli._look import doubts
-from jfsf.apps.cli._print import say_result
+from jfsf.apps.cli._print import counted, say_result
 from jfsf.apps.cli._runs import begin, stopping, write_table
 from jfsf.apps.cli._stages import stages
 from jfsf.mesh._read import CLOUDS, format_of, stem_of
@@ -227,11 +228,11 @@ def collection(
         check_new(frozen, paths, out, template, orientation.value)
     elif template is not None:
         template, paths = _with_template(template, paths)
-    ways = largest_component, repair
+    loading = largest_component, repair
     files = {
         "check": check_landmarks,
         "semilandmarks": semilandmarks or (),
-        "ways": ways,
+        "loading": loading,
     }
     marks = read_marks(landmarks, template, paths, frozen, **files)
     several = max(templates, 0 if marks is None else len(marks.given)) > 1
@@ -264,10 +265,10 @@ def collection(
         begin(out, settings)
         for part in PARTS:
             (out / part).mkdir(exist_ok=True)
-        reasons = look(jobs, shown, *ways, least=least)
+        reasons = look(jobs, shown, *loading, least=least)
         with connect(scheduler, workers=workers) as client:
             run = partial(outcomes, client, shown)
-            shapes, reasons = kept_shapes(jobs, run, reasons, *ways, least=least)
+            shapes, reasons = kept_shapes(jobs, run, reasons, *loading, least=least)
             names = list(shapes)
             if frozen is None:
                 where = [str(paths[name]) for name in names]
@@ -278,7 +279,8 @@ def collection(
             if symmetric and marks is not None:
                 own = frozen.kept_template if frozen else jobs[names[base or 0]].out
                 pairs, line = pairs_of(out, own, marks.points, run)
-                marks, odd = marks._replace(pairs=pairs), [*odd, line]
+                marks = marks._replace(lists=marks.lists | {"pairs": pairs})
+                odd.append(line)
             for line in odd:
                 shown.say(line)
             if frozen is None:
@@ -325,7 +327,8 @@ def collection(
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
         shown.advance("model")
-    summary = table(rows, f"template {name}, {len(graph.matched)} pairs")
+    of = ", ".join([f"template {name}", *(f"also {other}" for other in others)])
+    summary = table(rows, f"{of}, {counted(len(graph.matched), 'pair', 'pairs')}")
     lines = ([] if marks is None else marks.said) + odd
     lines += [
         f"{path}: {line}"
@@ -333,6 +336,7 @@ def collection(
         if n in shapes
         for line in shapes[n].said
     ]
+    lines += in_doubt(rows)
     lines += [f"left out: {paths[name]}: {why}" for name, why in reasons.items()]
     lines += [
         f"mirrored back: {paths[names[i]]}: {mirrored(graph, names, i)}"

@@ -18,16 +18,32 @@ def points_of(landmarks: Path | None, template: Path | None):
     would be others.
     """
     from jfsf.apps.landmarks import read_landmarks
-    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._place import NEAR, on_surface
+    from jfsf.apps.landmarks._record import titled
     from jfsf.mesh import read
 
     if landmarks is None or template is None:
         return None
     found = read_landmarks(landmarks)
     mesh = read(template, finite=False)  # --repair leaves them out
-    at = on_surface(found, mesh)
+    try:
+        at = on_surface(found, mesh)
+    except ValueError as error:
+        raise ValueError(f"{landmarks}: {error}") from None
     if found.vertices is None:
-        return found
+        away = np.asarray(at.distances)
+        worst = int(away.argmax())
+        corners = np.asarray(mesh.vertices, float)
+        corners = corners[np.isfinite(corners).all(1)]
+        share = away[worst] / np.linalg.norm(np.ptp(corners, axis=0))
+        if share <= NEAR:
+            return found
+        far = (
+            f"{titled(found.names, worst)} is {away[worst]:.3g} from the template, "
+            f"{share:.1%} of the diagonal of its bounding box: is it the file of "
+            "another mesh? The nearest points are taken"
+        )
+        return found._replace(said=(*found.said, far))
     return found._replace(points=at.points, vertices=None)
 
 

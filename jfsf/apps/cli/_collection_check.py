@@ -17,12 +17,10 @@ from rich.table import Table
 from jfsf.apps.cli._collection_jobs import file_of
 from jfsf.apps.cli._collection_landmarks import (
     OnShapes,
-    nearest,
-    size_of,
-    write_numbers,
 )
-from jfsf.apps.cli._collection_people import Placed
+from jfsf.apps.cli._collection_people import ByPeople
 from jfsf.apps.cli._print import counted
+from jfsf.apps.cli._runs import write_table
 from jfsf.types import Mesh
 
 CHECKED = "check.csv"  # for each landmark that people placed
@@ -42,7 +40,7 @@ SHOWN = 15  # rows of a table on the screen, the worst first
 
 
 def checked_rows(
-    out: Path, found: OnShapes, people: dict[str, Placed], shapes, base: str, given
+    out: Path, found: OnShapes, people: dict[str, ByPeople], shapes, base: str, given
 ) -> list[dict]:
     """A row for each landmark that people placed on a joined shape.
 
@@ -54,6 +52,8 @@ def checked_rows(
         base: name of the template.
         given: names of shapes whose landmarks were given, and do not count.
     """
+    from jfsf.apps.morphometrics._procrustes import centroid_size
+
     own, rows = found.template, []
     for i, name in enumerate(found.specimens):
         if name == base or name in given or name not in people:
@@ -67,7 +67,7 @@ def checked_rows(
             "icp": _by_icp(shapes[base].mesh, shapes[name].mesh, on_shape, own[number])
             - true,
         }
-        size, radius = size_of(true), found.radius[i, number]
+        size, radius = float(centroid_size(true)), found.radius[i, number]
         length = {what: np.linalg.norm(away, axis=1) for what, away in left.items()}
         for j, at in enumerate(number.tolist()):
             error = length["error"][j]
@@ -87,14 +87,13 @@ def checked_rows(
 
 def _similar(points: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Points moved, turned and scaled to fit others best; nan with fewer than three."""
-    from trimesh.registration import procrustes
+    from jfsf.apps.morphometrics._procrustes import similarity
 
     known = np.isfinite(points).all(1)
     if known.sum() < 3:
         return np.full(points.shape, np.nan)
-    moved = np.full(points.shape, np.nan)
-    moved[known] = procrustes(points[known], goal[known], reflection=False)[1]
-    return moved
+    scale, turn, shift = similarity(points[known], goal[known])
+    return scale * points @ turn + shift
 
 
 def _by_icp(
@@ -104,32 +103,36 @@ def _by_icp(
     from trimesh.registration import icp, procrustes
     from trimesh.transformations import transform_points
 
+    from jfsf.apps.landmarks._place import nearest
+    from jfsf.apps.morphometrics._procrustes import centroid_size
+
     vertices = np.asarray(template.vertices, float)
     goal = np.asarray(mesh.vertices, float)
-    unit = size_of(goal) / np.sqrt(len(goal))  # the threshold is in its square
+    unit = centroid_size(goal) / np.sqrt(len(goal))  # the threshold is in its square
     pose = procrustes(vertices, on_shape / unit, reflection=False, return_cost=False)
     options = {"threshold": 1e-8, "max_iterations": 200}
     # With a scale of its own it leaves more: on heel bones 0.062, not 0.054.
     options |= {"reflection": False, "scale": False}
     matrix, *_ = icp(vertices, goal / unit, initial=pose, **options)
-    moved = unit * transform_points(np.nan_to_num(points), matrix)
-    moved[~np.isfinite(points).all(1)] = np.nan
-    return nearest(mesh, moved).on(goal)
+    return nearest(mesh, unit * transform_points(points, matrix)).points
 
 
 def write_check(
-    out: Path, found: OnShapes, people: dict[str, Placed], shapes, base: str, given
+    out: Path, found: OnShapes, people: dict[str, ByPeople], shapes, base: str, given
 ) -> tuple[list[Table], list[str]]:
     """Write the errors as check.csv; what to show and to say of them.
+
+    Without people's landmarks the table of an earlier run, which may be of others, is
+    removed.
 
     Args:
         out, found, people, shapes, base, given: as `checked_rows`.
     """
     if not people:
+        (out / CHECKED).unlink(missing_ok=True)
         return [], []
     rows = checked_rows(out, found, people, shapes, base, given)
-    table = [[row[name] for name in COLUMNS] for row in rows]
-    write_numbers(out / CHECKED, COLUMNS, table)
+    write_table(out / CHECKED, COLUMNS, rows, missing="NA")
     by = {"shape": _means(rows, "specimen"), "landmark": _means(rows, "landmark")}
     tables = [_table(by[of], of) for of in by if by[of]]
     return tables, _said_of(rows)
@@ -150,7 +153,7 @@ def _said_of(rows: list[dict]) -> list[str]:
         f"{counted(shapes, 'shape', 'shapes')}: the map is {percent['error']} of the "
         f"centroid size off in the mean, {percent['median']} in the median; "
         f"{_percent(whole['within'], 0)} of the errors are within the radius, where "
-        f"90 % are expected; 90 % are within {times:.1f} times the radius",
+        f"90% are expected; 90% are within {times:.1f} times the radius",
         f"the best similarity of the landmarks themselves leaves "
         f"{percent['similarity']} (nothing that only moves, turns and scales the "
         f"template leaves less in root mean square), iterative closest points leave "
@@ -173,8 +176,7 @@ def _said_of(rows: list[dict]) -> list[str]:
 
 def _mean(values: np.ndarray) -> float:
     """Of those that are known; nan if none is."""
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else np.nan
+    return float(np.ma.filled(np.ma.masked_invalid(values).mean(), np.nan))
 
 
 def _percent(share: float, digits: int = 2) -> str:
@@ -207,10 +209,19 @@ def _means(rows: list[dict], by: str) -> list[dict]:
 
 def _table(groups: list[dict], of: str) -> Table:
     shown = Table(title=f"error of the landmarks that people placed, by {of}")
-    shown.add_column(of)
-    titles = "number", "mean", "of size", "median", "similarity", "ICP", "within radius"
+    shown.add_column(of, overflow="fold")
+    titles = (
+        "number",
+        "mean",
+        "of size",
+        "median",
+        "similarity",
+        "ICP",
+        "within\nradius",
+    )
     for title in titles:
-        shown.add_column(title, justify="right")
+        widest = max(map(len, title.split()))
+        shown.add_column(title, justify="right", min_width=widest)
     for own in groups[:SHOWN]:
         of_size = (own[what] for what in ("error", "median", "similarity", "icp"))
         shown.add_row(
@@ -220,6 +231,10 @@ def _table(groups: list[dict], of: str) -> Table:
             *map(_percent, of_size),
             _percent(own["within"], 0),
         )
+    shown.caption = (
+        "Mean error in the unit of the files, and over the centroid size of these "
+        "landmarks, as are the next three."
+    )
     if len(groups) > SHOWN:
-        shown.caption = f"The worst {SHOWN} of {len(groups)}."
+        shown.caption += f" The worst {SHOWN} of {len(groups)}."
     return shown

@@ -4,14 +4,12 @@ import csv
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from jfsf.apps.cli._collection_carried import Carried, carried_of
 from jfsf.apps.cli._collection_jobs import Kept, file_of, kept
-from jfsf.apps.cli._collection_semilandmarks import sliders_in
-from jfsf.apps.cli._collection_symmetry import pairs_in
 from jfsf.apps.cli._look import doubts
 from jfsf.apps.cli._runs import SETTINGS
 
@@ -122,15 +120,18 @@ def check_new(
             )
 
 
-def marks_of(frozen: Frozen) -> "tuple[Path, Landmarks, Any, Any] | None":
-    """The template's landmarks and their file, `sliders_in` and `pairs_in`; or None."""
+def marks_of(
+    frozen: Frozen,
+) -> "tuple[Path, Landmarks, dict[str, np.ndarray]] | None":
+    """The file of the template's landmarks, these, and `lists_in`; None without any."""
     from jfsf.apps.landmarks import read_landmarks
+    from jfsf.apps.morphometrics._tables import lists_in
 
     path = frozen.folder / "landmarks" / f"{frozen.template}.mrk.json"
     if not path.exists():
         return None
-    tables = sliders_in(frozen.folder), pairs_in(frozen.folder)
-    return path, read_landmarks(path), *tables
+    found = read_landmarks(path)
+    return path, found, lists_in(frozen.folder, len(found.names))
 
 
 def columns_of(frozen: Frozen) -> tuple[list[Carried], list[str]]:

@@ -11,21 +11,23 @@ landmarks on heel bones of carnivores 0.66 are within it, 0.62 within the larger
 two, and 0.55 within that of the map of a pair (vertex_constants.json).
 """
 
-import csv
-import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from jfsf.apps.cli._collection_carried import SLICER
 from jfsf.apps.cli._collection_jobs import file_of
-from jfsf.apps.cli._collection_people import Placed
+from jfsf.apps.cli._collection_people import ByPeople
 from jfsf.apps.cli._collection_runner import TEMPLATES
-from jfsf.types import ArrayLike, Mesh
+from jfsf.apps.cli._runs import write_table
+from jfsf.types import Mesh
+
+if TYPE_CHECKING:
+    from jfsf.apps.landmarks._place import Placed
 
 # The landmarks to be checked first: as many as are beyond their radius if it is right.
 CHECK = 0.1
@@ -51,22 +53,6 @@ class OnShapes(NamedTuple):
     template: Float[np.ndarray, "l 3"]
 
 
-class _At(NamedTuple):
-    """Points of a mesh; where there is none, the weights are nan.
-
-    corners: (l, 3) vertices.
-    weights: (l, 3) barycentric.
-    """
-
-    corners: np.ndarray
-    weights: np.ndarray
-
-    def on(self, vertices: ArrayLike) -> np.ndarray:
-        """The points, where its vertices lie so."""
-        corners = np.asarray(vertices, float)[self.corners]
-        return np.einsum("lc,lci->li", self.weights, corners)
-
-
 def landmarks_on(
     out: Path,
     landmarks,
@@ -74,7 +60,7 @@ def landmarks_on(
     graph,
     joined: Sequence[str],
     others: Sequence[str],
-    given: dict[str, Placed],
+    given: dict[str, ByPeople],
 ) -> OnShapes:
     """Find the template's landmarks on the joined shapes.
 
@@ -88,11 +74,12 @@ def landmarks_on(
         given: landmarks that people placed on other shapes: there they stay, and from
             templates among these they are carried on.
     """
-    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._place import nearest, on_surface
+    from jfsf.apps.landmarks._record import titles_of
 
     names = list(shapes)
     base = names[graph.paths.template]
-    at = _At(*on_surface(landmarks, shapes[base].mesh)[:2])
+    at = on_surface(landmarks, shapes[base].mesh)
     there = {
         name: nearest(shapes[name].mesh, _registered(out, "placed", name, at))
         for name in joined
@@ -121,18 +108,17 @@ def landmarks_on(
                 for folder, start in starts.items()
             ]
             ways += votes
-            place = nearest(mesh, _median([place, *votes])).on(mesh.vertices)
+            place = nearest(mesh, _median([place, *votes])).points
         length = np.hypot(_of_map(out, name, at, mesh), _spread(ways, place))
         if own := given.get(name):
             place[own.rows], length[own.rows] = own.points, 0.0
         points.append(place)
         radius.append(length)
-    titles = [name or str(i) for i, name in enumerate(landmarks.names, 1)]
-    own = at.on(shapes[base].mesh.vertices)
-    return OnShapes(sorted(joined), titles, np.stack(points), np.stack(radius), own)
+    titles, every = titles_of(landmarks.names), (np.stack(points), np.stack(radius))
+    return OnShapes(sorted(joined), titles, *every, at.points)
 
 
-def _registered(out: Path, part: str, name: str, at: _At) -> np.ndarray:
+def _registered(out: Path, part: str, name: str, at: "Placed") -> np.ndarray:
     """Points of a template on a shape; nan where it bridges a gap, or is not there."""
     path = file_of(out, part, name)
     if not path.exists():
@@ -141,18 +127,6 @@ def _registered(out: Path, part: str, name: str, at: _At) -> np.ndarray:
         points = at.on(file["vertices"])
         points[file["bridged"][at.corners].all(1)] = np.nan
     return points
-
-
-def nearest(mesh: Mesh, points: np.ndarray) -> _At:
-    """The nearest points of a surface."""
-    from jfsf.mesh import closest
-    from jfsf.mesh._closest import surface_tree
-
-    known = np.isfinite(points).all(1, keepdims=True)
-    anywhere = np.asarray(mesh.vertices)[0]
-    found = closest(surface_tree(mesh), np.where(known, points, anywhere))
-    weights = np.where(known, found.barycentric, np.nan)
-    return _At(np.asarray(mesh.faces)[found.face], weights)
 
 
 def _median(places: Sequence[np.ndarray]) -> np.ndarray:
@@ -172,7 +146,7 @@ def _spread(ways: Sequence[np.ndarray], place: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(place).all(1), np.sqrt(mean), np.nan)
 
 
-def _of_map(out: Path, name: str, at: _At, mesh: Mesh) -> np.ndarray:
+def _of_map(out: Path, name: str, at: "Placed", mesh: Mesh) -> np.ndarray:
     """The radius that the map from the template has, in the unit of the shape."""
     from jfsf.mesh import surface_area
 
@@ -197,6 +171,7 @@ def write_landmarks_of(out: Path, found: OnShapes, landmarks, path: Path) -> lis
     """
     from jfsf.apps.landmarks import Landmarks, write_landmarks
     from jfsf.apps.landmarks._morphometrics import specimens_csv, specimens_tps
+    from jfsf.apps.landmarks._record import csv_text
     from jfsf.storage._atomic import write_text
 
     suffix = SLICER if path.name.lower().endswith(SLICER) else path.suffix
@@ -217,26 +192,8 @@ def write_landmarks_of(out: Path, found: OnShapes, landmarks, path: Path) -> lis
     write_text(tables[0], specimens_csv(found.specimens, found.names, found.points))
     write_text(tables[1], specimens_tps(found.specimens, found.points))
     rows = zip(found.specimens, *found.radius.T.tolist(), strict=True)
-    write_numbers(tables[2], ["specimen", *found.names], list(rows))
+    write_text(tables[2], csv_text(["specimen", *found.names], rows))
     return [*tables, folder]
-
-
-def write_numbers(path: Path, titles: Sequence[str], rows: Sequence[Sequence]) -> None:
-    """Write a table, NA for nan, as R reads it."""
-    from jfsf.storage._atomic import write_text
-
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(titles)
-    for row in rows:
-        table.writerow(["NA" if cell != cell else cell for cell in row])
-    write_text(path, text.getvalue())
-
-
-def size_of(points: Float[np.ndarray, "l 3"]) -> float:
-    """Centroid size: the root of the sum of squared distances from the mean."""
-    known = points[np.isfinite(points).all(1)]
-    return float(np.linalg.norm(known - known.mean(0))) if len(known) else np.nan
 
 
 def doubtful(found: OnShapes) -> list[dict]:
@@ -247,11 +204,14 @@ def doubtful(found: OnShapes) -> list[dict]:
     bones of carnivores their mean error is 0.067 of the centroid size, that of all is
     0.041; relative to the median of all landmarks it is 0.060.
     """
-    size = np.array([[size_of(points)] for points in found.points])
+    from jfsf.apps.morphometrics._procrustes import centroid_size
+
+    size = centroid_size(found.points)[:, None]
     known = np.isfinite(found.radius) & (found.radius > 0) & (size > 0)
     share = np.ma.array(found.radius, mask=~known) / np.where(size > 0, size, 1)
     times = (share / np.ma.median(share, axis=0)).filled(0.0)
-    first = np.argsort(-times, axis=None, kind="stable")
+    # In one shape alone each is its own median.
+    first = np.lexsort((-share.filled(0.0).ravel(), -times.ravel()))
     rows = []
     for i, j in zip(*np.unravel_index(first, times.shape), strict=True):
         rows.append(
@@ -270,7 +230,7 @@ def write_doubtful(out: Path, found: OnShapes) -> list[str]:
     """Write the landmarks to be checked as to_check.csv; what to say of them."""
     rows = doubtful(found)
     columns = "specimen", "landmark", "radius", "of_size", "times_median"
-    write_numbers(out / TO_CHECK, columns, [[row[c] for c in columns] for row in rows])
+    write_table(out / TO_CHECK, columns, rows)
     if not rows:
         return ["how sure the landmarks are is not known: the maps have no radius"]
     lines = [

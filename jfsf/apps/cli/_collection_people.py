@@ -8,7 +8,7 @@ import numpy as np
 from jfsf.mesh._read import stem_of
 
 
-class Placed(NamedTuple):
+class ByPeople(NamedTuple):
     """Landmarks that people placed on a shape.
 
     path: of the file.
@@ -62,7 +62,9 @@ def file_of_template(landmarks: Path | None, template: Path | None) -> Path | No
     return files[name]
 
 
-def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]:
+def placed_by_people(
+    folder: Path | None, paths, landmarks, sliding=()
+) -> dict[str, ByPeople]:
     """The landmark files of a folder that are named as shapes, by these names.
 
     Args:
@@ -70,6 +72,7 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
             no folder.
         paths: the file of each shape, by name.
         landmarks: of the template; None if there are none.
+        sliding: numbers of those, from 0, that people need not place.
 
     Raises:
         ValueError: no template's landmarks, no folder, no such file, two of one shape,
@@ -77,7 +80,8 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
             far from the shape.
     """
     from jfsf.apps.landmarks import pair_landmarks, read_landmarks
-    from jfsf.apps.landmarks._place import on_surface
+    from jfsf.apps.landmarks._pairs import _listed
+    from jfsf.apps.landmarks._place import as_points
     from jfsf.mesh import read
 
     if folder is None:
@@ -96,15 +100,21 @@ def placed_by_people(folder: Path | None, paths, landmarks) -> dict[str, Placed]
         except (ValueError, OSError):  # it is left out, and then named with the reason
             continue
         try:
-            at = on_surface(marks, mesh)
+            marks = as_points(marks, mesh)
             pairs = pair_landmarks(landmarks, marks)
         except ValueError as error:
             raise ValueError(f"{path}: {error}") from None
-        points = np.asarray(at.points if marks.points is None else marks.points, float)
-        alone = [line for line in pairs.said if "without a partner" in line]
-        said = [f"{path}: {line}" for line in (*marks.said, *alone)]
+        points = np.asarray(marks.points, float)
         of_template, own = pairs.rows.T
-        found[name] = Placed(path, of_template, points[own], said)
+        no = {*of_template.tolist(), *sliding}
+        lacking = [name for i, name in enumerate(landmarks.names) if i not in no]
+        others = [name for i, name in enumerate(marks.names) if i not in own]
+        said = [f"{path}: {line}" for line in marks.said]
+        if lacking:
+            said.append(f"{path}: has no landmark {_listed(lacking)}")
+        if others:
+            said.append(f"{path}: the template has no landmark {_listed(others)}")
+        found[name] = ByPeople(path, of_template, points[own], said)
     if not files.keys() & paths.keys():
         raise ValueError(
             f"{folder}: has no landmark file that is named as a shape, such as "
@@ -118,8 +128,13 @@ def _some(files: dict[str, Path]) -> str:
     return ", ".join(path.name for path in [*files.values()][:5]) or "none"
 
 
-def mirrored_with(people: dict[str, Placed], turned) -> dict[str, Placed]:
-    """The same, mirrored in x where the shape was mirrored back: of these names."""
+def mirrored_with(people: dict[str, ByPeople], turned) -> dict[str, ByPeople]:
+    """What people placed, mirrored in x on shapes that were mirrored back.
+
+    Args:
+        people: by names of shapes.
+        turned: names of the shapes that were mirrored back.
+    """
     return {
         name: own._replace(points=own.points * [-1, 1, 1]) if name in turned else own
         for name, own in people.items()

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from jfsf.apps.cli._collection_jobs import file_of, picture_of_shape
 from jfsf.apps.cli._pair import pages_of
+from jfsf.apps.cli._print import counted
 from jfsf.apps.cli._summary import INDEX
 from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
@@ -20,6 +21,7 @@ from jfsf.mesh._geometry import centroid_size
 LEFT_OUT = "left_out"  # a folder of pictures: a shape may have joined before
 MODEL_PAGE = "model.html"
 
+SHOWN = 10  # shapes in doubt that are named on the screen
 COLUMNS = (
     "name",
     "trust",
@@ -94,18 +96,21 @@ def write_model_of(
 def table(rows, title: str) -> Table:
     """A line for each shape, those to be looked at first."""
     joined = sum(not row["reason"] for row in rows)
-    shown = Table(title=f"{len(rows)} shapes, {joined} joined; {escape(title)}")
-    shown.add_column("shape")
+    shapes = counted(len(rows), "shape", "shapes")
+    shown = Table(title=f"{shapes}, {joined} joined; {escape(title)}")
+    shown.add_column("shape", overflow="fold")
     titles = "confidence", "distance", "of size", "of √area", "bridged", "flipped"
     for name in titles:
         shown.add_column(name, justify="right")
     for row in rows:
         if not row["reason"]:
             likely = row["confidence"]
+            # On the template itself there are only roundings.
+            length = row["mean_in_unit"] if row["mean_of_size"] > 1e-9 else 0
             shown.add_row(
                 escape(row["name"]),
                 "unknown" if np.isnan(likely) else f"{likely:.2f}",
-                f"{row['mean_in_unit']:.3g}",
+                f"{length:.3g}",
                 f"{row['mean_of_size']:.2%}",
                 f"{row['mean_distance']:.2%}",
                 f"{row['bridged']:.1%}",
@@ -117,6 +122,21 @@ def table(rows, title: str) -> Table:
         "as one of the square root of its area."
     )
     return shown
+
+
+def in_doubt(rows) -> list[str]:
+    """A line for each joined shape whose maps are in doubt, the least sure first."""
+    from jfsf.apps.collections._grow import SURE
+
+    found = [row for row in rows if not row["reason"] and row["trust"] < SURE]
+    found.sort(key=lambda row: row["trust"])
+    lines = [
+        f"in doubt: {row['name']}: with {row['trust']:.0%} probability the maps that "
+        "lead to it are right; look at it"
+        for row in found[:SHOWN]
+    ]
+    more = len(found) - SHOWN
+    return lines + ([f"  and {more} more: trust in summary.csv"] if more > 0 else [])
 
 
 def write_index_page(out: Path, rows, shapes, graph) -> Path:

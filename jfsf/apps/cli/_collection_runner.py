@@ -27,7 +27,7 @@ from jfsf.apps.cli._collection_jobs import (
 )
 from jfsf.apps.cli._look import unfit
 from jfsf.apps.cli._pair import pages_of
-from jfsf.apps.cli._print import said
+from jfsf.apps.cli._print import counted, said
 from jfsf.apps.cli._stages import Stages
 from jfsf.batch._jobs import Job
 from jfsf.mesh._read import stem_of
@@ -90,7 +90,8 @@ def look(
         shown.advance("files", quiet=True)
     shown.end("files")
     good = len(jobs) - len(bad)
-    shown.say(f"looked at {len(jobs)} meshes: {good} can be matched")
+    meshes = counted(len(jobs), "mesh", "meshes")
+    shown.say(f"looked at {meshes}: {good} can be matched")
     for one in bad.values():
         shown.say(one.why)
     if options := sorted({option for one in bad.values() for option in one.options}):

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jfsf.apps.cli._collection_jobs import file_of, kept
+from jfsf.apps.cli._print import counted
 from jfsf.batch._jobs import Job
 
 if TYPE_CHECKING:
     from jfsf.apps.landmarks import Landmarks
 
-PAIRS = "landmark_pairs.csv"
 # A stage before the pairs, and the folder of the template's map to itself.
 SYMMETRY = "symmetry"
 
@@ -35,8 +35,8 @@ def pairs_of(
     template: Path,
     points: "Landmarks",
     run: Callable[..., dict[Path, str | None]],
-) -> tuple[list[list[str]], str]:
-    """Rows of `landmark_pairs.csv`, and a sentence on them.
+) -> tuple[np.ndarray, str]:
+    """The pairs of landmarks, as `read_list` has them, and a sentence on them.
 
     Args:
         out: folder of the results.
@@ -47,9 +47,10 @@ def pairs_of(
     Raises:
         ValueError: it has no symmetry to be found.
     """
+    from jfsf.apps.landmarks._pairs import _listed
     from jfsf.apps.landmarks._place import on_surface
-    from jfsf.apps.landmarks._record import titled
     from jfsf.apps.landmarks._symmetric import WITHIN, mirror_pairs
+    from jfsf.apps.morphometrics._tables import ALONE, LISTS
 
     (out / SYMMETRY).mkdir(exist_ok=True)
     job = Job((template,), file_of(out, SYMMETRY, template.stem))
@@ -61,40 +62,18 @@ def pairs_of(
     placed = on_surface(points, mesh)
     found = mirror_pairs(mesh, placed, T, system=points.system)
     said = (
-        f"symmetry of the template, confidence {sure:.2f}: {len(found.pairs)} pairs of "
-        f"landmarks, {len(found.midline)} on the midline"
+        f"symmetry of the template, confidence {sure:.2f}: "
+        f"{counted(len(found.pairs), 'pair', 'pairs')} of landmarks, "
+        f"{len(found.midline)} on the midline"
     )
     if len(found.alone):
-        alone = ", ".join(titled(points.names, at) for at in found.alone.tolist())
+        alone = [points.names[at] or str(at + 1) for at in found.alone.tolist()]
         said += (
-            f"; without a partner within {WITHIN:.0%} of sqrt(area), and alone in "
-            f"{PAIRS}: {alone}; write their partners there, or leave them out"
+            f", {len(alone)} without a partner within {WITHIN:.0%} of sqrt(area): "
+            f"{_listed(alone)}; write their partners in {LISTS['pairs'].file}, or take "
+            "out the lines of those on the midline; jfsf morphometrics leaves out the "
+            "others"
         )
-    rows = [[str(a + 1), str(b + 1)] for a, b in found.pairs.tolist()]
-    rows += [[str(a + 1), ""] for a in found.alone.tolist()]
-    return sorted(rows, key=lambda row: int(row[0])), said
-
-
-def pairs_in(out: Path) -> list[list[str]] | None:
-    """What `write_pairs` wrote; None if it is nothing."""
-    if not (out / PAIRS).exists():
-        return None
-    lines = (out / PAIRS).read_text(encoding="utf-8").split()[1:]
-    return [line.split(",") for line in lines]
-
-
-def write_pairs(out: Path, rows: list[list[str]] | None) -> list[Path]:
-    """Write which landmarks of landmarks.csv are left and right of each other.
-
-    One without a partner has an empty right; those that are not there are on the
-    midline. With None the table of an earlier run, which does not hold, is removed.
-    """
-    from jfsf.apps.cli._runs import write_table
-
-    if rows is None:
-        (out / PAIRS).unlink(missing_ok=True)
-        return []
-    titles = "left", "right"
-    named = [dict(zip(titles, row, strict=True)) for row in rows]
-    write_table(out / PAIRS, titles, named)
-    return [out / PAIRS]
+    alone = np.stack([found.alone, np.full_like(found.alone, ALONE)], 1)
+    rows = np.concatenate([found.pairs, alone])
+    return rows[np.argsort(rows[:, 0])], said

@@ -20,7 +20,8 @@ def put_others(shapes, graph, runner: OnFiles, most: int, named=()) -> list[str]
         shapes: what was kept of each, by name.
         graph: of these.
         runner: that has put the template on all.
-        most: so many, or as many as there are: the most central ones, beside
+        most: so many are put on all, those of `named` first, then the most central
+            ones; more if more are named, and fewer if there are no more.
         named: names of shapes that are put on all in any case.
 
     Returns:

@@ -1,6 +1,5 @@
 """jfsf morphometrics: the landmarks of many specimens, compared."""
 
-import re
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -13,12 +12,10 @@ from jfsf.apps.cli._print import counted, say_result
 
 MOST_SHOWN = 3  # components, and specimens far from the mean, on the screen
 MOST_ESTIMATED = 10  # specimens whose missing landmarks are named
-# Beside the landmarks, where `jfsf collection` writes them; options that take them.
-BESIDE = {
-    "curveslide.csv": "curves",
-    "surfslide.csv": "surfaces",
-    "landmark_pairs.csv": "pairs",
-}
+# A landmark without a partner is not on the midline if in the mean it is so far from
+# it, in root mean square distances of landmarks from the centroid. By hand: of walking
+# bodies those on the midline are within 0.05, those that lack a partner beyond 0.13.
+OFF_MIDLINE = 0.1
 
 
 class Slide(StrEnum):
@@ -114,10 +111,11 @@ def morphometrics(
 
     Example: jfsf morphometrics model/landmarks.csv --out shape --groups species.csv
     """
-    from jfsf.apps import morphometrics as room
-    from jfsf.apps.cli import _morphometrics_results as results
+    from jfsf.apps.cli._morphometrics_compared import compare, template_of, two_sided
+    from jfsf.apps.cli._morphometrics_results import write_results
     from jfsf.apps.landmarks import read_specimens
-    from jfsf.apps.morphometrics import _tables as tables
+    from jfsf.apps.morphometrics._checks import PointsError
+    from jfsf.apps.morphometrics._tables import read_groups
 
     need_matplotlib()
     can_write_in(out)
@@ -132,73 +130,69 @@ def morphometrics(
     if template_landmarks is not None and template is None:
         raise ValueError("--template-landmarks lie on a mesh; give --template too")
     found = read_specimens(landmarks)
-    number = len(found.landmarks)
-    numbers = {
-        option: path and tables.read_numbers(path, titles, number)
-        for option, path, titles in (
-            ("curves", curves, tables.CURVES),
-            ("surfaces", surfaces, tables.SURFACES),
-            ("pairs", pairs, tables.PAIRS),
-        )
-    }
+    given = {"curves": curves, "surfaces": surfaces, "pairs": pairs}
+    lists, doubts = _lists_of(given, len(found.landmarks), landmarks.parent)
     title, own = "", [""] * len(found.specimens)
     if groups is not None:
-        title, own = tables.read_groups(groups, found.specimens, group)
-    mesh = template and results.template_of(template, template_landmarks, found)
-    doubts = []
-    for name, option in BESIDE.items():
-        there = landmarks.parent / name
-        if numbers[option] is None and tables.has_rows(there):
-            doubts.append(f"{there} is there and was not used; add --{option} {there}")
-    parts = allometry = None
-    no_allometry = []
+        title, own = read_groups(groups, found.specimens, group)
+    two = two_sided(found, lists.pop("pairs", None))
+    mesh = template and template_of(template, template_landmarks, two.found)
     try:
-        points = room.estimate_missing(found.points)
-        options = {name: numbers[name] for name in ("curves", "surfaces")}
-        aligned = room.procrustes(points, slide=slide.value, **options)
-        shapes = aligned.shapes
-        if numbers["pairs"] is not None:
-            parts = room.symmetric_parts(shapes, numbers["pairs"])
-            shapes = parts.symmetric
-        modes = room.components(shapes)
-        ends = results.ends_of(modes, aligned.sizes.mean(), mesh)
-        meshes = results.meshes_of(ends, mesh)
-    except ValueError as error:
-        raise ValueError(f"{landmarks}: {_named(error, found)}") from None
-    try:
-        allometry = room.allometry(shapes, aligned.sizes)
-    except ValueError as error:
-        no_allometry = [f"no {error}"]
-    compared = results.Compared(found, aligned, parts, modes, allometry, title, own)
-    written = results.write_results(out, compared, ends, meshes)
-    lines = [*_read(found, numbers, slide), *_summary(compared), *no_allometry]
-    if not aligned.rested:
+        compared = compare(found, two, mesh, slide=slide.value, **lists)
+    except PointsError as error:
+        why = error.named(found.specimens, found.landmarks)
+        raise ValueError(f"{landmarks}: {why}") from None
+    written = write_results(out, found, two.found, compared, title, own)
+    if two.alone:
+        doubts.append(
+            f"{pairs}: left out of the symmetric shapes, as they have no partner: "
+            f"{', '.join(two.alone)}"
+        )
+    if not compared.aligned.rested:
         doubts.append(
             "the shapes still moved when it ended, as gpagen does: they are far apart"
         )
+    if beside := _beside(two, compared.parts):
+        doubts.append(
+            f"{pairs}: {beside} have no partner, so they count as on the midline, but "
+            "are far from it; write their partners, or leave them out of "
+            f"{landmarks.name}"
+        )
     if groups is not None and (alone := _without(found.specimens, own)):
         doubts.append(f"{groups}: has no {title} of {alone}")
+    lines = [*_read(found, lists, slide), *_summary(found.specimens, compared)]
     say_result([], lines, doubts, written)
 
 
-def _named(error, found) -> str:
-    """The message of an error, with names of specimens and landmarks for numbers."""
-    text = str(error).split(": ", 1)[-1]
-    for what, names in (("specimen", found.specimens), ("landmark", found.landmarks)):
-        name = lambda m, names=names: repr(names[int(m[1])] or int(m[1]) + 1)
-        text = re.sub(rf"(?<={what} )(\d+)", name, text)
-    return text
+def _lists_of(given, landmarks: int, folder: Path) -> tuple[dict, list[str]]:
+    """The lists that are given, and what to say of others in the folder.
+
+    Args:
+        given: the file of each option, or None.
+        landmarks: how many there are.
+        folder: where these are.
+    """
+    from jfsf.apps.morphometrics._tables import LISTS, has_rows, read_list
+
+    lists, unused = {}, []
+    for option, path in given.items():
+        beside = folder / LISTS[option].file
+        if path is not None:
+            lists[option] = read_list(path, LISTS[option], landmarks)
+        elif has_rows(beside):
+            unused.append(
+                f"{beside} is there and was not used; add --{option} {beside}"
+            )
+    return lists, unused
 
 
-def _read(found, numbers, slide) -> list[str]:
+def _read(found, lists, slide) -> list[str]:
     """What was read, which landmarks slide and which are estimated, in words."""
+    from jfsf.apps.landmarks._record import titles_of
+
     line = f"{len(found.specimens)} specimens, {len(found.landmarks)} landmarks"
-    slid = [
-        f"{len(numbers[option])} on {option}"
-        for option in ("curves", "surfaces")
-        if numbers[option] is not None
-    ]
-    if slid:
+    if lists:
+        slid = (f"{len(rows)} on {option}" for option, rows in lists.items())
         by = "bending energy" if slide is Slide.bending else "Procrustes distance"
         line += f"; {' and '.join(slid)} slide by {by}"
     lost = np.isnan(found.points).all(2)
@@ -207,15 +201,15 @@ def _read(found, numbers, slide) -> list[str]:
         return [line]
     number = counted(int(lost.sum()), "landmark is", "landmarks are")
     lines = [line, f"{number} missing: estimated by thin-plate spline, from the others"]
+    titles = np.array(titles_of(found.landmarks))
     for i in specimens[:MOST_ESTIMATED]:
-        own = [found.landmarks[at] or str(at + 1) for at in np.flatnonzero(lost[i])]
-        lines.append(f"  {found.specimens[i]}: {', '.join(own)}")
+        lines.append(f"  {found.specimens[i]}: {', '.join(titles[lost[i]])}")
     if (more := len(specimens) - MOST_ESTIMATED) > 0:
         lines.append(f"  and {more} specimens: the column estimated of sizes.csv")
     return lines
 
 
-def _summary(compared) -> list[str]:
+def _summary(specimens, compared) -> list[str]:
     """What was found, in words."""
     lines = []
     modes, allometry, parts = compared.modes, compared.allometry, compared.parts
@@ -229,12 +223,14 @@ def _summary(compared) -> list[str]:
     shown = ", ".join(f"PC{k} {share:.1%}" for k, share in shares)
     of = "" if parts is None else " of the symmetric part"
     lines.append(f"variance{of}: {shown or 'none'}")
-    if allometry is not None:
+    if isinstance(allometry, str):
+        lines.append(f"no {allometry}")
+    else:
         lines.append(
             f"allometry{of}: R2 {allometry.share:.1%}, F {allometry.F:.3g}, p "
             f"{allometry.p:.3g} ({allometry.orders} orders of the specimens, seed 0)"
         )
-    return [*lines, *_unusual(compared.found.specimens, compared.aligned)]
+    return [*lines, *_unusual(specimens, compared.aligned)]
 
 
 def _unusual(names, aligned) -> list[str]:
@@ -260,6 +256,19 @@ def _unusual(names, aligned) -> list[str]:
             "give all as left or all as right"
         )
     return lines
+
+
+def _beside(two, parts) -> str:
+    """Landmarks that no pair has, and that are not on the midline either."""
+    from jfsf.apps.landmarks._record import titles_of
+
+    if parts is None:
+        return ""
+    away = np.linalg.norm(parts.asymmetric.mean(0), axis=1)
+    far = np.flatnonzero(away > OFF_MIDLINE / np.sqrt(len(away)))
+    titles = titles_of(two.found.landmarks)
+    names = [titles[i] for i in far if i not in two.pairs]
+    return ", ".join(names[:5]) + (", ..." if len(names) > 5 else "")
 
 
 def _without(names, groups) -> str:

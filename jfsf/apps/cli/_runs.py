@@ -1,7 +1,5 @@
 """What the commands of many jobs share: files, and how they are interrupted."""
 
-import csv
-import io
 import json
 import multiprocessing.resource_tracker
 import multiprocessing.util
@@ -135,12 +133,16 @@ def _kept(out: Path, parts: Mapping[str, str]) -> str:
     return f"{listed} {are} kept; run the same command to go on"
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[dict]) -> None:
-    """Write rows as a CSV file with titles; it appears complete or not at all."""
+def write_table(
+    path: Path, columns: Sequence[str], rows: Iterable[dict], missing: str = "nan"
+) -> None:
+    """Write rows as a CSV file with titles; it appears complete or not at all.
+
+    missing: what stands for nan.
+    """
+    from jfsf.apps.landmarks._record import csv_text
     from jfsf.storage._atomic import write_text
 
-    text = io.StringIO()
-    table = csv.DictWriter(text, columns, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    write_text(path, text.getvalue())
+    write_text(
+        path, csv_text(columns, [[r[c] for c in columns] for r in rows], missing)
+    )

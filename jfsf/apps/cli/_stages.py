@@ -157,7 +157,8 @@ class Stages:
 
     def _say_earlier(self, stage: Stage) -> None:
         if stage.earlier and not stage.made:
-            self._log(f"{stage.name}: {stage.earlier} are kept from an earlier run")
+            are = "is" if stage.earlier == 1 else "are"
+            self._log(f"{stage.name}: {stage.earlier} {are} kept from an earlier run")
 
     def _log(self, line: str) -> None:
         if self.in_lines:

@@ -12,7 +12,8 @@ Read in this order:
 - `_morphometrics`: .tps and .pts, and the landmarks of many specimens
 - `_table`: tables of text, .csv, .tsv and .txt, and ShapeWorks' .particles
 - `_files`: read and write a file of any of these formats; read pairs of vertices
-- `_place`: landmarks on a mesh, and which of two shapes belong together
+- `_place`: landmarks on a mesh
+- `_pairs`: which landmarks of two shapes belong together
 - `_outlines`: files of curves and patches
 - `_paths`: geodesics between points of a mesh
 - `_patches`: points spread within a rim
@@ -22,7 +23,8 @@ Read in this order:
 
 from jfsf.apps.landmarks._files import read_landmarks, write_landmarks
 from jfsf.apps.landmarks._morphometrics import read_specimens
-from jfsf.apps.landmarks._place import pair_landmarks, to_vertices
+from jfsf.apps.landmarks._pairs import pair_landmarks
+from jfsf.apps.landmarks._place import to_vertices
 from jfsf.apps.landmarks._record import Landmarks
 
 __all__ = [

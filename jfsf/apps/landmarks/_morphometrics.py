@@ -8,8 +8,6 @@
   number, and so many lines of a name, x, y and z; 9999 is a missing one.
 """
 
-import csv
-import io
 import os
 import re
 from collections.abc import Sequence
@@ -22,13 +20,15 @@ from jaxtyping import Float
 
 from jfsf.apps.landmarks._record import (
     Landmarks,
-    cells_of,
     collected,
+    csv_text,
     is_number,
     numbered_lines,
+    table_rows,
+    titles_of,
     to_point,
 )
-from jfsf.storage._text import find_separator, read_text
+from jfsf.storage._text import read_text
 from jfsf.types import ArrayLike
 
 TABLES = ".csv", ".tsv", ".txt"
@@ -126,11 +126,8 @@ def _tps_specimens(text, path):
 
 
 def _table_specimens(text, path):
-    lines = numbered_lines(text)
-    separator, said = find_separator([line for _, line in lines], "\t;,")
-    lines = lines[said:]
-    rows = [cells_of(line, separator or " ", path) for _, line in lines]
-    titles = [title.strip() for title in rows[0][1:]] if rows else []
+    rows = table_rows(text, path, " ")
+    titles = rows[0][1][1:] if rows else []
     ends = "".join(title[-1:].lower() for title in titles)
     if len(rows) < 2 or not ends or ends != "xyz" * (len(ends) // 3):
         raise ValueError(
@@ -140,15 +137,16 @@ def _table_specimens(text, path):
         )
     landmarks = [re.sub("[_. ]?.$", "", title) for title in titles[::3]]
     points = []
-    for (number, line), row in zip(lines[1:], rows[1:], strict=True):
-        if len(row) != len(titles) + 1:
+    for number, (_, *cells) in rows[1:]:
+        if len(cells) != len(titles):
             raise ValueError(
-                f"{path}: line {number} has {len(row)} cells, the first {len(rows[0])}"
+                f"{path}: line {number} has {len(cells) + 1} cells, the first "
+                f"{len(titles) + 1}"
             )
-        cells = [cell.strip() or _MISSING for cell in row[1:]]
-        triples = [cells[i : i + 3] for i in range(0, len(cells), 3)]
-        points.append([_point(cells, number, line, path) for cells in triples])
-    return [row[0].strip() for row in rows[1:]], landmarks, points
+        triples = zip(*[(cell or _MISSING for cell in cells)] * 3, strict=True)
+        line = ",".join(cells)
+        points.append([_point(three, number, line, path) for three in triples])
+    return [cells[0] for _, cells in rows[1:]], landmarks, points
 
 
 def _blocks(text: str, path: object) -> list[_Block]:
@@ -238,7 +236,10 @@ def specimens_tps(specimens: Sequence[str], points: Float[ArrayLike, "s l 3"]) -
     lines = []
     for name, rows in zip(specimens, np.asarray(points, float), strict=True):
         lines.append(f"LM3={len(rows)}")
-        lines += [" ".join(map(_number, row)) for row in rows.tolist()]
+        lines += [
+            " ".join(_MISSING if x != x else repr(x) for x in row)
+            for row in rows.tolist()
+        ]
         lines.append(f"ID={name}")
     return "\n".join([*lines, ""])
 
@@ -256,14 +257,6 @@ def specimens_csv(
         names: of the landmarks; numbers from 1 on for those without.
         points: as in `specimens_tps`.
     """
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    named = [name or str(i) for i, name in enumerate(names, 1)]
-    table.writerow(["specimen", *(f"{name}_{c}" for name in named for c in "xyz")])
-    for specimen, rows in zip(specimens, np.asarray(points, float), strict=True):
-        table.writerow([specimen, *map(_number, rows.ravel().tolist())])
-    return text.getvalue()
-
-
-def _number(value: float) -> str:
-    return repr(value) if np.isfinite(value) else _MISSING
+    titles = ["specimen", *(f"{name}_{c}" for name in titles_of(names) for c in "xyz")]
+    rows = np.reshape(points, (len(specimens), -1)).tolist()
+    return csv_text(titles, [[n, *own] for n, own in zip(specimens, rows, strict=True)])

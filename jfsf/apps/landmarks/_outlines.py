@@ -6,8 +6,8 @@
   by its rim, and `curve,NAME,NUMBER` gives a curve of Slicer its number of points.
 """
 
-import csv
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jfsf.apps.landmarks._programs import read_markups
-from jfsf.apps.landmarks._record import Landmarks, numbered_lines, to_vertex
+from jfsf.apps.landmarks._record import Landmarks, table_rows, to_vertex
 from jfsf.storage._text import read_text
 from jfsf.types import ArrayLike
 
@@ -111,17 +111,17 @@ def _curve(path: Path) -> Outline:
 def _table(path: Path, names, numbers) -> list[Outline]:
     """The lines of a table; those without landmarks go to `numbers`."""
     found = []
-    for at, line in numbered_lines(read_text(path)):
+    text = re.sub(r"(?m)^[ \t]*#.*$", "", read_text(path))
+    for at, cells in table_rows(text, path):
         where = f"{path}: line {at}"
-        cells = [cell.strip() for cell in next(csv.reader([line.strip()]))]
         while cells and not cells[-1]:  # spreadsheets fill lines up
             cells.pop()
-        if not cells or cells[0].startswith("#"):
+        if not cells:
             continue
         kind = cells[0].lower()
         number = to_vertex(cells[2]) if len(cells) > 2 else None
         if kind not in _LEAST or not cells[1] or not number:
-            raise ValueError(f"{where} is {line[:60]!r}; {_EXPECTED}")
+            raise ValueError(f"{where} is {','.join(cells)[:60]!r}; {_EXPECTED}")
         ends = tuple(_landmark(word, names, where) for word in cells[3:])
         if kind == "curve" and not ends:
             numbers[cells[1]] = number, where
@@ -131,10 +131,8 @@ def _table(path: Path, names, numbers) -> list[Outline]:
                 f"{where}: {cells[1]} has {len(set(ends))} landmarks, and a {kind} "
                 f"needs {_LEAST[kind]}; {_EXPECTED}"
             )
-        turns = zip(
-            ends, ends[1:] + (ends[:1] if kind == "patch" else ()), strict=False
-        )
-        if any(a == b for a, b in turns):
+        after = ends[1:] + (ends[:1] if kind == "patch" else ())
+        if any(a == b for a, b in zip(ends, after, strict=False)):
             raise ValueError(f"{where}: a landmark of {cells[1]} follows on itself")
         found.append(Outline(cells[1], kind, number, ends))
     if not found and not numbers:

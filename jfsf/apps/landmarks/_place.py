@@ -1,10 +1,5 @@
-"""Landmarks on a mesh, as its vertices or points of its surface.
+"""Landmarks on a mesh, as its vertices or points of its surface."""
 
-Landmarks of two shapes belong together by name, or by their order.
-"""
-
-import re
-import unicodedata
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +12,10 @@ from jfsf.mesh._geometry import face_areas
 from jfsf.mesh._values import check_values, mesh_arrays
 from jfsf.types import ArrayLike, Mesh
 
-# Distance from the surface beyond which a landmark is refused, in diagonals of the
-# bounding box of the mesh. Landmarks by hand, or of a copy with other vertices, are
-# within 0.01; those in other units or axes seldom within 0.05.
-FAR = 0.05
+# Distances from the surface within which a landmark is expected, and beyond which it is
+# refused, in diagonals of the bounding box of the mesh. Landmarks by hand, or of a copy
+# with other vertices, are within 0.01; those in other units or axes seldom within 0.05.
+NEAR, FAR = 0.01, 0.05
 
 
 class Placed(NamedTuple):
@@ -28,7 +23,7 @@ class Placed(NamedTuple):
 
     corners: (l, 3) int64, the vertices of the triangle that each lies on; three times
         the same where it is a vertex.
-    weights: (l, 3) barycentric coordinates, of sum 1.
+    weights: (l, 3) barycentric coordinates, of sum 1; nan for a point that is.
     points: (l, 3) float64, in the coordinates of the mesh.
     distances: (l,) from the landmark to that point, in units of the mesh.
     """
@@ -37,6 +32,11 @@ class Placed(NamedTuple):
     weights: ArrayLike
     points: ArrayLike
     distances: ArrayLike
+
+    def on(self, vertices: ArrayLike) -> np.ndarray:
+        """The points, where the vertices of the mesh lie so."""
+        corners = np.asarray(vertices, float)[self.corners]
+        return np.einsum("lc,lci->li", self.weights, corners)
 
 
 class AtVertices(NamedTuple):
@@ -89,7 +89,8 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
 
     Raises:
         ValueError: a landmark is farther from the mesh than `FAR` of the diagonal of
-            its bounding box, or is a vertex that it does not have; wrong shapes.
+            its bounding box, or is a vertex that it does not have; three or more are
+            nearer to each other than to the mesh; wrong shapes.
     """
     landmarks = checked(landmarks, "on_surface")
     vertices, faces = mesh_arrays(mesh, "on_surface")
@@ -124,9 +125,26 @@ def on_surface(landmarks: Landmarks, mesh: Mesh) -> Placed:
         outside = np.maximum(low - landmarks.points, landmarks.points - high).max(1)
     # First those outside of the box: squares of their distances may be infinite.
     _refuse_far(landmarks, outside, diagonal)
-    placed = _nearest(mesh, landmarks.points)
+    placed = nearest(mesh, landmarks.points)
     _refuse_far(landmarks, placed.distances, diagonal)
+    _refuse_small(landmarks, placed.distances, diagonal)
     return placed
+
+
+def as_points(landmarks: Landmarks, mesh: Mesh) -> Landmarks:
+    """Landmarks as points; those that are vertices, where these lie.
+
+    Args:
+        landmarks: points in the coordinates of the mesh; or vertices.
+        mesh: n vertices, m faces.
+
+    Raises:
+        ValueError: as `on_surface`.
+    """
+    at = on_surface(landmarks, mesh)
+    if landmarks.vertices is None:
+        return landmarks
+    return landmarks._replace(points=at.points, vertices=None)
 
 
 def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
@@ -146,6 +164,17 @@ def _refuse_far(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
         )
 
 
+def _refuse_small(landmarks: Landmarks, away: ArrayLike, diagonal: float) -> None:
+    # In metres they all are near the origin, and that may be near a mesh in mm.
+    spread = float(np.linalg.norm(np.ptp(np.asarray(landmarks.points), axis=0)))
+    if len(landmarks.names) > 2 and spread < np.max(away):
+        raise ValueError(
+            f"all landmarks lie within {spread:.4g} of each other, and up to "
+            f"{np.max(away):.4g} from the mesh, whose bounding box has a diagonal of "
+            f"{diagonal:.4g}; are both in the same units, and is it the right mesh?"
+        )
+
+
 def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
     """That two landmarks are at one vertex."""
     _, first, at = np.unique(vertices, return_index=True, return_inverse=True)
@@ -157,23 +186,28 @@ def _shared(names: tuple[str, ...], vertices: ArrayLike) -> list[str]:
     ]
 
 
-def _nearest(mesh: Mesh, points: ArrayLike) -> Placed:
+def nearest(mesh: Mesh, points: ArrayLike) -> Placed:
     """The point of the mesh nearest to each point, exactly (`jfsf.mesh.closest`).
 
     Args:
         mesh: n vertices, m faces. Of a point cloud, and of a mesh without area, the
             nearest vertices are found.
-        points: (l, 3), finite.
+        points: (l, 3); nan for one that is missing.
     """
     vertices, faces = np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces)
     points = np.asarray(points, np.float64)
+    known = np.isfinite(points).all(1, keepdims=True)
+    points = np.where(known, points, vertices[:1])
     faces = faces[face_areas(vertices, faces) > 0]
     if len(faces) == 0:
         distances, vertex = KDTree(vertices).query(points)
-        return _at_vertices(mesh, vertex)._replace(distances=distances)
-    at = closest(surface_tree(Mesh(vertices, faces)), points)
-    corners = faces[at.face].astype(np.int64)
-    return Placed(corners, at.barycentric, at.position, at.distance)
+        found = _at_vertices(mesh, vertex)._replace(distances=distances)
+    else:
+        at = closest(surface_tree(Mesh(vertices, faces)), points)
+        corners = faces[at.face].astype(np.int64)
+        found = Placed(corners, at.barycentric, at.position, at.distance)
+    there = lambda values: np.where(known, values, np.nan)
+    return found._replace(weights=there(found.weights), points=there(found.points))
 
 
 def _at_vertices(mesh: Mesh, vertices: ArrayLike) -> Placed:
@@ -184,102 +218,3 @@ def _at_vertices(mesh: Mesh, vertices: ArrayLike) -> Placed:
     points = np.asarray(mesh.vertices, np.float64)[vertices]
     corners = np.repeat(vertices[:, None], 3, axis=1)
     return Placed(corners, weights, points, np.zeros(len(vertices)))
-
-
-_NUMBERED = re.compile(r"(.*?)([0-9]*)", re.DOTALL)
-
-
-class Pairing(NamedTuple):
-    """Landmarks that belong together.
-
-    rows: (p, 2) int64, the number of a landmark of X and of its partner of Y, from 0
-        on, in the order of X.
-    names: a name for each row.
-    said: what was paired how, and what has no partner, a sentence each.
-    """
-
-    rows: ArrayLike
-    names: tuple[str, ...]
-    said: list[str]
-
-
-def pair_landmarks(landmarks_x: Landmarks, landmarks_y: Landmarks) -> Pairing:
-    """Pair the landmarks of two shapes.
-
-    By name, if both have names that occur once each, and at least one is in both. Else
-    by their order, if there are as many of both and neither has names of its own: none,
-    or numbers as a program gives them ("F-1", "F-2"). Numbers without a gap from 0 on
-    and from 1 on are paired by their order too.
-
-    Args:
-        landmarks_x, landmarks_y: the landmarks of X and of Y.
-
-    Raises:
-        ValueError: they cannot be paired; it names what was found.
-    """
-    x, y = _plain(landmarks_x.names), _plain(landmarks_y.names)
-    if not x or not y:
-        raise ValueError("pair_landmarks: a shape has no landmark; give some")
-    count = {name: i for i, name in enumerate(y)}
-    common = [(i, count[name]) for i, name in enumerate(x) if name and name in count]
-    unique = all(len(set(named)) == len(named) for named in (_named(x), _named(y)))
-    by_order = _generated(x) and _generated(y) and len(x) == len(y)
-    if common and unique and not (by_order and _shifted(x, y)):
-        rows = np.array(common, np.int64)
-        names = tuple(landmarks_x.names[i] for i in rows[:, 0])
-        said = [f"{len(rows)} paired by name: {', '.join(names)}"]
-        for side, names_of, paired in (("X", x, rows[:, 0]), ("Y", y, rows[:, 1])):
-            alone = [name for i, name in enumerate(names_of) if i not in paired]
-            if alone:
-                said.append(f"without a partner, of {side}: {_listed(alone)}")
-        return Pairing(rows, names, said)
-    if by_order:
-        rows = np.repeat(np.arange(len(x))[:, None], 2, axis=1)
-        said = [f"{len(x)} paired by their order in the files"]
-        return Pairing(rows, landmarks_x.names, said)
-    if not unique:
-        side, names = ("X", x) if len(set(_named(x))) < len(_named(x)) else ("Y", y)
-        twice = sorted({name for name in names if name and names.count(name) > 1})
-        raise ValueError(
-            f"landmarks of {side} have the same name: {_listed(twice)}; give each "
-            "a name of its own"
-        )
-    raise ValueError(
-        f"no landmark has the same name in both files: X has {_listed(x)}, Y has "
-        f"{_listed(y)}; name those that belong together alike, or give as many of "
-        "both, in one order, without names"
-    )
-
-
-def _plain(names: tuple[str, ...]) -> list[str]:
-    """One form for letters that can be written in two ways."""
-    return [unicodedata.normalize("NFC", name).strip() for name in names]
-
-
-def _named(names: list[str]) -> list[str]:
-    return [name for name in names if name]
-
-
-def _generated(names: list[str]) -> bool:
-    """Whether there are no names, or one with a number after it."""
-    if not any(names):
-        return True
-    parts = [_NUMBERED.fullmatch(name) for name in names]
-    prefixes = {part[1] for part in parts if part}
-    return len(prefixes) == 1 and all(part and part[2] for part in parts)
-
-
-def _shifted(x: list[str], y: list[str]) -> bool:
-    """Whether one is counted from 0 on without a gap, the other from 1 on."""
-    # Not as numbers: Python refuses those of thousands of digits.
-    number = lambda name: name[len(name.rstrip("0123456789")) :]
-    counted = [[number(name) for name in names] for names in (x, y)]
-    runs = [[str(first + i) for i in range(len(x))] for first in (0, 1)]
-    return counted == runs or counted == runs[::-1]
-
-
-def _listed(names: list[str]) -> str:
-    """Up to ten names."""
-    shown = [repr(name) if name else "one without a name" for name in names[:10]]
-    more = [f"{len(names) - 10} more"] if len(names) > 10 else []
-    return ", ".join(shown + more)

@@ -1,12 +1,14 @@
 """The record of landmarks, and what all of its readers and writers share."""
 
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from jfsf.storage._text import find_separator
 from jfsf.types import ArrayLike
 
 # What no name holds, in any format: it is one line of text that XML can hold.
@@ -63,8 +65,9 @@ def collected(
         raise ValueError(f"{path}: has no landmark with a position; place some")
     said = ()
     if without:
-        have = "landmark has" if len(without) == 1 else "landmarks have"
-        left_out = f"{have} no position and were left out: {', '.join(without)}"
+        one = len(without) == 1
+        have, were = ("landmark has", "was") if one else ("landmarks have", "were")
+        left_out = f"{have} no position and {were} left out: {', '.join(without)}"
         said = (f"{len(without)} {left_out}",)
     points, vertices = np.array(places), None
     if points.ndim == 1:
@@ -166,6 +169,41 @@ def cells_of(line: str, separator: str, path: object) -> list[str]:
     except (csv.Error, ValueError) as error:
         raise ValueError(f"{path}: {error}; save it again as .csv") from None
     return cells
+
+
+def table_rows(
+    text: str, path: object, otherwise: str = ","
+) -> list[tuple[int, list[str]]]:
+    """The number of each line of a table, and its cells without blanks around them.
+
+    Args:
+        text: of the table. Tabs, semicolons or commas stand between the cells.
+        path: opens the message.
+        otherwise: stands between the cells if the first line has none of these.
+
+    Raises:
+        ValueError: as `cells_of`.
+    """
+    lines = numbered_lines(text)
+    mark, said = find_separator([line for _, line in lines], "\t;,")
+    rows = ((i, cells_of(line, mark or otherwise, path)) for i, line in lines[said:])
+    return [(i, [cell.strip() for cell in cells]) for i, cells in rows]
+
+
+def csv_text(
+    titles: Sequence[str], rows: Iterable[Sequence], missing: str = "NA"
+) -> str:
+    """A table with titles, and what stands for nan: NA, as R reads it."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(titles)
+    table.writerows([missing if x != x else x for x in row] for row in rows)
+    return text.getvalue()
+
+
+def titles_of(names: Sequence[str]) -> list[str]:
+    """Names of landmarks, and numbers from 1 on for those without."""
+    return [name or str(i) for i, name in enumerate(names, 1)]
 
 
 def quoted(name: str) -> str:

@@ -10,7 +10,7 @@ from scipy.spatial import KDTree
 from jfsf.apps.landmarks._outlines import Outline
 from jfsf.apps.landmarks._patches import spread
 from jfsf.apps.landmarks._paths import Paths, at_shares, length_of
-from jfsf.apps.landmarks._place import _nearest, on_surface
+from jfsf.apps.landmarks._place import nearest, on_surface
 from jfsf.apps.landmarks._record import Landmarks
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
@@ -26,8 +26,8 @@ class Semilandmarks(NamedTuple):
     names: of each point.
     points: on the surface.
     slide: for each point of a curve that slides, the point before it, its own, and the
-        one after it; numbers of landmarks and semilandmarks together, from 1.
-    surface: numbers of the points of patches, counted likewise.
+        one after it; numbers of landmarks and semilandmarks together, from 0.
+    surface: numbers of the points of patches, after those of the landmarks.
     """
 
     names: tuple[str, ...]
@@ -60,7 +60,7 @@ def semilandmarks(
     same = _SAME * float(np.sqrt(surface_area(mesh)))
     anchors = [_anchors(one, mesh, landmarks, same) for one in outlines]
     paths = Paths(mesh, np.concatenate([landmarks, *(own for own, _ in anchors)]))
-    first, next_number = len(landmarks), len(landmarks) + 1
+    first = next_number = len(landmarks)
     names, points, slide, surface = [], [], [], []
     for one, (own, known) in zip(outlines, anchors, strict=True):
         at = np.where(known < 0, first + np.arange(len(own)), known)
@@ -80,7 +80,7 @@ def semilandmarks(
     together = np.concatenate([np.zeros((0, 3)), *points])
     return Semilandmarks(
         tuple(names),
-        _nearest(mesh, together).points if len(together) else together,
+        nearest(mesh, together).points if len(together) else together,
         np.array(slide, int).reshape(-1, 3),
         np.array(surface, int),
     )
@@ -127,13 +127,13 @@ def _along(lines, known, number: int, first: int):
     counts = np.zeros(len(spans), int)
     for _ in range(number):
         counts[np.argmax(length / (counts + 1))] += 1
-    points, slide, before = [], [], int(known[0]) + 1
+    points, slide, before = [], [], int(known[0])
     if known[0] < 0:
         points, before, first = [spans[0][:1]], first, first + 1
     for cut, span, count in zip(cuts[1:], spans, counts, strict=True):
         points.append(at_shares(span, np.arange(1, count + 1) / (count + 1)))
         order, first = list(range(first, first + count)), first + count
-        after = int(known[cut]) + 1
+        after = int(known[cut])
         if known[cut] < 0:
             after = first
             points.append(span[-1:])

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.landmarks._place import Placed, _nearest
+from jfsf.apps.landmarks._place import Placed, nearest
 from jfsf.mesh import surface_area
 from jfsf.types import ArrayLike, Mesh
 
@@ -34,7 +34,6 @@ def mirror_pairs(
     T: Int[ArrayLike, " n"],
     *,
     system: str | None = None,
-    within: float = WITHIN,
 ) -> MirrorPairs:
     """Pair the landmarks of a shape by its own symmetry.
 
@@ -46,15 +45,13 @@ def mirror_pairs(
         placed: its landmarks.
         T: the vertex that each vertex is exchanged with, such as `symmetry(mesh).T_xy`.
         system: of the coordinates, as `Landmarks`.
-        within: most such distance, in sqrt(area).
     """
     vertices, points = np.asarray(mesh.vertices, float), np.asarray(placed.points)
-    images = vertices[np.asarray(T)[placed.corners]]
-    mirrored = _nearest(mesh, np.einsum("lc,lci->li", placed.weights, images)).points
+    mirrored = nearest(mesh, placed.on(vertices[np.asarray(T)])).points
     away = np.linalg.norm(mirrored[:, None] - points, axis=2)
     away = (away + away.T) / 2
     number, near = np.arange(len(points)), away.argmin(1)
-    close = away.min(1) < within * np.sqrt(surface_area(mesh))
+    close = away.min(1) < WITHIN * np.sqrt(surface_area(mesh))
     fits = (near[near] == number) & close
     midline = fits & (near == number)
     one = np.flatnonzero(fits & (near > number))

@@ -1,5 +1,6 @@
 """Arguments, checked: landmarks of specimens, and numbers of landmarks."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -8,6 +9,24 @@ from jaxtyping import Float, Int
 # Singular values of landmarks about their centroid, over the largest, below which they
 # count as in a plane or on a line: the roundings of a system of a hundred of them.
 FLAT = 1e-10
+
+
+class PointsError(ValueError):
+    """Specimens or landmarks that cannot be compared; the message has their numbers.
+
+    words: the message, with `{specimen}` and `{landmarks[0]}` for these.
+    """
+
+    def __init__(self, name: str, words: str, specimen: Any = -1, landmarks: Any = ()):
+        self.words, self.specimen, self.landmarks = words, specimen, landmarks
+        said = words.format(specimen=specimen, landmarks=landmarks)
+        super().__init__(f"{name}: {said}")
+
+    def named(self, specimens: Sequence[str], landmarks: Sequence[str]) -> str:
+        """The message with names for numbers; from 1 for a landmark without one."""
+        own = [repr(landmarks[i] or i + 1) for i in self.landmarks]
+        specimen = repr(specimens[self.specimen])
+        return self.words.format(specimen=specimen, landmarks=own)
 
 
 def check_points(
@@ -27,29 +46,27 @@ def check_points(
     """
     points = np.asarray(points, float)
     if points.ndim != 3 or points.shape[2] != 3 or points.shape[1] < 3:
-        raise ValueError(
-            f"{name}: points are {points.shape}; pass (s, l, 3) coordinates of three "
-            "landmarks or more"
-        )
+        words = f"points are {points.shape}; pass (s, l, 3) of three landmarks or more"
+        raise PointsError(name, words)
     if len(points) < least:
-        raise ValueError(
-            f"{name}: specimens are {len(points)}; it needs {least} or more"
-        )
+        words = f"specimens are {len(points)}; it needs {least} or more"
+        raise PointsError(name, words)
     bad = ~np.isfinite(points).all(2)
     if missing:
         bad &= ~np.isnan(points).all(2)
     if bad.any():
         specimen, landmark = np.argwhere(bad)[0]
-        raise ValueError(
-            f"{name}: landmark {landmark} of specimen {specimen} is "
+        raise PointsError(
+            name,
+            f"landmark {{landmarks[0]}} of specimen {{specimen}} is "
             f"{points[specimen, landmark]}; estimate it (`estimate_missing`) or leave "
-            "the specimen out"
+            "the specimen out",
+            specimen=specimen,
+            landmarks=[landmark],
         )
     if not missing and len(small := np.flatnonzero(~np.ptp(points, axis=1).any(1))):
-        raise ValueError(
-            f"{name}: all landmarks of specimen {small[0]} are at one place; leave it "
-            "out"
-        )
+        words = "all landmarks of specimen {specimen} are at one place; leave it out"
+        raise PointsError(name, words, specimen=small[0])
     return points
 
 
@@ -90,12 +107,11 @@ def check_numbers(name: str, what: str, numbers: Any, columns: int, landmarks: i
 
 
 def check_once(name: str, what: str, numbers: Int[np.ndarray, " r"]) -> None:
-    """ValueError if a landmark is named twice."""
+    """PointsError if a landmark is there twice."""
     values, counts = np.unique(numbers, return_counts=True)
     if len(twice := values[counts > 1]):
-        raise ValueError(
-            f"{name}: landmark {twice[0]} is twice in {what}; take one out"
-        )
+        words = f"landmark {{landmarks[0]}} is twice in {what}; take one out"
+        raise PointsError(name, words, landmarks=twice[:1])
 
 
 def is_flat(shape: Float[np.ndarray, "l 3"]) -> bool:

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from jaxtyping import Float
 
-from jfsf.apps.morphometrics._checks import check_points, is_flat
+from jfsf.apps.morphometrics._checks import PointsError, check_points, is_flat
 from jfsf.apps.morphometrics._sliding import bending_energy, check_sliders, slide
 from jfsf.types import ArrayLike
 
@@ -79,7 +79,7 @@ def procrustes(
     if slide not in get_args(Slide):
         raise ValueError(f'procrustes: slide is {slide!r}; "bending" or "procrustes"')
     centred = points - points.mean(1, keepdims=True)
-    sizes = np.linalg.norm(centred, axis=(1, 2))
+    sizes = centroid_size(points)
     shapes = centred / sizes[:, None, None]
     shapes = turned(shapes, shapes[0])
     if len(sliders.curves) + len(sliders.surfaces):
@@ -90,6 +90,29 @@ def procrustes(
     mean = shapes.mean(0)
     distances = np.linalg.norm(shapes - mean, axis=(1, 2))
     return Superimposed(shapes, sizes, mean, distances, rested)
+
+
+def centroid_size(points: Float[np.ndarray, "*s l 3"]) -> Float[np.ndarray, "*s"]:
+    """The root of the summed squared distances from the centroid.
+
+    Of the landmarks that are there; nan without one.
+    """
+    known = np.ma.masked_invalid(points)
+    squares = (known - known.mean(-2, keepdims=True)) ** 2
+    return np.ma.filled(np.sqrt(squares.sum((-2, -1))), np.nan)
+
+
+def similarity(
+    points: Float[np.ndarray, "l 3"], onto: Float[np.ndarray, "l 3"]
+) -> tuple[float, Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Scale s, rotation R and shift t by which s x R + t is nearest to others.
+
+    In root mean square distance (Umeyama, IEEE PAMI 1991, without reflection).
+    """
+    centred, goal = points - points.mean(0), onto - onto.mean(0)
+    turn = rotations(goal, centred[None])[0].T
+    scale = float((centred @ turn * goal).sum() / (centred**2).sum())
+    return scale, turn, onto.mean(0) - scale * points.mean(0) @ turn
 
 
 def turned(
@@ -131,10 +154,11 @@ def _slid(shapes, sliders, bending):
     number = 0
     while change > TOLERANCE and number < SLIDES:
         if bending and is_flat(mean):
-            raise ValueError(
-                "procrustes: the landmarks lie in a plane, where the spline in space "
-                'is not defined; slide="procrustes"'
+            words = (
+                "the landmarks lie in a plane, where the spline in space is not "
+                'defined; slide="procrustes"'
             )
+            raise PointsError("procrustes", words)
         energy = bending_energy(mean) if bending else None
         shapes = slide(shapes, mean, sliders, energy)
         now = len(shapes) * (shapes.mean(0) ** 2).sum()

@@ -22,10 +22,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
-from jfsf.apps.morphometrics._checks import (
-    check_numbers,
-    check_once,
-)
+from jfsf.apps.morphometrics._checks import PointsError, check_numbers, check_once
 from jfsf.types import ArrayLike
 
 NEAREST = 5  # landmarks of a tangent plane, with the one that slides: geomorph's
@@ -58,9 +55,8 @@ def check_sliders(
     check_once(name, "surfaces", planes)
     check_once(name, "curves and surfaces", np.concatenate([slid[:, 1], planes]))
     if len(planes) and landmarks < NEAREST:
-        raise ValueError(
-            f"{name}: there are {landmarks} landmarks; a surface needs {NEAREST}"
-        )
+        words = f"there are {landmarks} landmarks; a surface needs {NEAREST}"
+        raise PointsError(name, words)
     return Sliders(slid, planes)
 
 
@@ -98,10 +94,11 @@ def slide(
             ]
             along = np.array(solved)
         except np.linalg.LinAlgError:
-            raise ValueError(
-                "procrustes: the semilandmarks have no unique positions of least "
-                'bending energy; slide fewer, or by slide="procrustes"'
-            ) from None
+            words = (
+                "the semilandmarks have no unique positions of least bending energy; "
+                'slide fewer, or by slide="procrustes"'
+            )
+            raise PointsError("procrustes", words) from None
     c, p = len(sliders.curves), len(sliders.surfaces)
     tangent, first, second = np.split(along[..., None] * ways, [c, c + p], axis=1)
     moved = shapes.copy()
@@ -118,10 +115,11 @@ def bending_energy(mean: Float[np.ndarray, "l 3"]) -> Float[np.ndarray, "l l"]:
     """
     away = cdist(mean, mean)
     if len(twice := np.argwhere(np.triu(away == 0, 1))):
-        raise ValueError(
-            f"procrustes: landmark {twice[0, 0]} and landmark {twice[0, 1]} are at one "
-            "place; leave one out"
+        words = (
+            "landmark {landmarks[0]} and landmark {landmarks[1]} are at one place; "
+            "leave one out"
         )
+        raise PointsError("procrustes", words, landmarks=twice[0])
     affine = np.column_stack([np.ones(len(mean)), mean])
     matrix = np.block([[away, affine], [affine.T, np.zeros((4, 4))]])
     return np.linalg.inv(matrix)[: len(mean), : len(mean)]
@@ -134,10 +132,12 @@ def _directions(shapes, sliders):
     length = np.linalg.norm(tangents, axis=2, keepdims=True)
     if not length.all():
         specimen, row = np.argwhere(length[..., 0] == 0)[0]
-        raise ValueError(
-            f"procrustes: landmark {before[row]} and landmark {after[row]} of specimen "
-            f"{specimen} are at one place, so the one between them cannot slide"
+        words = (
+            "landmark {landmarks[0]} and landmark {landmarks[1]} of specimen "
+            "{specimen} are at one place, so the one between them cannot slide"
         )
+        ends = before[row], after[row]
+        raise PointsError("procrustes", words, specimen=specimen, landmarks=ends)
     surfaces = sliders.surfaces
     planes = np.zeros((len(shapes), len(surfaces), 2, 3))
     for i, shape in enumerate(shapes if len(surfaces) else ()):

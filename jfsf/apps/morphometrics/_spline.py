@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import RBFInterpolator
 
-from jfsf.apps.morphometrics._checks import check_points, is_flat
+from jfsf.apps.morphometrics._checks import PointsError, check_points, is_flat
 from jfsf.apps.morphometrics._procrustes import procrustes
 from jfsf.types import ArrayLike
 
@@ -32,17 +32,20 @@ def warp(
         ValueError: wrong shapes, values that are not finite, landmarks that lie in a
             plane, or two at one place.
     """
-    points = np.asarray(points, float)
-    landmarks, targets = check_points("warp", [landmarks, targets])
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"warp: points are {points.shape}; pass (n, 3)")
-    if is_flat(landmarks):
+    given = points, landmarks, targets
+    points, landmarks, targets = (np.asarray(one, float) for one in given)
+    l = len(landmarks) if landmarks.ndim else 0
+    fits = points.shape[1:] == (3,) and landmarks.shape == targets.shape == (l, 3)
+    if not fits or not all(np.isfinite(one).all() for one in (landmarks, targets)):
         raise ValueError(
-            f"warp: the {len(landmarks)} landmarks lie in a plane; the spline needs "
-            "four or more that do not"
+            f"warp: points are {points.shape}, landmarks {landmarks.shape} and targets "
+            f"{targets.shape}; pass finite (n, 3), (l, 3) and (l, 3)"
         )
-    if len(np.unique(landmarks, axis=0)) < len(landmarks):
-        raise ValueError("warp: two landmarks are at one place; leave one out")
+    if is_flat(landmarks):
+        words = f"the {l} landmarks lie in a plane; the spline needs four that do not"
+        raise PointsError("warp", words)
+    if len(np.unique(landmarks, axis=0)) < l:
+        raise PointsError("warp", "two landmarks are at one place; leave one out")
     return RBFInterpolator(landmarks, targets, kernel="linear", degree=1)(points)
 
 
@@ -70,21 +73,24 @@ def estimate_missing(
     whole = points[~lost.any(1)]
     if len(whole) < 2:
         often = np.argsort(-lost.sum(0), kind="stable")[:2]
-        counts = [f"landmark {i} (in {lost[:, i].sum()})" for i in often]
-        raise ValueError(
-            f"estimate_missing: {len(whole)} of {len(points)} specimens have all "
-            f"landmarks, two are needed; most often {' and '.join(counts)} is missing: "
-            "leave landmarks or specimens out"
+        first, second = lost[:, often].sum(0)
+        words = (
+            f"{len(whole)} of {len(points)} specimens have all landmarks, two are "
+            f"needed; most often landmark {{landmarks[0]}} (in {first}) and landmark "
+            f"{{landmarks[1]}} (in {second}) is missing: leave landmarks or specimens "
+            "out"
         )
+        raise PointsError("estimate_missing", words, landmarks=often)
     aligned = procrustes(whole)
     mean = (aligned.shapes * aligned.sizes[:, None, None]).mean(0)
     estimated = points.copy()
     for i in np.flatnonzero(lost.any(1)):
         have = ~lost[i]
         if is_flat(points[i, have]) or is_flat(mean[have]):
-            raise ValueError(
-                f"estimate_missing: specimen {i} has {have.sum()} of {len(have)} "
-                "landmarks, fewer than four or all in a plane; leave it out"
+            words = (
+                f"specimen {{specimen}} has {have.sum()} of {len(have)} landmarks, "
+                "fewer than four or all in a plane; leave it out"
             )
+            raise PointsError("estimate_missing", words, specimen=i)
         estimated[i, ~have] = warp(mean[~have], mean[have], points[i, have])
     return estimated

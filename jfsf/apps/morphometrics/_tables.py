@@ -1,74 +1,122 @@
-"""Lists of semilandmarks and pairs, and groups of specimens, as people's files.
+"""Lists of semilandmarks and pairs, and groups of specimens, as files.
 
-Landmarks are numbered from 1, as in geomorph, whose `define.sliders` writes
-curveslide.csv (before, slide, after) and surfslide.csv.
+Landmarks are numbered from 1 there, as in geomorph, whose `define.sliders` writes
+curveslide.csv and surfslide.csv.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Int
 
-from jfsf.apps.landmarks._record import cells_of, numbered_lines, to_vertex
-from jfsf.apps.morphometrics._checks import check_once
-from jfsf.storage._text import find_separator, read_text
-
-CURVES, SURFACES, PAIRS = ("before", "slide", "after"), ("surfaces",), ("left", "right")
+from jfsf.apps.landmarks._record import csv_text, table_rows, to_vertex
+from jfsf.storage._atomic import write_text
+from jfsf.storage._text import read_text
 
 
-def read_numbers(
-    path: Path, titles: Sequence[str], landmarks: int
-) -> Int[np.ndarray, "r c"]:
+class Kind(NamedTuple):
+    """A kind of list.
+
+    file: its name, as `jfsf collection` writes it.
+    titles: of its columns.
+    once: the columns in which no landmark may be twice.
+    """
+
+    file: str
+    titles: tuple[str, ...]
+    once: slice = slice(None)
+
+
+LISTS = {
+    # Neighbours of a semilandmark may be those of others.
+    "curves": Kind("curveslide.csv", ("before", "slide", "after"), slice(1, 2)),
+    "surfaces": Kind("surfslide.csv", ("surface",)),
+    "pairs": Kind("landmark_pairs.csv", ("left", "right")),
+}
+ALONE = -1  # in place of the partner of a landmark that has none
+
+
+def read_list(path: Path, kind: Kind, landmarks: int) -> Int[np.ndarray, "r c"]:
     """Read rows of landmarks, as numbers from 0.
 
     Args:
-        path: a table; the columns of these titles, or the only ones.
-        titles: of the columns. No landmark may slide, or be in a pair, twice.
+        path: a table; the columns of the kind's titles, or the only ones.
+        kind: one of `LISTS`.
         landmarks: how many there are.
 
     Returns:
-        No rows of a table that has titles only.
+        No rows of a table that has titles only. Of a pair whose second cell is empty,
+        the second number is `ALONE`.
 
     Raises:
         ValueError: another layout, a number that no landmark has, or one that is there
             twice; it names the file and the line.
         OSError: the file cannot be read.
     """
-    (head, *rows), width = _rows(path), len(titles)
-    columns = list(range(width))
-    if any(to_vertex(cell) is not None for cell in head[1]):
-        rows = [head, *rows]
-    elif set(titles) <= set(head[1]):
-        columns = [head[1].index(title) for title in titles]
-    elif len(head[1]) != width:
-        rows = [head, *rows]  # whose number of cells is wrong
-    numbers = np.zeros((len(rows), width), int)
+    rows, width = _rows(path), len(kind.titles)
+    first = rows[0][1]
+    columns, is_head = list(range(width)), len(first) == width
+    if set(kind.titles) <= set(first):
+        columns, is_head = [first.index(title) for title in kind.titles], True
+    if is_head and all(to_vertex(cell) is None for cell in first):
+        rows = rows[1:]
+    numbers, known = np.full((len(rows), width), ALONE), set()
     for at, (line, cells) in enumerate(rows):
-        there = len(cells) > max(columns)
-        if tuple(titles) == PAIRS and there and not cells[columns[1]]:
+        where = f"{path}: line {line}"
+        own = [cells[i] for i in columns if i < len(cells)]
+        is_alone = kind == LISTS["pairs"] and own[1:] == [""]
+        found = [to_vertex(cell) for cell in (own[:1] if is_alone else own)]
+        row = [number for number in found if number is not None]
+        extra = columns == list(range(width)) and len(cells) > width
+        if extra or len(row) < width - is_alone:
             raise ValueError(
-                f"{path}: line {line}: landmark {cells[columns[0]]} has no partner; "
-                "write it there, or take the line out if it is on the midline"
+                f"{where} is {','.join(cells)[:60]!r}; a line holds "
+                f"{','.join(kind.titles)}, numbers of landmarks from 1"
             )
-        row = [to_vertex(cells[i]) for i in columns if i < len(cells)]
-        row = [number for number in row if number is not None]
-        if len(row) < width or (len(cells) != width and columns == list(range(width))):
+        if wrong := [i for i in row if not 1 <= i <= landmarks]:
+            raise ValueError(f"{where} has {wrong[0]}; landmarks are 1 to {landmarks}")
+        if len(set(row)) < len(row):
+            raise ValueError(f"{where} has a landmark twice")
+        if again := known.intersection(once := row[kind.once]):
             raise ValueError(
-                f"{path}: line {line} is {','.join(cells)[:60]!r}; a line holds "
-                f"{','.join(titles)}, numbers of landmarks from 1"
+                f"{where}: landmark {min(again)} is twice in the file; take one out"
             )
-        if wrong := [number for number in row if not 1 <= number <= landmarks]:
-            raise ValueError(
-                f"{path}: line {line} has {wrong[0]}; landmarks are 1 to {landmarks}"
-            )
-        if len(set(row)) < width:
-            raise ValueError(f"{path}: line {line} has a landmark twice")
-        numbers[at] = row
-    # Neighbours of a semilandmark may be those of others.
-    once = numbers[:, 1] if tuple(titles) == CURVES else numbers.ravel()
-    check_once(str(path), "the file", once)
-    return numbers - 1
+        known.update(once)
+        numbers[at, : len(row)] = np.array(row) - 1
+    return numbers
+
+
+def write_lists(
+    folder: Path, lists: Mapping[str, Int[np.ndarray, "r c"]]
+) -> list[Path]:
+    """Write lists, by their kinds, and remove those of other kinds of an earlier run.
+
+    Args:
+        folder: where they are named as `LISTS` has them.
+        lists: as `read_list` returns them.
+    """
+    written = []
+    for name, kind in LISTS.items():
+        path = folder / kind.file
+        if name not in lists:
+            path.unlink(missing_ok=True)
+            continue
+        rows = np.where(lists[name] < 0, "", (lists[name] + 1).astype(str))
+        write_text(path, csv_text(kind.titles, rows))
+        written.append(path)
+    return written
+
+
+def lists_in(folder: Path, landmarks: int) -> dict[str, Int[np.ndarray, "r c"]]:
+    """The lists of a folder, by their kinds; as `read_list`."""
+    paths = {name: folder / kind.file for name, kind in LISTS.items()}
+    return {
+        name: read_list(path, LISTS[name], landmarks)
+        for name, path in paths.items()
+        if path.is_file()
+    }
 
 
 def read_groups(
@@ -116,10 +164,6 @@ def has_rows(path: Path) -> bool:
 
 def _rows(path: Path) -> list[tuple[int, list[str]]]:
     """Number of each line, and its cells; one or more."""
-    lines = numbered_lines(read_text(path))
-    separator, said = find_separator([line for _, line in lines], "\t;,")
-    lines = lines[said:]
-    if not lines:
-        raise ValueError(f"{path}: is empty; save it again")
-    rows = ((number, cells_of(line, separator or ",", path)) for number, line in lines)
-    return [(number, [cell.strip() for cell in cells]) for number, cells in rows]
+    if rows := table_rows(read_text(path), path):
+        return rows
+    raise ValueError(f"{path}: is empty; save it again")
