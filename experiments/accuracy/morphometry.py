@@ -166,7 +166,7 @@ def held(points, radius, truth, names) -> dict[str, float]:
     away = [np.linalg.norm(points[n] - truth[n], axis=1) for n in names]
     far, reach = np.concatenate(away), np.concatenate([radius[n] for n in names])
     known = np.isfinite(far) & np.isfinite(reach)
-    rank = spearmanr(far[known], reach[known]).statistic
+    rank = spearmanr(far[known], reach[known])[0]
     return {"within": float((far <= reach)[known].mean()), "rank": float(rank)}
 
 
