@@ -35,7 +35,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.distance import cdist, pdist
-from scipy.stats import spearmanr
+from scipy.stats import rankdata
 
 import jfsf
 from experiments import command_line, results_file
@@ -166,7 +166,7 @@ def held(points, radius, truth, names) -> dict[str, float]:
     away = [np.linalg.norm(points[n] - truth[n], axis=1) for n in names]
     far, reach = np.concatenate(away), np.concatenate([radius[n] for n in names])
     known = np.isfinite(far) & np.isfinite(reach)
-    rank = spearmanr(far[known], reach[known])[0]
+    rank = np.corrcoef(rankdata(far[known]), rankdata(reach[known]))[0, 1]
     return {"within": float((far <= reach)[known].mean()), "rank": float(rank)}
 
 
