@@ -349,7 +349,8 @@ def test_control_c_ends_a_run_with_one_line(scans, tmp_path):
     finally:
         running.kill()
     reader.join()
-    text = b"".join(seen).decode()
+    # A character that was being written when it was interrupted may be cut.
+    text = b"".join(seen).decode(errors="replace")
     said = "stopped; 4 shapes are kept; run the same command to go on"
     assert text.endswith(f"{said}\r\n") and "Traceback" not in text
     assert "distributed" not in text and "warn" not in text.lower()
