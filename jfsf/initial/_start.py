@@ -139,7 +139,7 @@ def search_starts(
         best.orientation[1:],
         above,
         jnp.full_like(above, settings.descriptor_weight),
-        jnp.full_like(above, best.mirror_gap),
+        jnp.broadcast_to(best.mirror_gap, above.shape),
     )
     return first, others
 
