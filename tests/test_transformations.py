@@ -165,8 +165,8 @@ def test_cell(name, kind, dtype):
     (TRACED | RUN)[kind](CASES[name].run, problem(dtype))
 
 
-# On shapes as small as these rounding decides between starts of the search: that a batch
-# of `match_spectra` is the loop is tested in test_batch.
+# On shapes as small as these rounding decides between starts of the search: that many
+# at once by `match_spectra` are the loop is tested in test_batch.
 ALIKE = [name for name in CASES if name != "match_spectra"]
 SHARDED = [n for n, case in CASES.items() if "shard_map" not in case.cannot]
 
