@@ -113,7 +113,7 @@ class PairState:
         settings: Settings,
         wins: bool = False,
     ) -> None:
-        """Note an attempt; it is the match if it is more confident than that so far.
+        """Note an attempt; it is the match if it is likelier than that so far.
 
         wins: it is the match in any case.
         """
