@@ -9,18 +9,21 @@ Of each size, by a process with two workers (dask): seconds, also of the process
 specimen; gigabytes of the process that plans, and the most of all processes together;
 specimens that were left out, and those on which the template is wrong, with a mean
 error of 0.1 of sqrt(area) or more. --kills N: the run is killed N times, at random, and
-started again; `again` has what the last start still had to do.
+started again; `again` has what the last start still had to do. If this script is
+stopped itself, run it again: `starts.json` in the folder has what was used before.
 
     python -m experiments.bench.bench_collection FOLDER [--specimens 10 100 1000] \\
         [--kills 10] [--out RESULT.json]
 """
 
 import csv
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -41,6 +44,7 @@ SPREAD = 0.3  # standard deviations of each mode
 NOISE = 0.02  # of the mean length of edges, before vertices are taken away
 WORKERS = 2
 WITHIN = 60.0  # seconds in which a run is killed
+SUMS, MOST = ("seconds", "seconds of the processor"), ("gigabytes", "gigabytes of all")
 
 
 def main() -> None:
@@ -86,45 +90,53 @@ def make(folder: Path, number: int) -> None:
 
 
 def measured(folder: Path, kills: int) -> dict:
-    """Seconds and memory of the command; of the last start alone if it is killed."""
+    """Seconds and memory of the command, over all its starts."""
     command = [sys.executable, "-m", "jfsf", "collection", str(folder / "scans")]
     command += ["--out", str(folder / "model"), "--workers", str(WORKERS)]
-    rng, total = np.random.default_rng(0), 0.0
-    for _ in range(kills):
-        limit = float(rng.uniform(0, WITHIN))
-        total += started(command, folder / "log", limit)["seconds"]
-    last = started(command, folder / "log", None)
-    total += last["seconds"]
+    limits = [*np.random.default_rng(0).uniform(0, WITHIN, kills), None]
+    starts, kept = [], folder / "starts.json"
+    if kept.exists():
+        starts = json.loads(kept.read_text())
+    while not (starts and starts[-1]["ended"]):
+        limit = limits[min(len(starts), kills)]
+        starts.append({})
+        for starts[-1] in started(command, folder / "log", limit):
+            kept.write_text(json.dumps(starts))
     rows = read(folder / "model" / "summary.csv")
-    return {**last, "seconds": total, "again": last["seconds"]} | {
-        "a specimen": total / len(rows),
+    total = {key: sum(start[key] for start in starts) for key in SUMS}
+    most = {key: max(start[key] for start in starts) for key in MOST}
+    return {
+        **total,
+        **most,
+        "starts": len(starts),
+        "again": starts[-1]["seconds"],
+        "a specimen": total["seconds"] / len(rows),
         "left out": sum(bool(row["reason"]) for row in rows),
     }
 
 
-def started(command: list[str], log: Path, limit: float | None) -> dict:
-    """Run it, and kill it and its workers after so many seconds."""
+def started(command: list[str], log: Path, limit: float | None) -> Iterator[dict]:
+    """Run it, kill it and its workers after so many seconds; what it used until now."""
     start, plan, every, cpu = time.perf_counter(), 0, 0, {}
     with open(log, "ab") as file:
         process = subprocess.Popen(
             command, stdout=file, stderr=file, start_new_session=True
         )
-        while process.poll() is None:
-            time.sleep(0.5)
-            if limit is not None and time.perf_counter() - start > limit:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-            else:
-                sizes = sizes_of(process.pid, cpu)
-                plan, every = max(plan, sizes[0]), max(every, sum(sizes))
-    if limit is None and process.returncode not in (0, 1):
+    ended = False
+    while not ended:
+        time.sleep(0.5)
+        ended = process.poll() is not None
+        seconds = time.perf_counter() - start
+        if limit is not None and seconds > limit:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            return
+        sizes = sizes_of(process.pid, cpu)
+        plan, every = max(plan, sizes[0]), max(every, sum(sizes))
+        used = (seconds, sum(cpu.values()), plan / 1e9, every / 1e9)
+        yield dict(zip((*SUMS, *MOST), used, strict=True)) | {"ended": ended}
+    if process.returncode not in (0, 1):
         raise SystemExit(f"jfsf collection ended with {process.returncode}: see {log}")
-    return {
-        "seconds": time.perf_counter() - start,
-        "seconds of the processor": sum(cpu.values()),
-        "gigabytes": plan / 1e9,
-        "gigabytes of all": every / 1e9,
-    }
 
 
 def sizes_of(number: int, cpu: dict[int, float]) -> list[int]:
