@@ -20,6 +20,7 @@ from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
     MIRROR_SHEAR,
     PAIRS_A_SHAPE,
+    SURE,
     Graph,
     Matched,
     MirrorTest,
@@ -91,7 +92,8 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
 
     A shape that is not joined, with the most alike of those that are; and a shape that
     the map from the one before it on its way shears `MIRROR_SHEAR` times as much as the
-    median of all such maps, with that one.
+    median of all such maps, with that one. Where there is one such map only, as beside
+    a finished collection, that is a map which is less probable than `SURE`.
 
     Args:
         graph: of `grow`.
@@ -105,12 +107,16 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
         if before >= 0 and graph.joined[i]
     }
     known = [shear for shear in sheared.values() if np.isfinite(shear)]
-    most = MIRROR_SHEAR * float(np.median(known)) if known else np.inf
+    if len(known) > 1:
+        most = MIRROR_SHEAR * float(np.median(known))
+        doubtful = {i for i, shear in sheared.items() if shear > most}
+    else:
+        doubtful = {i for i in sheared if graph.paths.trust[i] < SURE}
     for i, before in enumerate(graph.paths.before.tolist()):
         if not graph.joined[i]:
             near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
             found += [(i, j) for j in near[:PARTNERS]]
-        elif before >= 0 and sheared[i] > most:
+        elif i in doubtful:
             found.append((i, before))
     return found
 
