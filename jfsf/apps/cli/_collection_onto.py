@@ -23,7 +23,7 @@ from jfsf.batch._jobs import Job, is_done, timed
 if TYPE_CHECKING:
     from jfsf.apps.collections._grow import Graph
 
-STAGES_ONTO = "files", "shapes", "registered", "model"
+STAGES_ONTO = "files", "shapes", "joining", "model"
 JOINED = "joined"  # folder of what is known of each new shape
 
 
@@ -62,7 +62,7 @@ def join_onto(
     # What is done within a job shows only there.
     again = run(
         list(jobs.values()),
-        label="registered",
+        label="joining",
         work=partial(put_onto, **how),
         done=lambda _: False,
     )
