@@ -1,0 +1,201 @@
+"""What the network is trained on: bodies, views and pieces of them, and the truth.
+
+    python -m experiments.learn.samples WHEEL FOLDER [--shards 12] [--first 0]
+
+Each shard is made from its own number, so shards can be made side by side, and a run
+that is stopped goes on. The network reads nothing that turns, moves or grows with the
+shape: its spectrum, heat kernels, curvatures and its rim.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
+
+from experiments import command_line
+from experiments.accuracy.made_parts import seen
+from experiments.learn.bodies import BODY, Model, random_body, read_model, rest_body
+from experiments.learn.network import Shape
+from experiments.learn.others import random_other
+from jfsf.mesh import MeshError, decimate, largest_component, surface_area
+from jfsf.mesh._edit import Submesh
+from jfsf.mesh._geometry import boundary_edges, vertex_normals
+from jfsf.runtime._sizes import pad
+from jfsf.spectral import curvature, spectrum
+from jfsf.storage._atomic import write_atomically
+from jfsf.types import Mesh, Spectrum
+
+SHARD = 250  # samples in a file
+LEAST, MOST = 450, 1024  # vertices of a sample
+EIGENPAIRS = 80
+HEAT_TIMES = np.geomspace(1e-3, 0.25, 14)  # on the shape of area 1
+STEEPEST = 300.0  # slope that is read as such; needles have steeper ones
+RIM_TIMES = (1e-3, 8e-3, 6e-2)
+KINDS = {"whole": 0.3, "view": 0.35, "cut": 0.12, "view and cut": 0.13, "holes": 0.1}
+OTHERS = 0.2  # share of shapes that are no people
+# Of curvatures, on the shape of area 1: from a wrist to a half of the body.
+TIMES = tuple(2.0 ** np.arange(-13, -1))
+
+
+def main() -> None:
+    parser = command_line.parser(__doc__)
+    parser.add_argument("wheel", type=Path)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--shards", type=int, default=12)
+    parser.add_argument("--first", type=int, default=0)
+    args = command_line.parse(parser)
+    args.folder.mkdir(parents=True, exist_ok=True)
+    model = read_model(args.wheel)
+    template = args.folder / "template.npz"
+    if not template.exists():
+        np.savez(template, vertices=rest_body(model), faces=model.faces)
+    for shard in range(args.first, args.first + args.shards):
+        path = args.folder / f"shard_{shard:03d}.npz"
+        if not path.exists():
+            write_shard(path, model, np.random.default_rng(shard))
+            print(path, flush=True)
+
+
+def write_shard(path: Path, model: Model, rng: np.random.Generator) -> None:
+    """Samples one after the other in long arrays; `sizes` says where each ends."""
+    found: list[tuple[Shape, np.ndarray]] = []
+    while len(found) < SHARD:
+        part, truth = random_part(model, rng)
+        try:
+            found.append((shape_of(part), truth))
+        except MeshError:  # a cut through a limb may leave next to nothing
+            continue
+    samples, truths = zip(*found, strict=True)
+    half = lambda name: np.concatenate(
+        [getattr(s, name) for s in samples], dtype=np.float16, casting="unsafe"
+    )
+    arrays = {
+        "sizes": np.array([len(t) for t in truths]),
+        "evals": np.stack([s.evals for s in samples]).astype(np.float32),
+        "mass": np.concatenate([s.mass for s in samples]).astype(np.float32),
+        "truth": np.concatenate(truths).astype(np.int16),
+        **{name: half(name) for name in ("evecs", "slopes", "inputs")},
+    }
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+
+
+def random_part(model: Model, rng) -> tuple[Mesh, np.ndarray]:
+    """A shape or a part of one, and the vertex of the template for each vertex.
+
+    Where it is no person that is `BODY`, one more than the last.
+    """
+    while True:
+        if person := rng.random() > OTHERS:
+            whole = Mesh(random_body(model, rng), model.faces)
+        else:
+            whole = random_other(rng)
+        points = np.asarray(whole.vertices)
+        ends = points[np.asarray(whole.faces)[:, :2]]
+        edge = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
+        rough = points + rng.uniform(0, 0.3) * edge * rng.normal(size=points.shape)
+        kind = rng.choice(list(KINDS), p=list(KINDS.values()))
+        mesh = largest_component(Mesh(rough, whole.faces)).mesh
+        for step in CUTS[kind]:
+            mesh = step(mesh, rng).mesh
+        # Afterwards: the rim of large triangles would be longer than that of a scan.
+        mesh = largest_component(decimate(mesh, int(rng.integers(LEAST, MOST)))).mesh
+        n = len(mesh.vertices)
+        if LEAST // 2 <= n <= MOST:
+            nearest = np.asarray(KDTree(points).query(mesh.vertices)[1])
+            turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()
+            truth = nearest if person else np.full(n, BODY)
+            return Mesh(mesh.vertices @ turn.T, mesh.faces), truth
+
+
+def _view(mesh: Mesh, rng) -> Submesh:
+    return seen(mesh, rng.normal(size=3), rng)
+
+
+def _cut(mesh: Mesh, rng) -> Submesh:
+    """What lies on one side of a plane."""
+    height = np.asarray(mesh.vertices) @ rng.normal(size=3)
+    kept = np.asarray(height < np.quantile(height, rng.uniform(0.35, 0.9)))
+    return _of_faces(mesh, np.all(kept[np.asarray(mesh.faces)], axis=1))
+
+
+def _holes(mesh: Mesh, rng) -> Submesh:
+    """Without a few balls."""
+    points = np.asarray(mesh.vertices)
+    kept = np.ones(len(points), bool)
+    for centre in points[rng.choice(len(points), int(rng.integers(1, 5)))]:
+        radius = rng.uniform(0.05, 0.2) * np.sqrt(surface_area(mesh))
+        kept &= np.linalg.norm(points - centre, axis=1) > radius
+    return _of_faces(mesh, np.all(kept[np.asarray(mesh.faces)], axis=1))
+
+
+def _of_faces(mesh: Mesh, kept: np.ndarray) -> Submesh:
+    if not kept.any():
+        return Submesh(mesh, np.arange(len(mesh.vertices)))
+    return largest_component(Mesh(mesh.vertices, np.asarray(mesh.faces)[kept]))
+
+
+CUTS = {
+    "whole": (),
+    "view": (_view,),
+    "cut": (_cut,),
+    "view and cut": (_view, _cut),
+    "holes": (_holes,),
+}
+
+
+def shape_of(mesh: Mesh) -> Shape:
+    """Of a mesh of one piece."""
+    spec = spectrum(mesh, EIGENPAIRS, cache=False)
+    return Shape(spec.evals, spec.mass, spec.evecs, slopes_of(spec), inputs_of(spec))
+
+
+def slopes_of(spec: Spectrum) -> np.ndarray:
+    """(n, 2, k) gradients of the eigenfunctions, means over the faces of a vertex."""
+    points, faces = np.asarray(spec.vertices), np.asarray(spec.faces)
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    normal = np.cross(b - a, c - a)
+    double = np.linalg.norm(normal, axis=1, keepdims=True)
+    unit = normal / np.maximum(double, 1e-12)
+    values = spec.evecs[faces]
+    # The gradient of a corner's hat is its opposite edge, turned, over twice the area.
+    hats = np.stack([np.cross(unit, e) for e in (c - b, a - c, b - a)], 1)
+    hats /= np.maximum(double, 1e-12)[:, :, None]
+    gradient = np.einsum("fcd,fck->fdk", hats, values)
+    total = np.zeros((len(points), 3, values.shape[2]))
+    area = np.zeros(len(points))
+    for corner in range(3):
+        np.add.at(total, faces[:, corner], double[:, :, None] * gradient)
+        np.add.at(area, faces[:, corner], double[:, 0])
+    total /= np.maximum(area, 1e-12)[:, None, None]
+    n = vertex_normals(points, faces)
+    first = np.cross(n, np.eye(3)[np.abs(n).argmin(1)])
+    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
+    frame = np.stack([first, np.cross(n, first)], 1)
+    slopes = np.einsum("nad,ndk->nak", frame, total)
+    return np.clip(slopes, -STEEPEST, STEEPEST)
+
+
+def inputs_of(spec: Spectrum) -> np.ndarray:
+    """(n, c) heat kernels beside those of a plane, curvatures, and heat of the rim."""
+    square = spec.evecs**2
+    heat = square @ np.exp(-spec.evals[:, None] * HEAT_TIMES)
+    plane = 1 / (4 * np.pi * HEAT_TIMES)
+    heat = np.log(np.maximum(heat, 1e-6)) - np.log(1 + plane)
+    n = -(-len(spec.mass) // MOST) * MOST  # few sizes: few compilations
+    padded = pad(spec, n, 2 * n)
+    bends = np.asarray(curvature(padded, times=TIMES), float)[: len(spec.mass)]
+    bends = np.arcsinh(5 * bends / np.tile(np.diff(np.sqrt(TIMES)), 2))
+    rim = np.zeros(len(spec.mass))
+    ends = np.asarray(boundary_edges(spec.faces))
+    length = np.linalg.norm(np.diff(spec.vertices[ends], axis=1), axis=2)[:, 0]
+    np.add.at(rim, ends.ravel(), np.repeat(length, 2) / 2)
+    near = (
+        np.exp(-spec.evals[:, None] * np.array(RIM_TIMES))
+        * (spec.evecs.T @ rim)[:, None]
+    )
+    return np.concatenate([heat, bends, np.arcsinh(spec.evecs @ near)], 1)
+
+
+if __name__ == "__main__":
+    main()
