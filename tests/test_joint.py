@@ -329,19 +329,6 @@ def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
     assert "by way of another mirror image" in mirrored(found, tuple("abcd"), 3)
 
 
-def test_alone_beside_a_finished_collection_a_doubtful_map_is_suspect():
-    # With one shear known there is no median that it could be twice of.
-    none = Maps(np.zeros(1), np.zeros(1))
-    unlike = symmetric(np.random.default_rng(0), 3)
-    for sure, found in ((0.74, [(2, 0)]), (0.97, [])):
-        right = {(0, 1): 0.99, (0, 2): sure}
-        shear = {(0, 1): np.nan, (0, 2): 0.6}
-        maps = {edge: Matched(none, p, shear[edge]) for edge, p in right.items()}
-        paths = best_paths(right, 3, template=0)
-        graph = Graph(maps, [], right, paths, np.ones(3, bool))
-        assert suspects(graph, unlike) == found
-
-
 def cubes(rng, s=3):
     """A collection of one box in other places, with its vertices in other orders."""
     box = trimesh.creation.box()

@@ -20,7 +20,6 @@ from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
     MIRROR_SHEAR,
     PAIRS_A_SHAPE,
-    SURE,
     Graph,
     Matched,
     MirrorTest,
@@ -92,8 +91,7 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
 
     A shape that is not joined, with the most alike of those that are; and a shape that
     the map from the one before it on its way shears `MIRROR_SHEAR` times as much as the
-    median of all such maps, with that one. Where there is one such map only, as beside
-    a finished collection, that is a map which is less probable than `SURE`.
+    median of all such maps, with that one.
 
     Args:
         graph: of `grow`.
@@ -107,16 +105,12 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
         if before >= 0 and graph.joined[i]
     }
     known = [shear for shear in sheared.values() if np.isfinite(shear)]
-    if len(known) > 1:
-        most = MIRROR_SHEAR * float(np.median(known))
-        doubtful = {i for i, shear in sheared.items() if shear > most}
-    else:
-        doubtful = {i for i in sheared if graph.paths.trust[i] < SURE}
+    most = MIRROR_SHEAR * float(np.median(known)) if known else np.inf
     for i, before in enumerate(graph.paths.before.tolist()):
         if not graph.joined[i]:
             near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
             found += [(i, j) for j in near[:PARTNERS]]
-        elif i in doubtful:
+        elif before >= 0 and sheared[i] > most:
             found.append((i, before))
     return found
 
