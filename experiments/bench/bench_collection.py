@@ -116,26 +116,29 @@ def measured(folder: Path, kills: int) -> dict:
 
 
 def started(command: list[str], log: Path, limit: float | None) -> Iterator[dict]:
-    """Run it, kill it and its workers after so many seconds; what it used until now."""
+    """Run it, and yield what it has used so far; after so many seconds it is killed.
+
+    So it is, with its workers, if this script is interrupted.
+    """
     start, plan, every, cpu = time.perf_counter(), 0, 0, {}
     with open(log, "ab") as file:
         process = subprocess.Popen(
             command, stdout=file, stderr=file, start_new_session=True
         )
-    ended = False
-    while not ended:
-        time.sleep(0.5)
-        ended = process.poll() is not None
-        seconds = time.perf_counter() - start
-        if limit is not None and seconds > limit:
+    ended, seconds = False, 0.0
+    try:
+        while not ended and (limit is None or seconds < limit):
+            time.sleep(0.5)
+            ended, seconds = process.poll() is not None, time.perf_counter() - start
+            sizes = sizes_of(process.pid, cpu)
+            plan, every = max(plan, sizes[0]), max(every, sum(sizes))
+            used = (seconds, sum(cpu.values()), plan / 1e9, every / 1e9)
+            yield dict(zip((*SUMS, *MOST), used, strict=True)) | {"ended": ended}
+    finally:
+        if process.poll() is None:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()
-            return
-        sizes = sizes_of(process.pid, cpu)
-        plan, every = max(plan, sizes[0]), max(every, sum(sizes))
-        used = (seconds, sum(cpu.values()), plan / 1e9, every / 1e9)
-        yield dict(zip((*SUMS, *MOST), used, strict=True)) | {"ended": ended}
-    if process.returncode not in (0, 1):
+    if ended and process.returncode not in (0, 1):
         raise SystemExit(f"jfsf collection ended with {process.returncode}: see {log}")
 
 

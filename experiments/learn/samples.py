@@ -32,6 +32,7 @@ EIGENPAIRS = 80
 HEAT_TIMES = np.geomspace(1e-3, 0.25, 14)  # on the shape of area 1
 STEEPEST = 300.0  # slope that is read as such; needles have steeper ones
 RIM_TIMES = (1e-3, 8e-3, 6e-2)
+# By hand: shares of what is cut.
 KINDS = {"whole": 0.3, "view": 0.35, "cut": 0.12, "view and cut": 0.13, "holes": 0.1}
 OTHERS = 0.2  # share of shapes that are no people
 # Of curvatures, on the shape of area 1: from a wrist to a half of the body.
