@@ -146,9 +146,9 @@ def test_a_log_tells_each_step_and_what_is_unfit(collected, scans):
     for row in rows.values():
         figures = {name: float(row[name]) for name in row if "_" in name}
         assert figures["mean_in_unit"] == pytest.approx(0.01)
-        of_size = figures["mean_in_unit"] / figures["centroid_size"]
+        of_size = figures["mean_in_unit"] / figures["rms_size"]
         assert figures["mean_of_size"] == pytest.approx(of_size)
-    size = [float(rows[name]["centroid_size"]) for name in ("inches", "0")]
+    size = [float(rows[name]["rms_size"]) for name in ("inches", "0")]
     assert size[0] / size[1] == pytest.approx(25.4, rel=0.1)
 
 

@@ -71,7 +71,7 @@ def surface_area(mesh: Mesh) -> float:
     return float(face_areas(*mesh_arrays(mesh)).sum())
 
 
-def centroid_size(mesh: Mesh) -> float:
+def rms_size(mesh: Mesh) -> float:
     """Root mean square distance of a surface from its centroid, in its unit.
 
     The centroid size of landmarks that are spread evenly over it is this times the

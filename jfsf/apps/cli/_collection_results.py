@@ -16,7 +16,7 @@ from jfsf.apps.report import write_model_page
 from jfsf.apps.report._collection import shape_picture, write_collection_page
 from jfsf.apps.report._html import Row, thumbnail
 from jfsf.mesh import surface_area
-from jfsf.mesh._geometry import centroid_size
+from jfsf.mesh._geometry import rms_size
 
 LEFT_OUT = "left_out"  # a folder of pictures: a shape may have joined before
 MODEL_PAGE = "model.html"
@@ -32,7 +32,7 @@ COLUMNS = (
     "most_in_unit",
     "mean_of_size",
     "most_of_size",
-    "centroid_size",
+    "rms_size",
     "bridged",
     "flipped",
     "collapsed",
@@ -54,13 +54,13 @@ def rows_of(out, paths, shapes, graph, reasons) -> list[dict[str, Any]]:
             with np.load(file_of(out, "registered", name)) as file:
                 away, mesh = file["distance"], shapes[name].mesh
                 far = np.array([away.mean(), np.quantile(away, 0.95)])
-                root, size = np.sqrt(surface_area(mesh)), centroid_size(mesh)
+                root, size = np.sqrt(surface_area(mesh)), rms_size(mesh)
                 units = {"distance": root, "in_unit": 1.0, "of_size": size}
                 for unit, length in units.items():
                     row[f"mean_{unit}"], row[f"most_{unit}"] = (far / length).tolist()
                 row |= {
                     "confidence": float(file["confidence"]),
-                    "centroid_size": size,
+                    "rms_size": size,
                     "bridged": float(file["bridged"].mean()),
                     "flipped": int(file["flipped"]),
                     "collapsed": int(file["collapsed"]),
@@ -118,7 +118,7 @@ def table(rows, title: str) -> Table:
             )
     shown.caption = (
         "Mean distance of the template from the shape: in the unit of its file, as a "
-        "share of its centroid size (root mean square distance from the centroid), and "
+        "share of its size (the root mean square distance from its centroid), and "
         "as one of the square root of its area."
     )
     return shown
@@ -178,7 +178,7 @@ def _lines(row, template: bool) -> list[str]:
         return ["the template"]
     said = (
         f"The template lies {row['mean_in_unit']:.3g} from it in the mean, in the unit "
-        f"of its file ({row['mean_of_size']:.2%} of its centroid size, "
+        f"of its file ({row['mean_of_size']:.2%} of its size, "
         f"{row['mean_distance']:.2%} of sqrt(area)), and {row['most_in_unit']:.3g} for "
         "95 % of the vertices"
     )

@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 from jfsf.evaluate import auc, bijectivity, error_curve, evaluate, geodesic_error
 from jfsf.matching._vertices import WITHIN
 from jfsf.mesh import surface_area
-from jfsf.mesh._geometry import centroid_size, vertex_areas
+from jfsf.mesh._geometry import rms_size, vertex_areas
 from jfsf.types import ArrayLike, Match, Mesh
 
 SOURCES = 500  # geodesics are measured from about so many vertices,
@@ -143,8 +143,8 @@ def _distance(
     """The row of a distance over sqrt(area), with what it is in other units."""
     if len(mesh.faces):
         away = float(value) * float(np.sqrt(surface_area(mesh)))
-        of_size = away / centroid_size(mesh)
-        units = f"{away:.3g} in its unit, {of_size:.2%} of centroid size"
+        of_size = away / rms_size(mesh)
+        units = f"{away:.3g} in its unit, {of_size:.2%} of its size"
         meaning = f"{meaning}; {units}" if meaning else units
     return name, f"{value:.4f}", meaning
 
