@@ -133,11 +133,15 @@ def test_a_log_tells_each_step_and_what_is_unfit(collected, scans):
     assert len(shapes) == 4 and re.search(r"; \d+ s left$", shapes[0])
     assert len(of("pairs", r"\d+/\d+", r"\w+, \w+")) >= 3
     assert len(of("maps", "./4", ".+")) == 4
-    # Files of others in the same folder are kept when the option is added.
+    # Files of others in the same folder are kept when the option is added; pages, which
+    # would show what was known before, are not.
+    for page in ("index.html", "model.html"):
+        (out / page).write_text("of an earlier run")
     before = {path: path.stat().st_mtime_ns for path in out.glob("*/*.npz")}
     done = CliRunner().invoke(app, [*args, "--largest-component"])
     assert done.exit_code == 0, done.output
     assert "looked at 5 meshes: 5 can be matched" in done.stdout
+    assert not [*out.glob("*.html")]
     for part in ("shapes", "pairs"):
         kept = [path for path in before if path.parent.name == part]
         assert kept and all(path.stat().st_mtime_ns == before[path] for path in kept)

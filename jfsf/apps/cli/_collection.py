@@ -27,6 +27,7 @@ from jfsf.apps.cli._collection_marks import read_marks, write_marks
 from jfsf.apps.cli._collection_onto import STAGES_ONTO, join_onto, write_scores_of
 from jfsf.apps.cli._collection_results import (
     COLUMNS,
+    forget_pages,
     in_doubt,
     rows_of,
     table,
@@ -326,6 +327,8 @@ def collection(
         written += write_carried(out, rows, paths, shapes, name, carried, turned, whole)
         if report:
             written.append(write_index_page(out, rows, shapes, graph))
+        else:
+            forget_pages(out)
         shown.advance("model")
     of = ", ".join([f"template {name}", *(f"also {other}" for other in others)])
     summary = table(rows, f"{of}, {counted(len(graph.matched), 'pair', 'pairs')}")

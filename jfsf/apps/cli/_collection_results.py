@@ -172,6 +172,12 @@ def write_index_page(out: Path, rows, shapes, graph) -> Path:
     return out / INDEX
 
 
+def forget_pages(out: Path) -> None:
+    """Remove the pages of an earlier run, which say what is no longer so."""
+    for page in (INDEX, MODEL_PAGE):
+        (out / page).unlink(missing_ok=True)
+
+
 def _lines(row, template: bool) -> list[str]:
     """What is said of a joined shape."""
     if template:
