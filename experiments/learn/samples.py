@@ -15,7 +15,14 @@ from scipy.spatial.transform import Rotation
 
 from experiments import command_line
 from experiments.accuracy.made_parts import seen
-from experiments.learn.bodies import BODY, Model, random_body, read_model, rest_body
+from experiments.learn.bodies import (
+    BODY,
+    Model,
+    glued,
+    random_body,
+    read_model,
+    rest_body,
+)
 from experiments.learn.network import Shape
 from experiments.learn.others import random_other
 from jfsf.mesh import MeshError, decimate, largest_component, surface_area
@@ -34,7 +41,8 @@ STEEPEST = 300.0  # slope that is read as such; needles have steeper ones
 RIM_TIMES = (1e-3, 8e-3, 6e-2)
 # By hand: shares of what is cut.
 KINDS = {"whole": 0.3, "view": 0.35, "cut": 0.12, "view and cut": 0.13, "holes": 0.1}
-OTHERS = 0.2  # share of shapes that are no people
+OTHERS = 0.25  # share of shapes that are no people
+GLUED = 0.3  # share of people whose limbs grow together where they touch
 # Of curvatures, on the shape of area 1: from a wrist to a half of the body.
 TIMES = tuple(2.0 ** np.arange(-13, -1))
 
@@ -87,10 +95,13 @@ def random_part(model: Model, rng) -> tuple[Mesh, np.ndarray]:
     Where it is no person that is `BODY`, one more than the last.
     """
     while True:
-        if person := rng.random() > OTHERS:
-            whole = Mesh(random_body(model, rng), model.faces)
-        else:
+        body = random_body(model, rng) if rng.random() > OTHERS else None
+        if body is None:
             whole = random_other(rng)
+        else:
+            whole = Mesh(body, model.faces)
+            if rng.random() < GLUED:
+                whole = glued(whole, rng)
         points = np.asarray(whole.vertices)
         ends = points[np.asarray(whole.faces)[:, :2]]
         edge = np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
@@ -103,9 +114,10 @@ def random_part(model: Model, rng) -> tuple[Mesh, np.ndarray]:
         mesh = largest_component(decimate(mesh, int(rng.integers(LEAST, MOST)))).mesh
         n = len(mesh.vertices)
         if LEAST // 2 <= n <= MOST:
-            nearest = np.asarray(KDTree(points).query(mesh.vertices)[1])
+            truth = np.full(n, BODY)
+            if body is not None:
+                truth = np.asarray(KDTree(body).query(mesh.vertices)[1])
             turn = Rotation.from_quat(rng.normal(size=4)).as_matrix()
-            truth = nearest if person else np.full(n, BODY)
             return Mesh(mesh.vertices @ turn.T, mesh.faces), truth
 
 

@@ -2,7 +2,7 @@
 
     python -m experiments.learn.train FOLDER [--steps 60000] [--out RESULT.json]
 
-FOLDER holds the shards of `samples.py`; two are kept for validation. It gets
+FOLDER holds the shards of `samples.py`; the first two are kept for validation. It gets
 `network.eqx` and the state of the run.
 """
 
@@ -87,7 +87,7 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=60000)
     args = command_line.parse(parser)
     paths = sorted(args.folder.glob("shard_*.npz"))
-    kept, data = load([paths[0], paths[-1]]), load(paths[1:-1])
+    kept, data = load(paths[:2]), load(paths[2:])
     _, far = anchors_of(args.folder)
     asked = _asked(far)
     number = data.arrays["inputs"].shape[1]
