@@ -151,7 +151,7 @@ def test_page_says_how_sure_and_what_was_measured(page):
     assert np.array_equal(unpacked(doubt["steps"], "u1"), np.rint(steps))
     truth = {name: value for name, value, _ in record["truth"]}
     assert float(truth["mean error"]) < 0.01
-    assert re.search(r"in its unit, \d+\.\d+% of its size", record["truth"][0][2])
+    assert re.search(r"in its unit, \d+\.\d+% of its rms size", record["truth"][0][2])
     assert float(truth["expected"].rstrip("%")) == pytest.approx(75, abs=3)
     assert record["seconds"] == {"matching": 1.5}
     assert record["settings"]["k"] == 128 and "jax" in record["versions"]

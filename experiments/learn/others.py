@@ -20,7 +20,7 @@ def random_other(rng: np.random.Generator) -> Mesh:
     """A closed surface of some 10 000 vertices."""
     kind = rng.choice(list(KINDS))
     tubes = KINDS[kind](rng)
-    hollows = _hollows(tubes, rng) if rng.random() < HOLLOW[kind] else []
+    hollows = _hollows(tubes, rng) if rng.random() < HOLLOW.get(kind, 0) else []
     bones = np.array([(*a, *b) for a, b, _, _ in tubes + hollows])
     radii = np.array([(one, other) for _, _, one, other in tubes + hollows])
     bones *= np.tile(np.exp(0.25 * rng.normal(size=3)), 2)
@@ -154,4 +154,4 @@ def _hollows(tubes: list, rng) -> list:
 
 KINDS = {"animal": _animal, "bird": _bird, "tool": _tool, "skull": _skull}
 # Shares of what has hollows. By hand.
-HOLLOW = {"animal": 0.0, "bird": 0.0, "tool": 0.3, "skull": 0.7}
+HOLLOW = {"tool": 0.3, "skull": 0.7}

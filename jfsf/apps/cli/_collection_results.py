@@ -118,7 +118,7 @@ def table(rows, title: str) -> Table:
             )
     shown.caption = (
         "Mean distance of the template from the shape: in the unit of its file, as a "
-        "share of its size (the root mean square distance from its centroid), and "
+        "share of its rms size (root mean square distance from its centroid), and "
         "as one of the square root of its area."
     )
     return shown
@@ -184,7 +184,7 @@ def _lines(row, template: bool) -> list[str]:
         return ["the template"]
     said = (
         f"The template lies {row['mean_in_unit']:.3g} from it in the mean, in the unit "
-        f"of its file ({row['mean_of_size']:.2%} of its size, "
+        f"of its file ({row['mean_of_size']:.2%} of its rms size, "
         f"{row['mean_distance']:.2%} of sqrt(area)), and {row['most_in_unit']:.3g} for "
         "95 % of the vertices"
     )

@@ -144,7 +144,7 @@ def _distance(
     if len(mesh.faces):
         away = float(value) * float(np.sqrt(surface_area(mesh)))
         of_size = away / rms_size(mesh)
-        units = f"{away:.3g} in its unit, {of_size:.2%} of its size"
+        units = f"{away:.3g} in its unit, {of_size:.2%} of its rms size"
         meaning = f"{meaning}; {units}" if meaning else units
     return name, f"{value:.4f}", meaning
 
