@@ -22,6 +22,7 @@ file imports only from those above its own, and no other from `apps`:
 - `evaluate`: metrics of a map, against ground truth or by its own properties
 - `refine`: ICP, ZoomOut, and deformation as rigid as possible
 - `initial`: fits to descriptors, and the search for the initial map
+- `learned`: where on a person a vertex lies, by a small trained network
 - `matching`: two meshes to their maps: settings, attempts, evidence; parts
 - `batch`: many pairs, over devices, hosts and clusters
 - `data`: embedded shapes with ground truth
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from jfsf import evaluate as evaluate
     from jfsf import geometry as geometry
     from jfsf import initial as initial
+    from jfsf import learned as learned
     from jfsf import matching as matching
     from jfsf import mesh as mesh
     from jfsf import neighbours as neighbours
@@ -127,7 +129,7 @@ _HOMES = {
 _HOME = {name: f"jfsf.{room}" for room, names in _HOMES.items() for name in names}
 _ROOMS = (
     "types array solvers storage runtime mesh geometry neighbours spectral convert "
-    "evaluate refine initial matching batch data testing apps"
+    "evaluate refine initial learned matching batch data testing apps"
 ).split()
 
 

@@ -140,6 +140,15 @@ FIGURES: dict[str, Figure] = {
         "of the part it covers.",
         "the shapes were matched as wholes",
     ),
+    "person_agreement": Figure(
+        "how well the map agrees with a network that knows people; 1 is best",
+        "Of the places on a person where it sees each vertex and its image, on coarse "
+        "copies (`jfsf.learned`).",
+        "the pair was not in doubt, or has few vertices, or the network took a shape "
+        "for no person",
+        "not asked",
+        since="0.3",
+    ),
     "log_odds": Figure(
         "of a right map, by its own evidence; 0 is one half",
         "A logistic regression (`jfsf/matching/confidence.json`).",

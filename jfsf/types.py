@@ -266,6 +266,7 @@ class Certificate(NamedTuple):
     normal_gap: Float[Array, ""]
     spectrum_gap: Float[Array, ""]
     region_cost: Float[Array, ""]
+    person_agreement: Float[Array, ""]
     log_odds: Float[Array, ""]
     share: Float[Array, ""]
     rivals: Float[Array, ""]

@@ -9,7 +9,7 @@ import jfsf
 from jfsf import Settings, testing
 from jfsf.matching import _match
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._pairs import Attempt, PairState
+from jfsf.matching._pairs import Attempt, PairState, Standing
 from jfsf.runtime._sizes import padded_pair
 from jfsf.types import Certificate, Match
 
@@ -40,7 +40,7 @@ def attempts(monkeypatch):
             T_xy = np.pad(match.T_xy, (0, size - N))
             match = match._replace(T_xy=T_xy, T_yx=T_xy)
             pair.keep(Attempt("search", None, match), settings=Settings())
-        pair.shares[-1] = share
+        pair.standings[-1] = Standing(share)
         monkeypatch.setattr(_match, "attempted", lambda *args: pair)
 
     return set_to

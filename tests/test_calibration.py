@@ -66,15 +66,15 @@ def test_a_rank_tells_the_maps_of_a_pair_apart_whatever_the_pair(script):
     rng = np.random.default_rng(1)
     pools = []
     for _ in range(300):
-        hard = rng.normal(size=(1, 3)) * 5  # shared by all maps of a pair
-        columns = hard + rng.normal(size=(8, 3))
-        rank = columns @ [-2.0, -1.0, 0.5]
+        hard = rng.normal(size=(1, 4)) * 5  # shared by all maps of a pair
+        columns = hard + rng.normal(size=(8, 4))
+        rank = columns @ [-2.0, -1.0, 0.5, 0.7]
         errors = np.where(
             np.arange(8) == np.argmax(rank + rng.gumbel(size=8)), 0.02, 0.4
         )
         pools.append((columns, errors))
     found = script.fit_rank(pools)
-    np.testing.assert_allclose(found, [-2.0, -1.0, 0.5], atol=0.35)
+    np.testing.assert_allclose(found, [-2.0, -1.0, 0.5, 0.7], atol=0.35)
 
 
 def test_scores_count_what_people_would_regret(script):

@@ -116,8 +116,8 @@ def test_a_map_that_others_beat_is_not_likely_however_well_it_fits():
     # And half of what the others have is doubt.
     np.testing.assert_allclose(confidence(20.0, 0.78), 0.89, rtol=1e-6)
     # It is not what decides which of two maps is kept.
-    assert confidence(2.0, 0.6, limited=False) > confidence(-0.3, 0.85, limited=False)
-    assert confidence(2.0, 0.6) < confidence(2.0, 0.6, limited=False)
+    assert confidence(3.0, 0.6, limited=False) > confidence(-0.3, 0.85, limited=False)
+    assert confidence(3.0, 0.6) < confidence(-0.3, 0.85)
 
 
 def test_confidence_is_half_where_left_and_right_cannot_be_told():

@@ -41,6 +41,7 @@ class Copy(NamedTuple):
     """The copy of a shape, for its spectrum."""
 
     of: int
+    evals: tuple = ()  # too few for the network
 
 
 def starts(values, mirror_gap=np.nan):
@@ -54,6 +55,7 @@ def match_of(start, missed=0.0, landmarks=None, sign=1):
     missed = np.full(0 if landmarks is None else 1, missed)
     figures |= {"log_odds": logit(start.gap), "share": np.nan, "landmarks": missed}
     figures |= {"rivals": np.nan, "mirrored": np.nan}
+    figures |= {"person_agreement": np.nan}
     evidence = Certificate(**figures)
     known = confidence_of(evidence, sign != 0)
     evidence = evidence._replace(confidence=known)

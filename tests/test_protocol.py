@@ -12,7 +12,7 @@ from experiments.accuracy import datasets, match_pairs, protocol
 from experiments.figures import figure_reliability
 from jfsf import data, testing
 from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._pairs import Attempt, PairState
+from jfsf.matching._pairs import Attempt, PairState, Standing
 from jfsf.types import SOURCES, Certificate, Match
 
 FOLDER = ROOT / "experiments"
@@ -157,8 +157,8 @@ def made_up(mesh_x, mesh_y, images, confidence):
         found = Match(T_xy, back, None, Certificate(**figures))
         attempts.append(Attempt(source, None, found))
     last = len(attempts) - 1
-    unknown = [np.nan] * len(attempts)
-    state = PairState(None, MatchInputs(), None, None, attempts, unknown, unknown)
+    unknown = [Standing()] * len(attempts)
+    state = PairState(None, MatchInputs(), None, None, attempts, unknown)
     state.won = last
     return state
 

@@ -89,7 +89,7 @@ def test_a_value_that_was_sent_to_a_worker_comes_back_equal(name):
 
 def test_stages_are_compiled_with_what_they_read():
     host = {"retry_below": 0.0, "copies_above": 1, "nonisometric_attempts": 1}
-    host |= {"rigid_below": 0.0, "coarse_vertices": 500}
+    host |= {"rigid_below": 0.0, "coarse_vertices": 500, "people": False}
     parts = PartSettings(anchors=12)
     mine = Settings(**host, parts=parts, bend_rounds=3)
     assert (
@@ -111,6 +111,7 @@ def test_each_field_counts(name):
         "bend": ArapSettings(reach=0.1),
         "neighbours": NeighbourSettings(tiles=32),
         "parts": jfsf.PartSettings(anchors=12),
+        "people": False,
     }
     value = getattr(Settings(), name)
     if name in other:

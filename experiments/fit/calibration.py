@@ -12,7 +12,8 @@ right. Three regressions, see `jfsf.matching.confidence`:
    which of them are right, if some are. With other factors other maps are chosen and
    other shares found, so those with which the results were made are kept (`RANK`), and
    what a fit to the results gives stands beside them. Put that into `RANK` and run
-   match_pairs.py again where it ranks better.
+   match_pairs.py again where it ranks better. The factor of `person_agreement` was
+   chosen by the mean error of the maps that rank first (`first_error_of_people`).
 3. logistic, of the match of each pair that was compared with others on copies. A match
    that other maps beat has a small share: `match` keeps one only if it was given. None
    of the right ones has a share below `least_share`, so there the confidence falls in
@@ -48,8 +49,11 @@ RESULTS = command_line.RESULTS
 CONSTANTS = Path(jfsf.__file__).parent / "matching" / "confidence.json"
 # What a figure of the certificate says: 1 if more of it speaks for a map, -1 against.
 EVIDENCE = {"orientation": 1, "shear": -1, "normal_gap": -1}
-RANKED_BY = {"residual": -1, "area_std": -1, "nn_agreement": 1}
+RANKED_BY = {"residual": -1, "area_std": -1, "nn_agreement": 1, "person_agreement": 1}
 RANK = {"residual": -6.6, "area_std": -4.9, "nn_agreement": 29.0}
+RANK |= {"person_agreement": 9.0}
+# What else its factor might be; from 9 on it is nearly the same which maps rank first.
+OF_PEOPLE = 0, 3, 6, 9, 12, 15, 20, 25
 OTHERS, TWINS = 0.1, 0.1  # what attempts beside the first count, and twins
 # A margin between ranks counts by SCALE; beyond MOST_MARGIN it says no more.
 SCALE, MOST_MARGIN = 0.5, 3.0
@@ -183,6 +187,7 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
             "rank": first_right(sets, np.array(list(RANK.values()))),
             "rank_fitted_to_these": first_right(sets, shipped.rank),
         },
+        "first_error_of_people": people_weights([sets[name] for name in fitted]),
         "compared": {"scale": SCALE, "most_margin": MOST_MARGIN, **compared},
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "fitted_to": fitted,
@@ -270,6 +275,18 @@ def first_right(sets: dict[str, Results], rank: np.ndarray) -> float:
     return round(float(right[has].mean()), 3)
 
 
+def people_weights(sets: list[Results]) -> dict[str, float]:
+    """Mean error of the first of each two people, by the factor of their agreement."""
+    at = [*RANKED_BY].index("person_agreement")
+    pools = [pool for own in sets for pool in own.copies if pool[0][:, at].any()]
+    rank, found = np.array(list(RANK.values())), {}
+    for weight in OF_PEOPLE:
+        rank[at] = weight
+        best = [errors[np.argmax(columns @ rank)] for columns, errors in pools]
+        found[str(weight)] = round(float(np.mean(best)), 4) if best else np.nan
+    return found
+
+
 def fit(
     columns: np.ndarray, right: np.ndarray, weight: np.ndarray, signs: dict[str, int]
 ) -> np.ndarray:
@@ -332,7 +349,8 @@ def _matches(pairs: list[dict[str, Any]], limit: float) -> Matches:
 
 
 def _columns(figures: dict[str, Any], names: Iterable[str]) -> list[float]:
-    return [float(regressor(name, figures[name], np)) for name in names]
+    # Pairs that were matched before there was a figure lack it.
+    return [float(regressor(name, figures.get(name, np.nan), np)) for name in names]
 
 
 def _compared(alone: np.ndarray, matches: Matches) -> np.ndarray:

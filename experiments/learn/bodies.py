@@ -54,6 +54,10 @@ BENDS = {
     "finger": 35.0,
     "toe": 10.0,
 }
+# Shares of bodies that raise both arms, or bend hips and knees as if to sit: chance
+# turns all limbs far in one way too seldom. Degrees of each joint, beside the above.
+RAISED, SITTING = 0.25, 0.25
+ARMS, HIPS, KNEES = (30.0, 135.0), (30.0, 110.0), (0.0, 120.0)
 # Bones that are stretched alike, by the beginnings of their names.
 SEGMENTS = (
     ("upperarm", "shoulder"),
@@ -257,13 +261,14 @@ def _posed(model, points, strength, bend, rng) -> np.ndarray:
     turn = np.zeros((len(model.bones), 3, 3))
     linear = np.zeros((len(model.bones), 3, 3))
     place = np.zeros((len(model.bones), 3))
-    within = _descendants(model, "head")
+    within, gestures = _descendants(model, "head"), _gestures(rng)
     for b, bone in enumerate(model.bones):
         before = model.parents[b]
         start = next((k for k in BENDS if bone.startswith(k)), None)
         most = np.deg2rad(BENDS[start]) if start else 0.0
-        local = Rotation.from_rotvec(_in_ball(rng) * most * bend).as_matrix()
-        turn[b] = (turn[before] if before >= 0 else np.eye(3)) @ local
+        local = Rotation.from_rotvec(_in_ball(rng) * most * bend)
+        local = local * Rotation.from_rotvec(gestures.get(bone, (0, 0, 0)), True)
+        turn[b] = (turn[before] if before >= 0 else np.eye(3)) @ local.as_matrix()
         direction = tails[b] - heads[b]
         direction /= max(np.linalg.norm(direction), 1e-9)
         line = np.outer(direction, direction)
@@ -280,6 +285,21 @@ def _posed(model, points, strength, bend, rng) -> np.ndarray:
     blended = model.weights @ np.concatenate([linear.reshape(-1, 9), shift], 1)
     turned = np.einsum("vij,vj->vi", blended[:, :9].reshape(-1, 3, 3), points[:BODY])
     return turned + blended[:, 9:]
+
+
+def _gestures(rng) -> dict[str, tuple[float, float, float]]:
+    """Rotation vectors of some bones, in degrees, from the pose of rest."""
+    found, sides = {}, (("L", 1), ("R", -1))
+    if rng.random() < RAISED:
+        found |= {
+            f"upperarm01.{side}": (0, 0, sign * rng.uniform(*ARMS))
+            for side, sign in sides
+        }
+    if rng.random() < SITTING:
+        for side, _ in sides:
+            found[f"upperleg01.{side}"] = (-rng.uniform(*HIPS), 0, 0)
+            found[f"lowerleg01.{side}"] = (rng.uniform(*KNEES), 0, 0)
+    return found
 
 
 def _descendants(model: Model, bone: str) -> set[int]:

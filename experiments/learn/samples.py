@@ -23,28 +23,21 @@ from experiments.learn.bodies import (
     read_model,
     rest_body,
 )
-from experiments.learn.network import Shape
 from experiments.learn.others import random_other
+from jfsf.learned._inputs import EIGENPAIRS, NetworkInput, network_input
 from jfsf.mesh import MeshError, decimate, largest_component, surface_area
 from jfsf.mesh._edit import Submesh
-from jfsf.mesh._geometry import boundary_edges, vertex_normals
 from jfsf.runtime._sizes import pad
-from jfsf.spectral import curvature, spectrum
+from jfsf.spectral import spectrum
 from jfsf.storage._atomic import write_atomically
-from jfsf.types import Mesh, Spectrum
+from jfsf.types import Mesh
 
 SHARD = 250  # samples in a file
 LEAST, MOST = 450, 1024  # vertices of a sample
-EIGENPAIRS = 80
-HEAT_TIMES = np.geomspace(1e-3, 0.25, 14)  # on the shape of area 1
-STEEPEST = 300.0  # slope that is read as such; needles have steeper ones
-RIM_TIMES = (1e-3, 8e-3, 6e-2)
 # By hand: shares of what is cut.
 KINDS = {"whole": 0.3, "view": 0.35, "cut": 0.12, "view and cut": 0.13, "holes": 0.1}
 OTHERS = 0.25  # share of shapes that are no people
 GLUED = 0.3  # share of people whose limbs grow together where they touch
-# Of curvatures, on the shape of area 1: from a wrist to a half of the body.
-TIMES = tuple(2.0 ** np.arange(-13, -1))
 
 
 def main() -> None:
@@ -68,11 +61,11 @@ def main() -> None:
 
 def write_shard(path: Path, model: Model, rng: np.random.Generator) -> None:
     """Samples one after the other in long arrays; `sizes` says where each ends."""
-    found: list[tuple[Shape, np.ndarray]] = []
+    found: list[tuple[NetworkInput, np.ndarray]] = []
     while len(found) < SHARD:
         part, truth = random_part(model, rng)
         try:
-            found.append((shape_of(part), truth))
+            found.append((input_of(part), truth))
         except MeshError:  # a cut through a limb may leave next to nothing
             continue
     samples, truths = zip(*found, strict=True)
@@ -157,57 +150,13 @@ CUTS = {
 }
 
 
-def shape_of(mesh: Mesh) -> Shape:
-    """Of a mesh of one piece."""
+def input_of(mesh: Mesh) -> NetworkInput:
+    """What the network reads of a mesh of one piece, as numpy arrays."""
     spec = spectrum(mesh, EIGENPAIRS, cache=False)
-    return Shape(spec.evals, spec.mass, spec.evecs, slopes_of(spec), inputs_of(spec))
-
-
-def slopes_of(spec: Spectrum) -> np.ndarray:
-    """(n, 2, k) gradients of the eigenfunctions, means over the faces of a vertex."""
-    points, faces = np.asarray(spec.vertices), np.asarray(spec.faces)
-    a, b, c = (points[faces[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    double = np.linalg.norm(normal, axis=1, keepdims=True)
-    unit = normal / np.maximum(double, 1e-12)
-    values = spec.evecs[faces]
-    # The gradient of a corner's hat is its opposite edge, turned, over twice the area.
-    hats = np.stack([np.cross(unit, e) for e in (c - b, a - c, b - a)], 1)
-    hats /= np.maximum(double, 1e-12)[:, :, None]
-    gradient = np.einsum("fcd,fck->fdk", hats, values)
-    total = np.zeros((len(points), 3, values.shape[2]))
-    area = np.zeros(len(points))
-    for corner in range(3):
-        np.add.at(total, faces[:, corner], double[:, :, None] * gradient)
-        np.add.at(area, faces[:, corner], double[:, 0])
-    total /= np.maximum(area, 1e-12)[:, None, None]
-    n = vertex_normals(points, faces)
-    first = np.cross(n, np.eye(3)[np.abs(n).argmin(1)])
-    first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-12)
-    frame = np.stack([first, np.cross(n, first)], 1)
-    slopes = np.einsum("nad,ndk->nak", frame, total)
-    return np.clip(slopes, -STEEPEST, STEEPEST)
-
-
-def inputs_of(spec: Spectrum) -> np.ndarray:
-    """(n, c) heat kernels beside those of a plane, curvatures, and heat of the rim."""
-    square = spec.evecs**2
-    heat = square @ np.exp(-spec.evals[:, None] * HEAT_TIMES)
-    plane = 1 / (4 * np.pi * HEAT_TIMES)
-    heat = np.log(np.maximum(heat, 1e-6)) - np.log(1 + plane)
-    n = -(-len(spec.mass) // MOST) * MOST  # few sizes: few compilations
-    padded = pad(spec, n, 2 * n)
-    bends = np.asarray(curvature(padded, times=TIMES), float)[: len(spec.mass)]
-    bends = np.arcsinh(5 * bends / np.tile(np.diff(np.sqrt(TIMES)), 2))
-    rim = np.zeros(len(spec.mass))
-    ends = np.asarray(boundary_edges(spec.faces))
-    length = np.linalg.norm(np.diff(spec.vertices[ends], axis=1), axis=2)[:, 0]
-    np.add.at(rim, ends.ravel(), np.repeat(length, 2) / 2)
-    near = (
-        np.exp(-spec.evals[:, None] * np.array(RIM_TIMES))
-        * (spec.evecs.T @ rim)[:, None]
-    )
-    return np.concatenate([heat, bends, np.arcsinh(spec.evecs @ near)], 1)
+    real = len(spec.mass)
+    n = -(-real // MOST) * MOST  # few sizes: few compilations
+    evals, *rest = map(np.asarray, network_input(pad(spec, n, 2 * n)))
+    return NetworkInput(evals, *(values[:real] for values in rest))
 
 
 if __name__ == "__main__":

@@ -3,9 +3,10 @@
     python -m experiments.learn.train FOLDER [--steps 60000] [--out RESULT.json]
 
 FOLDER holds the shards of `samples.py`; the first two are kept for validation. It gets
-`network.eqx` and the state of the run.
+`network.eqx`, the state of the run, and at its end the weights that the package ships.
 """
 
+import hashlib
 import json
 import time
 from pathlib import Path
@@ -19,9 +20,10 @@ import optax
 from jaxtyping import Array
 
 from experiments import command_line, results_file
-from experiments.learn.network import Network, Shape
 from experiments.learn.samples import MOST
 from jfsf.geometry import geodesics
+from jfsf.learned._inputs import NetworkInput
+from jfsf.learned._network import DISTANCES, WEIGHTS, Network
 from jfsf.mesh import surface_area
 from jfsf.mesh._geometry import farthest_vertices
 from jfsf.runtime._sizes import with_rows
@@ -46,14 +48,14 @@ class Data(NamedTuple):
     arrays: dict[str, np.ndarray]
     truth: np.ndarray
 
-    def batch(self, at: np.ndarray) -> tuple[Shape, np.ndarray]:
+    def batch(self, at: np.ndarray) -> tuple[NetworkInput, np.ndarray]:
         """Shapes padded to one size, and the template's vertex for each vertex."""
         slices = [slice(self.starts[i], self.starts[i + 1]) for i in at]
         size = max(s.stop - s.start for s in slices)
         n = min(one for one in SIZES if one >= size)
         stack = lambda values: np.stack([with_rows(values[s], n) for s in slices])
         fields = {name: stack(values) for name, values in self.arrays.items()}
-        shape = Shape(evals=self.evals[at], **fields)
+        shape = NetworkInput(evals=self.evals[at], **fields)
         return jax.tree.map(lambda a: a.astype(np.float32), shape), stack(self.truth)
 
 
@@ -114,7 +116,25 @@ def main() -> None:
             print(row, flush=True)
             _keep(args.folder, (network, state), curve)
     settings = {"steps": args.steps, "samples": len(data.starts) - 1, "seed": SEED}
-    results_file.write(args.out, settings=settings, curve=curve)
+    weights = write_weights(network, args.folder)
+    results_file.write(args.out, settings=settings, weights=weights, curve=curve)
+
+
+def write_weights(network: Network, folder: Path) -> dict:
+    """In half precision, as the package reads them; their number and the file's hash.
+
+    Copy the file from the folder to `jfsf/learned` to ship it.
+    """
+    path, (at, far) = folder / WEIGHTS, anchors_of(folder)
+    leaves = jax.tree.leaves(eqx.filter(network, eqx.is_array))
+    arrays: dict[str, Any] = {
+        f"{i:02d}": np.asarray(a, np.float16) for i, a in enumerate(leaves)
+    }
+    number = sum(a.size for a in arrays.values())
+    arrays[DISTANCES] = far[:, at].astype(np.float16)
+    write_atomically(path, lambda file: np.savez(file, **arrays))
+    digest = hashlib.sha256(path.read_bytes()).hexdigest()
+    return {"number": number, "sha256": digest}
 
 
 def _asked(far: np.ndarray) -> Array:

@@ -55,6 +55,7 @@ Which starts are attempted, and when it ends: for one pair or many, on the host:
 - `_rigid`: shapes that nearly coincide after a similarity
 - `_disks`: maps between two disks that turn the rim
 - `_others`: maps that may fit as well as one that is not in doubt
+- `_people`: what a network that knows people says of pairs in doubt
 - `_sources`: where starts come from: the search, landmarks, coarse copies
 - `_policy`: the sources in turn, for the pairs in doubt
 

@@ -61,7 +61,9 @@ from jfsf.types import ArrayLike, Certificate
 # Added before a logarithm is taken: smaller numbers say nothing.
 LEAST = 1e-3
 # Figures of the certificate that are read without a logarithm.
-_AS_IT_IS = ("orientation", "nn_agreement")
+_AS_IT_IS = ("orientation", "nn_agreement", "person_agreement")
+# Those that are nan of all maps of a pair: without a plan, or of what is no person.
+_MAY_LACK = ("nn_agreement", "person_agreement")
 # a and u above. Of 228 pairs with a right map, of which 31 are creatures with other
 # limbs, the largest gaps are 1.09, 1.07, 0.99; a torus, a rod, an ellipsoid or a bent
 # one differ from bodies by 1.6 or more, and a rod from a torus or a box by 1.14.
@@ -94,14 +96,15 @@ REGION_FACTORS: dict[str, float] = read_constants("regions")["factors"]
 def regressor(name: str, value: Any, xp: Any = jnp) -> Any:
     """A figure of the certificate as the regressions read it.
 
-    Orientation and `nn_agreement` are read as they are, others as log(value + `LEAST`).
+    Orientation, `nn_agreement` and `person_agreement` are read as they are, others as
+    log(value + `LEAST`); of the last two nan counts as 0.
 
     Args:
         name, value: of the figure.
         xp: numpy on the host, to compute in float64.
     """
     value = xp.asarray(value)
-    if name == "nn_agreement":  # unknown without a plan, of all maps of a pair
+    if name in _MAY_LACK:  # of all maps of a pair
         value = xp.nan_to_num(value)
     return value if name in _AS_IT_IS else xp.log(xp.maximum(value, 0) + LEAST)
 

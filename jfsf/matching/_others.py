@@ -103,7 +103,7 @@ def mirrored_pairs(pairs: Sequence[PairState], settings: Settings) -> list[int]:
 def mirror_of(copy: PairState) -> PairState:
     """The same pair of copies, asked for the other orientation. Without attempts."""
     asked = copy.inputs._replace(sign=-copy.inputs.sign)
-    fresh = {"attempts": [], "shares": [], "rivals": [], "seconds": {}}
+    fresh = {"attempts": [], "standings": [], "seconds": {}}
     return replace(copy, inputs=asked, **fresh)
 
 
@@ -119,7 +119,11 @@ def mirror_figures(
     if not expit(odds) >= settings.retry_below:
         return None
     own = [attempt.match for attempt in copy.attempts]
-    both = [own[int(np.argmax(ranks(own)))], mirror.best]
+    # The network was not asked about maps that mirror.
+    both = [
+        match._replace(certificate=match.certificate._replace(person_agreement=np.nan))
+        for match in (own[int(np.argmax(ranks(own)))], mirror.best)
+    ]
     standing = share_among(both, copy.spectra)
     if not standing.differ[0, 1]:
         return None
@@ -140,18 +144,21 @@ def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[St
     disks = [as_disk(spec) for spec in copy.spectra]
     sign, starts = int(pair.inputs.sign), []
     size = settings.search.final_ks[-1]
-    known = pair.attempts[0].start
     for mirrors in (False, True):
         if sign * (1 - 2 * mirrors) < 0:
             continue
         for T_xy in turned_maps(*disks, mirrors=mirrors):
             C_yx = pulled_back(T_xy, copy.spectra, size)
-            side = np.full_like(known.gap, 1 - 2 * mirrors)
-            unknown = np.full_like(known.gap, np.nan)
-            weight = np.full_like(known.gap, settings.search.descriptor_weight)
-            fields: Any = (C_yx, side, unknown, weight, unknown)
-            starts.append(Start(*fields))
+            weight = settings.search.descriptor_weight
+            starts.append(plain_start(C_yx, 1 - 2 * mirrors, weight))
     return starts
+
+
+def plain_start(C_yx: np.ndarray, side: int, weight: float) -> Start:
+    """A start that no search found, of this orientation and descriptor weight."""
+    side, weight, unknown = np.array([side, weight, np.nan], C_yx.dtype)
+    fields: Any = (C_yx, side, unknown, weight, unknown)
+    return Start(*fields)
 
 
 def pulled_back(T_xy: np.ndarray, spectra, size: int) -> np.ndarray:

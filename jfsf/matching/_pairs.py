@@ -20,6 +20,19 @@ from jfsf.matching._vertices import vertex_confidence
 from jfsf.types import SOURCES, STAGES, Match, MatchInfo, Spectrum
 
 
+class Standing(NamedTuple):
+    """What the comparison on coarse copies says of a map; nan without one.
+
+    share: of the odds of all that differ from it (`share_among`).
+    rivals: how many other maps are as likely (`rivals_among`).
+    person_agreement: see `Certificate`.
+    """
+
+    share: float = np.nan
+    rivals: float = np.nan
+    person_agreement: float = np.nan
+
+
 class Attempt(NamedTuple):
     """A match and where it comes from.
 
@@ -42,10 +55,7 @@ class PairState:
     samples: of both shapes, made without landmarks.
     landmark_samples: made with them; the same where there are none.
     attempts: those that were made, in their order.
-    shares: for each of them, how it stands among the maps of the coarse copies
-        (`share_among`); nan if it was not compared with these.
-    rivals: for each attempt, how many maps of the coarse copies are as likely
-        (`rivals_among`); nan if it was not compared with these.
+    standings: of each of them.
     mirrored: see `Certificate`; nan if the mirror image was not tried.
     others: the candidates of the search beside the first (`search_starts`).
     won: the number of the attempt that is the match.
@@ -61,8 +71,7 @@ class PairState:
     samples: SamplesPair | Any = None
     landmark_samples: SamplesPair | Any = None
     attempts: list[Attempt] = field(default_factory=list)
-    shares: list[float] = field(default_factory=list)
-    rivals: list[float] = field(default_factory=list)
+    standings: list[Standing] = field(default_factory=list)
     mirrored: float = np.nan
     others: Start | None = None
     won: int = 0
@@ -107,8 +116,7 @@ class PairState:
     def keep(
         self,
         attempt: Attempt,
-        share: float = np.nan,
-        rivals: float = np.nan,
+        standing: Standing = Standing(),
         *,
         settings: Settings,
         wins: bool = False,
@@ -118,8 +126,7 @@ class PairState:
         wins: it is the match in any case.
         """
         self.attempts.append(attempt)
-        self.shares.append(share)
-        self.rivals.append(rivals)
+        self.standings.append(standing)
         last = len(self.attempts) - 1
         merit, so_far = (self._merit(i, settings) for i in (last, self.won))
         if wins or merit > so_far:
@@ -156,11 +163,7 @@ class PairState:
     def _result(self, number: int, settings: Settings) -> Match:
         """With how it stands, if it was compared, and the confidence that follows."""
         match = self.attempts[number].match
-        known = {
-            "share": self.shares[number],
-            "rivals": self.rivals[number],
-            "mirrored": self.mirrored,
-        }
+        known = self.standings[number]._asdict() | {"mirrored": self.mirrored}
         if np.isnan([*known.values()]).all():
             return match
         before = match.certificate

@@ -7,6 +7,7 @@ import jax
 
 from jfsf.initial._start import nonisometric_starts
 from jfsf.matching._pairs import Attempt, PairState, seconds_of
+from jfsf.matching._people import chances_of, may_be_asked
 from jfsf.matching._run_stages import (
     attempt_starts,
     describe,
@@ -71,8 +72,8 @@ def _note(pair: PairState, compared: Comparison) -> None:
         pair.copies = compared.copies
     if compared.mirrored is not None:
         pair.mirrored = compared.mirrored
-    if compared.share is not None and compared.rivals is not None:
-        pair.shares[pair.won], pair.rivals[pair.won] = compared.share, compared.rivals
+    if compared.standing is not None:
+        pair.standings[pair.won] = compared.standing
 
 
 def _worth(
@@ -81,7 +82,7 @@ def _worth(
     """In doubt, or where it ranks above the map so far."""
     if source.wins or pair.in_doubt(settings):
         return True
-    return bool(proposal.share > pair.shares[pair.won])
+    return bool(proposal.standing.share > pair.standings[pair.won].share)
 
 
 def compile_first_attempt(
@@ -111,6 +112,8 @@ def compile_copies(copy: PairState, runner: Runner, *, settings: Settings) -> No
     inputs = search_inputs([copy], [copy.samples])
     stage = partial(nonisometric_starts, settings=settings.search)
     (stacked,) = runner.map("further starts", stage, inputs)
+    if may_be_asked(copy, settings):
+        chances_of([copy], runner)
     one = jax.tree.map(lambda s: jax.ShapeDtypeStruct(s.shape[1:], s.dtype), stacked)
     attempt_starts([(copy, one)], runner, settings)
 
@@ -127,5 +130,5 @@ def _attempt(
         starts = [(p, s._replace(C_yx=s.C_yx[:k, :k])) for p, s in starts]
     matches = attempt_starts(starts, runner, settings, refined=refined)
     for (pair, own), match in zip(tried, matches, strict=True):
-        attempt, standing = Attempt(source.name, own.start, match), own[1:3]
-        pair.keep(attempt, *standing, settings=settings, wins=source.wins)
+        attempt = Attempt(source.name, own.start, match)
+        pair.keep(attempt, own.standing, settings=settings, wins=source.wins)

@@ -21,7 +21,13 @@ from jfsf.spectral import FeatureSettings, features
 
 COARSE_VERTICES = 1200
 # Fields that no stage reads, beside `parts` and `coarse_vertices`.
-OF_THE_HOST = "retry_below", "copies_above", "nonisometric_attempts", "rigid_below"
+OF_THE_HOST = (
+    "retry_below",
+    "copies_above",
+    "nonisometric_attempts",
+    "rigid_below",
+    "people",
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -54,6 +60,9 @@ class Settings:
         it is one of them, so with 1 nothing more is attempted then. With two the mean
         error of creatures is smaller than with one, and with three no smaller; on
         SHREC'07 it is the same (`experiments/fit/fit_attempts.py`).
+    people: whether a network that knows people (`jfsf.learned`) is asked about pairs in
+        doubt. Where it takes both shapes for people, it adds a start, and evidence of
+        each map that is compared (`Certificate.person_agreement`). False leaves it out.
     rigid_below: mean distance in sqrt(area), of both shapes to each other after a
         similarity fitted to the map and a stiff deformation, below which the last map
         is read from there, without free bending, and kept: on bones, teeth and faces it
@@ -98,6 +107,7 @@ class Settings:
     coarse_vertices: int = COARSE_VERTICES
     copies_above: int = 5120
     nonisometric_attempts: int = 2
+    people: bool = True
     rigid_below: float = 0.009
     ks: tuple[int, ...] = (30, 30, 30, 30, 45, 65, 110, 128)
     refine: Refine = refine_by_zoomout

@@ -22,7 +22,8 @@ from jfsf.matching._others import (
     pulled_back,
     unstacked,
 )
-from jfsf.matching._pairs import Attempt, PairState, seconds_of
+from jfsf.matching._pairs import Attempt, PairState, Standing, seconds_of
+from jfsf.matching._people import people_start, places_of, with_agreement
 from jfsf.matching._rigid import moved_by_map, surface_of
 from jfsf.matching._rivals import TIE, rivals_among, share_among
 from jfsf.matching._run_stages import (
@@ -46,13 +47,12 @@ class Proposal(NamedTuple):
     """A start to attempt.
 
     start: the map to begin with.
-    share, rivals: see `PairState`.
+    standing: of its map on coarse copies.
     bent: the shapes as they are to be compared, if nothing deforms them further.
     """
 
     start: Start
-    share: float = np.nan
-    rivals: float = np.nan
+    standing: Standing = Standing()
     bent: Bent | None = None
 
 
@@ -60,16 +60,14 @@ class Comparison(NamedTuple):
     """What a source says of a pair.
 
     proposals: starts to attempt, the best first.
-    share, rivals: of the map so far among the maps of the coarse copies, see
-        `PairState`; None if it was not compared with them.
+    standing: of the map so far; None if it was not compared with those of the copies.
     mirrored: probability that the mirror image is right; None if it was not tried.
     others: the other candidates of a search; None without one.
     copies: the coarse copies with the attempts that were made on them, or None.
     """
 
     proposals: Sequence[Proposal] = ()
-    share: float | None = None
-    rivals: float | None = None
+    standing: Standing | None = None
     mirrored: float | None = None
     others: Start | None = None
     copies: PairState | None = None
@@ -130,15 +128,15 @@ def _moved(pairs, runner, settings) -> list[Comparison]:
         if moved is None or moved.apart >= limit:
             comparisons.append(Comparison())
             continue
-        standing = pair.shares[pair.won], pair.rivals[pair.won]
-        start = Proposal(known, *standing, moved.bent)
+        standing = pair.standings[pair.won]
+        start = Proposal(known, standing, moved.bent)
         if settings.deform is not deform_by_arap:
             # One of one's own deforms by functional maps only.
             mesh_x, mesh_y = surface_of(x), surface_of(y)
             there = mesh_x._replace(vertices=moved.bent.moved_x[: len(mesh_x.vertices)])
             T_xy = nearest_alike(there, mesh_y, mirrors=mirrors)
             C_yx = pulled_back(T_xy, pair.spectra, settings.ks[-1])
-            start = Proposal(known._replace(C_yx=C_yx), *standing)
+            start = Proposal(known._replace(C_yx=C_yx), standing)
         comparisons.append(Comparison([start]))
     return comparisons
 
@@ -183,12 +181,14 @@ def _from_copies(pairs, runner, settings) -> list[Comparison]:
     copies = [_copied(pair, settings) for pair in pairs]
     describe(copies, runner, settings)
     further = _further_starts(pairs, copies, runner, settings)
-    tried = []
-    for pair, copy, starts in zip(pairs, copies, further, strict=True):
+    tried, places = [], places_of(pairs, copies, runner, settings)
+    for pair, copy, starts, seen in zip(pairs, copies, further, places, strict=True):
         # The best so far is a rival: of the copies, too.
         best = pair.attempts[pair.won]
         own = [best.start._replace(C_yx=best.match.C_yx), *starts]
         own += [*near_ties(pair, settings), *disk_starts(pair, copy, settings)]
+        if seen is not None:
+            own.append(people_start(copy, seen, settings))
         tried += [(copy, start) for start in own]
     mirrors = {i: mirror_of(copies[i]) for i in mirrored_pairs(pairs, settings)}
     if mirrors:
@@ -198,7 +198,10 @@ def _from_copies(pairs, runner, settings) -> list[Comparison]:
     size = min(len(start.C_yx) for _, start in tried)
     tried = [(copy, s._replace(C_yx=s.C_yx[:size, :size])) for copy, s in tried]
     matches = attempt_starts(tried, runner, settings, at_a_time=2)
+    known = {id(copy): seen for copy, seen in zip(copies, places, strict=True)}
     for (copy, start), match in zip(tried, matches, strict=True):
+        if (seen := known.get(id(copy))) is not None:
+            match = with_agreement(match, seen, copy)
         copy.keep(Attempt("coarse copies", start, match), settings=settings)
     comparisons = []
     for i, copy in enumerate(copies):
@@ -246,13 +249,18 @@ def _compared(copy: PairState, settings: Settings) -> Comparison:
         return Comparison()
     ranking = share_among(matches, copy.spectra)
     rivals = rivals_among(matches, ranking, settings=settings)
-    share, rank, differ, _ = ranking
+    rank, differ = ranking.rank, ranking.differ
+    agree = [float(match.certificate.person_agreement) for match in matches]
+    standings = [
+        Standing(float(share), float(number), agreed)
+        for share, number, agreed in zip(ranking.share, rivals, agree, strict=True)
+    ]
     order = np.argsort(-rank, kind="stable")
     best = int(order[0])
     another = bool(differ[best, 0])
     # A near copy of the map so far ranks first: it is the same map, a little better.
     same = 0 if another else best
-    so_far = Comparison((), float(share[same]), float(rivals[same]))
+    so_far = Comparison((), standings[same])
     # Two maps that cannot be told apart: the first stays, with both counted.
     ahead = COMPARED["scale"] * float(rank[best] - rank[0])
     if rivals[same] > 0 and ahead <= TIE:
@@ -263,7 +271,7 @@ def _compared(copy: PairState, settings: Settings) -> Comparison:
             chosen.append(int(i))
     return so_far._replace(
         proposals=[
-            Proposal(_of_copies(copy.attempts[i]), float(share[i]), float(rivals[i]))
+            Proposal(_of_copies(copy.attempts[i]), standings[i])
             for i in chosen[1 : 1 + number]
         ]
     )

@@ -33,13 +33,13 @@ from jfsf.storage._cache import (
 )
 
 PACKAGE = Path(__file__).parents[1]
-# All code that is traced, and the fitted constants in it, as they are at import: a file
-# may have changed when a program is asked for.
+# All code that is traced, with fitted constants and weights, as they are at import: a
+# file may have changed when a program is asked for.
 CODE = key(
     *map(version, ("jax", "jaxlib", "jaxopt", "lineax", "optimistix", "equinox")),
     *(
         file.read_bytes()
-        for kind in ("*.py", "*.json")
+        for kind in ("*.py", "*.json", "learned/*.npz")
         for file in sorted(PACKAGE.rglob(kind))
         if "apps" not in file.relative_to(PACKAGE).parts
     ),

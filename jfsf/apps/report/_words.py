@@ -325,6 +325,11 @@ def reasons(certificate: Certificate, info: MatchInfo | None = None) -> list[str
         sentences.append(
             f"Of the other maps that were tried {other} {how} (share {share:.0%})."
         )
+    if not np.isnan(agreed := figure["person_agreement"]):
+        sentences.append(
+            "A network that knows people took both shapes for people, and agrees with "
+            f"the map ({agreed:.2f}, at most 1)."
+        )
     if figure["rivals"] > 0:
         number = _number(certificate)
         sentences.append(f"It is one of {number} maps that fit equally well.")

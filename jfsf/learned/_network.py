@@ -9,33 +9,21 @@ The answer is a probability of each of some hundred anchors on the template, so 
 that may lie on either hand says so.
 """
 
-from typing import NamedTuple
+from functools import cache
+from importlib.resources import files
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from jfsf.types import ArrayLike
+from jfsf.learned._inputs import NetworkInput
 
 CHANNELS, BLOCKS = 96, 4
 SLOPES = 0.05  # gradients of a shape of area 1 are some 20 times as large as values
-
-
-class Shape(NamedTuple):
-    """What the network reads of a shape; padding has mass 0.
-
-    evals, mass, evecs: of its `Spectrum`.
-    slopes: gradients of the eigenvectors, in a frame of the tangent plane of each
-        vertex whose normal points outward.
-    inputs: as `samples.inputs_of`.
-    """
-
-    evals: Float[ArrayLike, " k"]
-    mass: Float[ArrayLike, " n"]
-    evecs: Float[ArrayLike, "n k"]
-    slopes: Float[ArrayLike, "n 2 k"]
-    inputs: Float[ArrayLike, "n c"]
+WEIGHTS = "people.npz"
+DISTANCES = "distances"  # in that file, beside the weights in their order
 
 
 class Block(eqx.Module):
@@ -58,7 +46,9 @@ class Block(eqx.Module):
         self.second = eqx.nn.Linear(channels, channels, key=keys[4])
         self.norm = eqx.nn.LayerNorm(channels)
 
-    def __call__(self, x: Float[Array, "n c"], shape: Shape) -> Float[Array, "n c"]:
+    def __call__(
+        self, x: Float[Array, "n c"], shape: NetworkInput
+    ) -> Float[Array, "n c"]:
         own = jax.vmap(self.norm)(x)
         coefficients = shape.evecs.T @ (shape.mass[:, None] * own)
         times = jnp.exp(self.log_times)
@@ -88,8 +78,28 @@ class Network(eqx.Module):
         self.norm = eqx.nn.LayerNorm(CHANNELS)
         self.leave = eqx.nn.Linear(CHANNELS, anchors, key=keys[1])
 
-    def __call__(self, shape: Shape) -> Float[Array, "n a"]:
+    def __call__(self, shape: NetworkInput) -> Float[Array, "n a"]:
         x = jax.vmap(self.enter)(shape.inputs)
         for block in self.blocks:
             x = block(x, shape)
         return jax.vmap(self.leave)(jax.vmap(self.norm)(x))
+
+
+@cache
+def trained() -> Network:
+    """With the weights of `WEIGHTS`, which `experiments/learn/train.py` made."""
+    leaves = [values for name, values in _numbers().items() if name != DISTANCES]
+    inputs, anchors = leaves[0].shape[1], len(leaves[-1])
+    empty = eqx.filter_eval_shape(Network, inputs, anchors, jax.random.key(0))
+    return jax.tree.unflatten(jax.tree.structure(empty), leaves)
+
+
+def anchor_distances() -> Float[np.ndarray, "a a"]:
+    """Geodesic distances between the anchors on the template, in sqrt(area)."""
+    return _numbers()[DISTANCES]
+
+
+@cache
+def _numbers() -> dict[str, np.ndarray]:
+    with np.load(str(files("jfsf.learned") / WEIGHTS)) as file:
+        return {name: file[name].astype(np.float32) for name in file.files}
