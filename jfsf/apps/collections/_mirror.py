@@ -2,12 +2,12 @@
 
 Matching keeps left and right, so the map to a mirror image shears the shape more than
 other maps do, or is not trusted. The mirror image of such a shape is matched with the
-same partner. If that map is trusted and shears triangles half as much or less, the
-shape is a mirror image of its partner.
+same partner. If that map is trusted, shears triangles half as much or less, and has a
+smaller energy, the shape is a mirror image of its partner.
 
-Where shapes bend, all maps shear triangles, and a shape is as likely to be in a
-mirrored pose as to be mirrored. So there only shapes that no trusted map reaches are
-looked at. A shape that is its own mirror image fits its partner as well either way.
+Where shapes bend, a shape may be in a mirrored pose, which shears triangles too. But a
+pose keeps distances, so both maps have nearly the same energy. A shape that is its own
+mirror image fits its partner as well either way.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -124,9 +124,10 @@ def check_mirror(mirror: Mirror) -> None:
 def mirror_images(graph: Graph, tests: Sequence[MirrorTest]) -> frozenset[int]:
     """Numbers of the shapes that are mirror images of the template.
 
-    A shape is the mirror image of its partner if the map of its mirror image is trusted
-    and shears triangles less, by `MIRROR_SHEAR`. Shapes that are reached by way of a
-    mirror image are mirror images too.
+    A shape is the mirror image of its partner if the map of its mirror image is
+    trusted, shears triangles less, by `MIRROR_SHEAR`, and has less energy, by
+    `MIRROR_ENERGY`. Shapes that are reached by way of a mirror image are mirror images
+    too.
 
     Args:
         graph: of `grow`.
@@ -158,8 +159,9 @@ def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
         one, other = (maps.get(edge_of(shape, partner)) for maps in (straight, turned))
         if one is not None and other is not None:
             ratio = one.shear / max(other.shear, 1e-12)
+            energies = one.energy / max(other.energy, 1e-12)
             sure = one.confidence, other.confidence
-            found.append(MirrorTest(shape, partner, *sure, ratio))
+            found.append(MirrorTest(shape, partner, *sure, ratio, energies))
     return tuple(found)
 
 
