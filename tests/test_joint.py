@@ -322,8 +322,8 @@ def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
     assert mirror_images(graph, [surer._replace(ratio=1.1)]) == frozenset()
     assert mirror_images(graph, [surer._replace(turned=0.5)]) == frozenset()
     # In a mirrored pose: sheared, but at the same distances.
-    assert mirror_images(graph, [surer._replace(energies=1.2)]) == frozenset()
-    assert mirror_images(graph, [surer._replace(energies=1.4)]) == {1, 2, 3}
+    assert mirror_images(graph, [surer._replace(energy_ratio=1.2)]) == frozenset()
+    assert mirror_images(graph, [surer._replace(energy_ratio=1.4)]) == {1, 2, 3}
     # The sentence quotes a test that says so, not the surest of all.
     both = surer._replace(turned=0.95), surer._replace(turned=0.99, ratio=1.1)
     found = graph._replace(tests=both, mirrored=frozenset({1, 2, 3}))

@@ -9,7 +9,8 @@ from jfsf.geometry import GeodesicSolver
 from jfsf.learned._inputs import EIGENPAIRS, network_input
 from jfsf.learned._network import anchor_distances, trained
 from jfsf.mesh._geometry import farthest_vertices
-from jfsf.types import ArrayLike, Mesh, Spectrum
+from jfsf.runtime._sizes import surface_of
+from jfsf.types import ArrayLike, Spectrum
 
 Places = tuple[ArrayLike, ArrayLike]
 """(n_x, a) and (n_y, a): chances of the anchors on a person, without padding."""
@@ -79,9 +80,7 @@ def likeness(chances: ArrayLike, spec: Spectrum) -> float:
     real = mass > 0
     places = np.asarray(chances)[real, :-1]
     sure = float(mass[real] @ places.max(1) / mass[real].sum())
-    faces = np.asarray(spec.faces)
-    flat = (faces[:, 0] == faces[:, 1]) & (faces[:, 1] == faces[:, 2])
-    mesh = Mesh(np.asarray(spec.vertices, float)[real], faces[~flat])
+    mesh = surface_of(spec)
     at = farthest_vertices(mesh, SOME)
     own = places[at] / places[at].sum(1, keepdims=True)
     there = own @ anchor_distances() @ own.T

@@ -14,9 +14,10 @@ from jaxtyping import Float
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
-from jfsf.matching._rigid import motion, surface_of
+from jfsf.matching._rigid import motion
 from jfsf.mesh._edit import rims
 from jfsf.mesh._geometry import boundary_edges, edges
+from jfsf.runtime._sizes import surface_of
 from jfsf.spectral._laplacian import operators
 from jfsf.types import ArrayLike, Mesh, Spectrum
 

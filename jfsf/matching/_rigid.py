@@ -17,6 +17,7 @@ from jfsf.mesh import closest
 from jfsf.mesh._closest import surface_tree
 from jfsf.mesh._geometry import vertex_normals
 from jfsf.refine._rest import closest_rotations
+from jfsf.runtime._sizes import surface_of
 from jfsf.types import Bent, Mesh, Spectrum
 
 # All set by hand. Root mean square between moved points and their images, in
@@ -128,14 +129,6 @@ def motion(
         along = weight @ np.sum((rest @ turn) * (images - goal), 1)
         size = along / max(weight @ np.sum(rest**2, 1), 1e-300)
     return lambda p: size * ((p - centre) * flip) @ turn + goal
-
-
-def surface_of(spec: Spectrum) -> Mesh:
-    """The mesh of a spectrum, without padding."""
-    n = int(np.sum(np.asarray(spec.mass) > 0))
-    faces = np.asarray(spec.faces)
-    real = (faces[:, 0] != faces[:, 1]) | (faces[:, 1] != faces[:, 2])
-    return Mesh(np.asarray(spec.vertices, float)[:n], faces[real])
 
 
 def _some(mesh: Mesh) -> Float[np.ndarray, " s"]:

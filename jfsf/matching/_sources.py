@@ -24,7 +24,7 @@ from jfsf.matching._others import (
 )
 from jfsf.matching._pairs import Attempt, PairState, Standing, seconds_of
 from jfsf.matching._people import people_start, places_of, with_agreement
-from jfsf.matching._rigid import moved_by_map, surface_of
+from jfsf.matching._rigid import moved_by_map
 from jfsf.matching._rivals import TIE, rivals_among, share_among
 from jfsf.matching._run_stages import (
     attempt_starts,
@@ -36,6 +36,7 @@ from jfsf.matching._stages import deform_by_arap
 from jfsf.matching._steps import given_start
 from jfsf.matching._stiff import nearest_alike
 from jfsf.runtime._runners import Runner
+from jfsf.runtime._sizes import surface_of
 from jfsf.types import Bent
 
 # Eigenfunctions of disks depend on where they were cut, so there a motion is better

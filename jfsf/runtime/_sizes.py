@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jfsf.types import Spectrum
+from jfsf.types import Mesh, Spectrum
 
 SMALLEST = 320
 # Up to FINER_ABOVE it takes longer to compile for another size than to run for twice as
@@ -109,6 +109,14 @@ def pad(spec: Spectrum, n: int, m: int) -> Spectrum:
         )
     rows = len(spec.evals), n, n, m, n  # of its fields
     return Spectrum(*map(with_rows, spec, rows))
+
+
+def surface_of(spec: Spectrum) -> Mesh:
+    """The mesh of a spectrum, without padding."""
+    n = int(np.sum(np.asarray(spec.mass) > 0))
+    faces = np.asarray(spec.faces)
+    real = (faces[:, 0] != faces[:, 1]) | (faces[:, 1] != faces[:, 2])
+    return Mesh(np.asarray(spec.vertices, float)[:n], faces[real])
 
 
 def with_rows(array: Any, n: int) -> Any:

@@ -144,8 +144,8 @@ class MirrorTest(NamedTuple):
     turned: of that between its mirror image and the partner.
     ratio: how many times as much triangles are sheared by the first as by the second;
         nan if it is not known.
-    energies: how many times as much energy the first has as the second; nan if it is
-        not known, which says nothing.
+    energy_ratio: how many times as much energy the first has as the second; nan if it
+        is not known, which says nothing.
     """
 
     shape: int
@@ -153,12 +153,12 @@ class MirrorTest(NamedTuple):
     straight: float
     turned: float
     ratio: float
-    energies: float = math.nan
+    energy_ratio: float = math.nan
 
     @property
     def mirrors(self) -> bool:
         """Whether the shape is the mirror image of its partner: see `mirror_images`."""
-        posed = self.energies < MIRROR_ENERGY
+        posed = self.energy_ratio < MIRROR_ENERGY
         return self.turned >= TRUSTED and self.ratio >= MIRROR_SHEAR and not posed
 
 

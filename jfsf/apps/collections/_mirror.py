@@ -159,9 +159,9 @@ def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
         one, other = (maps.get(edge_of(shape, partner)) for maps in (straight, turned))
         if one is not None and other is not None:
             ratio = one.shear / max(other.shear, 1e-12)
-            energies = one.energy / max(other.energy, 1e-12)
+            energy_ratio = one.energy / max(other.energy, 1e-12)
             sure = one.confidence, other.confidence
-            found.append(MirrorTest(shape, partner, *sure, ratio, energies))
+            found.append(MirrorTest(shape, partner, *sure, ratio, energy_ratio))
     return tuple(found)
 
 
