@@ -142,8 +142,8 @@ def test_a_new_shape_joins_a_frozen_collection_and_nothing_else_is_made(
     side, mirror, mirrored
 ):
     own = np.arange(N)
-    # The second map is sheared as that of a mirror image: that is not looked at again.
-    frozen = [Matched(Maps(own, own), 0.98, shear) for shear in (0.1, 0.9, 0.1)]
+    # The second map is in doubt, as that of a mirror image: it is not looked at again.
+    frozen = [Matched(Maps(own, own), sure) for sure in (0.98, 0.8, 0.98)]
     runner = Recorder([1, 1, 1, 1, side])
     graph, failed = join_shapes(runner.sketches, runner, mirror=mirror, frozen=frozen)
     assert failed == {} and graph.paths.template == 0
@@ -158,7 +158,7 @@ def test_a_new_shape_joins_a_frozen_collection_and_nothing_else_is_made(
 def test_a_mirror_image_does_not_join_a_frozen_collection_as_it_is():
     own = np.arange(N)
     runner = Recorder([1, 1, 1, -1])
-    frozen = [Matched(Maps(own, own), 0.98, 0.1)] * 2
+    frozen = [Matched(Maps(own, own), 0.98)] * 2
     graph, _ = join_shapes(runner.sketches, runner, frozen=frozen)
     assert runner.ways == {} and graph.mirrored == {3}
     assert graph.joined.tolist() == [True, True, True, False]

@@ -306,29 +306,35 @@ def test_mirror_images_are_named_or_mirrored_back():
         grow_with_mirrors(sketches, match, mirror="back")
 
 
-def test_mirror_images_that_joined_are_found_by_the_map_on_their_way():
-    # A chain from a to d; from b on all are mirrored, but c is known by b alone.
-    right = {(0, 1): 0.95, (1, 2): 0.99, (2, 3): 0.99}
-    shear = {(0, 1): 0.6, (1, 2): 0.15, (2, 3): 0.2}
+def test_mirror_images_that_joined_by_a_wrong_map_are_found_by_other_maps():
+    # A chain from a to d. From c on all are mirrored: b and c have a wrong map that
+    # nothing tells, but those of a to both others say so.
+    right = {(0, 1): 0.99, (1, 2): 0.98, (2, 3): 0.99, (0, 2): 0.03, (0, 3): 0.02}
     none = Maps(np.zeros(1), np.zeros(1))
-    maps = {edge: Matched(none, p, shear[edge]) for edge, p in right.items()}
+    likely = {edge: 1 - p if p < 0.5 else np.nan for edge, p in right.items()}
+    maps = {edge: Matched(none, p, 0.6, likely[edge]) for edge, p in right.items()}
     paths = best_paths(right, 4, template=0)
     graph = Graph(maps, [], right, paths, np.ones(4, bool))
     unlike = symmetric(np.random.default_rng(0), 4)
-    assert suspects(graph, unlike) == [(1, 0)]
-    surer = MirrorTest(1, 0, 0.95, 0.99, 4.0)
-    assert mirror_images(graph, [surer]) == {1, 2, 3}
-    # Its own mirror image: both maps fit as well.
-    assert mirror_images(graph, [surer._replace(ratio=1.1)]) == frozenset()
-    assert mirror_images(graph, [surer._replace(turned=0.5)]) == frozenset()
-    # In a mirrored pose: sheared, but at the same distances.
-    assert mirror_images(graph, [surer._replace(energy_ratio=1.2)]) == frozenset()
-    assert mirror_images(graph, [surer._replace(energy_ratio=1.4)]) == {1, 2, 3}
+    assert paths.way(3) == [0, 1, 2, 3] and suspects(graph, unlike) == [(2, 0), (3, 0)]
+    # One that has not joined is tried with another one too, the most alike.
+    outside = graph._replace(joined=np.array([True, True, True, False]))
+    near = min((1, 2), key=lambda j: unlike[3, j])
+    assert suspects(outside, unlike) == [(2, 0), (3, 0), (3, near)]
+    tests = [MirrorTest(i, 0, right[0, i], 0.96, 0.25) for i in (2, 3)]
+    assert mirror_images(graph, tests) == {2, 3}
+    # The last one follows the one before.
+    assert mirror_images(graph, tests[:1]) == {2, 3}
+    # Its own mirror image, or in a mirrored pose: at the same distances.
+    (test, _) = tests
+    assert mirror_images(graph, [test._replace(energy_gap=0.03)]) == frozenset()
+    assert mirror_images(graph, [test._replace(energy_gap=np.nan)]) == frozenset()
+    assert mirror_images(graph, [test._replace(turned=0.5)]) == frozenset()
     # The sentence quotes a test that says so, not the surest of all.
-    both = surer._replace(turned=0.95), surer._replace(turned=0.99, ratio=1.1)
-    found = graph._replace(tests=both, mirrored=frozenset({1, 2, 3}))
-    assert "0.95" in mirrored(found, tuple("abcd"), 1)
-    found = graph._replace(tests=(surer,), mirrored=frozenset({1, 2, 3}))
+    both = test._replace(turned=0.95), test._replace(turned=0.99, energy_gap=0.03)
+    found = graph._replace(tests=both, mirrored=frozenset({2, 3}))
+    assert "0.95" in mirrored(found, tuple("abcd"), 2)
+    found = graph._replace(tests=(test,), mirrored=frozenset({2, 3}))
     assert "by way of another mirror image" in mirrored(found, tuple("abcd"), 3)
 
 

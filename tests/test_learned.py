@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from certificates import GOOD, with_figures
 from precisions import FLOATS
 from scipy.spatial.transform import Rotation
 from shapes import sphere
@@ -26,16 +25,11 @@ from jfsf.learned import (
 from jfsf.learned._inputs import EIGENPAIRS, HEAT_TIMES, network_input
 from jfsf.learned._network import WEIGHTS
 from jfsf.learned._places import PERSON, likeness
-from jfsf.matching import Settings
-from jfsf.matching._arguments import MatchInputs
-from jfsf.matching._others import mirror_figures
-from jfsf.matching._pairs import Attempt, PairState
 from jfsf.mesh import decimate, surface_area
 from jfsf.mesh._closest import nearest_vertices
 from jfsf.mesh._geometry import boundary_edges
 from jfsf.runtime._sizes import pad
 from jfsf.testing import cast, mirror, move
-from jfsf.types import Match
 
 VERTICES = 700
 NAMES = "man_walk", "woman_up"
@@ -162,24 +156,6 @@ def test_agreement_is_the_overlap_of_chances():
     best = [max(range(4), key=lambda j: np.sqrt(x[i] * y[j]).sum()) for i in range(7)]
     np.testing.assert_array_equal(best_agreement(x, y), best)
     np.testing.assert_allclose(agreement(np.arange(7), x, x), 1)
-
-
-def test_a_mirror_image_is_compared_without_the_network(spectra):
-    """It is not asked about mirror images, so it may not count for the map either."""
-    n_x, n_y = (len(spec.mass) for spec in spectra)
-    own, mirrored = np.random.default_rng(0).integers(0, n_y, (2, n_x))
-
-    def pair(T_xy, agreed):
-        known = with_figures(GOOD, log_odds=5.0, energy=0.1, area_std=0.2)
-        known = with_figures(known, nn_agreement=0.7, person_agreement=agreed)
-        match = Match(T_xy, np.zeros(n_y, int), None, known)
-        state = PairState(tuple(spectra), MatchInputs())
-        state.keep(Attempt("search", None, match), settings=Settings())
-        return state
-
-    mirror = pair(mirrored, np.nan)
-    figures = [mirror_figures(pair(own, a), mirror, Settings()) for a in (np.nan, 0.9)]
-    assert figures[0] is not None and figures[0] == figures[1]
 
 
 def test_the_weights_are_those_that_the_script_made():

@@ -30,12 +30,13 @@ most.
 
 The mirror image of a map is right with the probability
 
-    t = 1 / (1 + exp(-(m_constant + m_margin log(s / (1 - s)) + m_energy log(E / E')))),
+    t = 1 / (1 + exp(-(m_constant + m_energy (E - E')))),
 
-s being the share of the mirror image in the odds of both, and E and E' the energies
-(`Certificate.energy`) of map and mirror image, on coarse copies: a regression of "one
-of the shapes is mirrored" (mirror.json, by experiments/fit/fit_mirror.py). Shapes that
-are symmetric, such as bodies, fit as well either way: t is near 0.
+E and E' being the energies (`Certificate.energy`) of map and mirror image, on coarse
+copies: a regression of "one of the shapes is mirrored" (mirror.json, by
+experiments/fit/fit_mirror.py). Shapes that are symmetric, such as bodies, fit as well
+either way: t is near 0. The difference tells more than the ratio, since the energies of
+bodies in one pose are small, and twice as large in mirrored poses.
 
 The region that two parts share, and the map in it, are right with the probability
 
@@ -51,12 +52,11 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Bool, Float
-from scipy.special import expit, logit
+from scipy.special import expit
 
 from jfsf.matching._kept_landmarks import MISSED
-from jfsf.types import ArrayLike, Certificate
+from jfsf.types import Certificate
 
 # Added before a logarithm is taken: smaller numbers say nothing.
 LEAST = 1e-3
@@ -251,24 +251,11 @@ def region_confidence(
     return jax.nn.sigmoid(z) ** (1 + missed_weight * missed)
 
 
-def mirror_regressors(
-    share: ArrayLike, energy_ratio: ArrayLike
-) -> Float[np.ndarray, "... 2"]:
-    """log(s / (1 - s)) and log(E / E'), as the regression reads them.
-
-    s counts as 0.999 at most, and as 0.001 at least.
-    """
-    share = np.clip(share, 1 - MOST_SHARE, MOST_SHARE)
-    return np.stack([logit(share), np.log(energy_ratio)], -1)
-
-
-def mirror_probability(share: float, energy_ratio: float) -> float:
+def mirror_probability(energy_gap: float) -> float:
     """Probability that the mirror image of a map is the right one.
 
     Args:
-        share: s, of the mirror image in the odds of both, in [0, 1].
-        energy_ratio: E / E', of the map over that of the mirror image, positive.
+        energy_gap: E - E', of the map beyond its mirror image.
     """
     b = MIRROR_FACTORS
-    margin, energy = mirror_regressors(share, energy_ratio)
-    return float(expit(b["constant"] + b["margin"] * margin + b["energy"] * energy))
+    return float(expit(b["constant"] + b["energy"] * energy_gap))

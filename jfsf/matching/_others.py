@@ -13,10 +13,9 @@ import numpy as np
 from scipy.special import expit
 
 from jfsf.initial import Start
-from jfsf.matching._confidence import LEAST
 from jfsf.matching._disks import as_disk, is_disk, turned_maps
 from jfsf.matching._pairs import PairState
-from jfsf.matching._rivals import ranks, share_among
+from jfsf.matching._rivals import DISTINCT, map_distances, ranks
 from jfsf.matching._settings import Settings
 
 # Another candidate of the search may be a rival if its energy is no more than this
@@ -107,10 +106,10 @@ def mirror_of(copy: PairState) -> PairState:
     return replace(copy, inputs=asked, **fresh)
 
 
-def mirror_figures(
+def energy_beyond_mirror(
     copy: PairState, mirror: PairState, settings: Settings
-) -> tuple[float, float] | None:
-    """What `mirror_probability` reads: of the best maps of both orientations.
+) -> float | None:
+    """The energy of the best map beyond that of the best one of the other orientation.
 
     None if that of `mirror` is in doubt itself, or if both are one map: then the search
     found none of the other orientation.
@@ -119,16 +118,11 @@ def mirror_figures(
     if not expit(odds) >= settings.retry_below:
         return None
     own = [attempt.match for attempt in copy.attempts]
-    # The network was not asked about maps that mirror.
-    both = [
-        match._replace(certificate=match.certificate._replace(person_agreement=np.nan))
-        for match in (own[int(np.argmax(ranks(own)))], mirror.best)
-    ]
-    standing = share_among(both, copy.spectra)
-    if not standing.differ[0, 1]:
+    both = own[int(np.argmax(ranks(own)))], mirror.best
+    if map_distances(both, copy.spectra)[0, 1] <= DISTINCT:
         return None
     energy, least = (float(match.certificate.energy) for match in both)
-    return float(standing.share[1]), (energy + LEAST) / (least + LEAST)
+    return energy - least
 
 
 def disk_starts(pair: PairState, copy: PairState, settings: Settings) -> list[Start]:

@@ -14,8 +14,8 @@ from jfsf.matching._confidence import COMPARED, mirror_probability
 from jfsf.matching._disks import is_disk
 from jfsf.matching._others import (
     disk_starts,
+    energy_beyond_mirror,
     has_others,
-    mirror_figures,
     mirror_of,
     mirrored_pairs,
     near_ties,
@@ -207,8 +207,9 @@ def _from_copies(pairs, runner, settings) -> list[Comparison]:
     comparisons = []
     for i, copy in enumerate(copies):
         compared = _compared(copy, settings)._replace(copies=copy)
-        if i in mirrors and (figures := mirror_figures(copy, mirrors[i], settings)):
-            compared = compared._replace(mirrored=mirror_probability(*figures))
+        gap = energy_beyond_mirror(copy, mirrors[i], settings) if i in mirrors else None
+        if gap is not None:
+            compared = compared._replace(mirrored=mirror_probability(gap))
         comparisons.append(compared)
     return comparisons
 

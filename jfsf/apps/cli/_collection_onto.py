@@ -107,7 +107,7 @@ def put_onto(job: Job, *, orientation, mirror, report: bool) -> None:
         "failed": failed.get(own),
         "before": names[before] if before >= 0 else None,
         "pairs": [
-            [names[a], one.confidence, one.shear, graph.right[a, b]]
+            [names[a], one.confidence, graph.right[a, b]]
             for (a, b), one in sorted(graph.matched.items())
             if b == own
         ],
@@ -156,9 +156,9 @@ def _together(frozen: Frozen, shapes, records, broken):
         before[i] = -1 if own["before"] is None else number[own["before"]]
         mirrored |= {i} if own["mirrored"] else set()
         failed |= {i: own["failed"]} if own["failed"] else {}
-        for other, confidence, shear, likely in own["pairs"]:
+        for other, confidence, likely in own["pairs"]:
             edge = edge_of(i, number[other])
-            matched[edge], right[edge] = Matched(none, confidence, shear), likely
+            matched[edge], right[edge] = Matched(none, confidence), likely
         for corners, apart in own["triangles"]:
             a, b, c = sorted(number[one] for one in corners)
             found.append(Triangle((a, b, c), apart))

@@ -58,8 +58,8 @@ def mirrored(graph: Graph, names: Sequence[str], shape: int) -> str:
     best = max(tests, key=lambda test: test.turned)
     return (
         f"a mirror image of the others: mirrored, it fits {names[best.partner]} with "
-        f"confidence {best.turned:.2f}; as it is, with {best.straight:.2f}, sheared "
-        f"{best.ratio:.1f} times as much"
+        f"confidence {best.turned:.2f}; as it is, with {best.straight:.2f} and "
+        f"{best.energy_gap:.2f} more energy"
     )
 
 

@@ -22,6 +22,7 @@ from jfsf.apps.collections._cycles import (
     trust,
     unlikeness,
 )
+from jfsf.matching._confidence import MIRRORED, mirror_probability
 from jfsf.types import ArrayLike, Maps, Match
 
 
@@ -103,13 +104,6 @@ SURE = 0.95
 # Shapes with a less probable way do not belong to the collection. By hand: none of the
 # pairs of FAUST is wrong then (experiments/results/collection_faust_r.json).
 TRUSTED = 0.7
-# A shape is mirrored if a map shears it so many times as much as its mirror image; that
-# is tried if the map shears it so many times as much as in the median. By hand.
-MIRROR_SHEAR = 2.0
-# And if its energy is so many times as large: a pose shears, but keeps distances. For
-# two bodies in mirrored poses it is 1.19 times, for pairs of heel bones and molars of
-# which one is mirrored 1.18 to 2.03 times, 1.37 in the median. By hand.
-MIRROR_ENERGY = 1.25
 
 
 class Matched(NamedTuple):
@@ -117,14 +111,15 @@ class Matched(NamedTuple):
 
     maps: of X, which has the smaller number, and Y.
     confidence: of the pair alone; nan where there is none.
-    shear: of the triangles of the pair, bent onto each other (`Certificate`).
     energy: of its functional map (`Certificate`); nan where it is not known.
+    mirrored: how likely its mirror image is right instead (`Certificate`); nan where
+        that was not tried.
     """
 
     maps: Maps
     confidence: float
-    shear: float = math.nan
     energy: float = math.nan
+    mirrored: float = math.nan
 
 
 def matched(match: Match) -> Matched:
@@ -132,7 +127,7 @@ def matched(match: Match) -> Matched:
     T_xy: Any = np.asarray(match.T_xy)
     T_yx: Any = np.asarray(match.T_yx)
     known = match.certificate
-    figures = known.confidence, known.shear, known.energy
+    figures = known.confidence, known.energy, known.mirrored
     return Matched(Maps(T_xy, T_yx), *map(float, figures))
 
 
@@ -142,24 +137,20 @@ class MirrorTest(NamedTuple):
     shape, partner: their numbers.
     straight: confidence of the map between the shape and its partner.
     turned: of that between its mirror image and the partner.
-    ratio: how many times as much triangles are sheared by the first as by the second;
-        nan if it is not known.
-    energy_ratio: how many times as much energy the first has as the second; nan if it
-        is not known, which says nothing.
+    energy_gap: how much more energy the first has than the second; nan if it is not
+        known.
     """
 
     shape: int
     partner: int
     straight: float
     turned: float
-    ratio: float
-    energy_ratio: float = math.nan
+    energy_gap: float
 
     @property
     def mirrors(self) -> bool:
         """Whether the shape is the mirror image of its partner: see `mirror_images`."""
-        posed = self.energy_ratio < MIRROR_ENERGY
-        return self.turned >= TRUSTED and self.ratio >= MIRROR_SHEAR and not posed
+        return self.turned >= TRUSTED and mirror_probability(self.energy_gap) > MIRRORED
 
 
 class Graph(NamedTuple):

@@ -1,13 +1,12 @@
 """Mirror images in a collection: left and right bones in one folder.
 
-Matching keeps left and right, so the map to a mirror image shears the shape more than
-other maps do, or is not trusted. The mirror image of such a shape is matched with the
-same partner. If that map is trusted, shears triangles half as much or less, and has a
-smaller energy, the shape is a mirror image of its partner.
+Matching keeps left and right, so the map to a mirror image is in doubt, and mostly says
+that its own mirror image is likely. The mirror image of such a shape is matched with
+the same partner. If that map is trusted, and has far less energy, the shape is a mirror
+image of its partner.
 
-Where shapes bend, a shape may be in a mirrored pose, which shears triangles too. But a
-pose keeps distances, so both maps have nearly the same energy. A shape that is its own
-mirror image fits its partner as well either way.
+A body in a mirrored pose is none: a pose keeps distances, so both maps have nearly the
+same energy. A shape that is its own mirror image fits its partner as well either way.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -18,13 +17,13 @@ from jaxtyping import Float
 
 from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
-    MIRROR_SHEAR,
     PAIRS_A_SHAPE,
     Graph,
     Matched,
     MirrorTest,
     grow,
 )
+from jfsf.matching._confidence import MIRRORED
 from jfsf.types import ArrayLike
 
 Mirror = Literal["name", "auto"]
@@ -89,29 +88,28 @@ def grow_with_mirrors(
 def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, int]]:
     """Shapes whose mirror images are to be tried, each with a partner.
 
-    A shape that is not joined, with the most alike of those that are; and a shape that
-    the map from the one before it on its way shears `MIRROR_SHEAR` times as much as the
-    median of all such maps, with that one.
+    A shape whose map to another one, which has a surer way, says that its own mirror
+    image is likely right, is tried with that one, though it may have joined by another
+    map. One that is not joined is tried with `PARTNERS` in any case, which are then the
+    most alike of those that are.
 
     Args:
         graph: of `grow`.
         unlike: symmetric, see `unlikeness`.
     """
-    found, inside = [], np.flatnonzero(graph.joined).tolist()
-    pairs = enumerate(graph.paths.before.tolist())
-    sheared = {
-        i: graph.matched[edge_of(i, before)].shear
-        for i, before in pairs
-        if before >= 0 and graph.joined[i]
-    }
-    known = [shear for shear in sheared.values() if np.isfinite(shear)]
-    most = MIRROR_SHEAR * float(np.median(known)) if known else np.inf
-    for i, before in enumerate(graph.paths.before.tolist()):
-        if not graph.joined[i]:
-            near = sorted(inside, key=lambda j: (np.asarray(unlike)[i, j], j))
-            found += [(i, j) for j in near[:PARTNERS]]
-        elif before >= 0 and sheared[i] > most:
-            found.append((i, before))
+    inside, unlike = _surest_first(graph), np.asarray(unlike)
+    order = {j: n for n, j in enumerate(inside)}
+    likely: dict[int, dict[int, float]] = {}
+    for pair, one in graph.matched.items():
+        partner, i = sorted(pair, key=lambda j: order.get(j, len(order)))
+        if one.mirrored > MIRRORED and partner in order:
+            likely.setdefault(i, {})[partner] = one.mirrored
+    found = []
+    for i in range(len(graph.joined)):
+        own = likely.get(i, {})
+        among = list(own) if graph.joined[i] else inside
+        near = sorted(among, key=lambda j: (-own.get(j, 0), unlike[i, j], j))
+        found += [(i, j) for j in near[: 1 if graph.joined[i] else PARTNERS]]
     return found
 
 
@@ -125,9 +123,8 @@ def mirror_images(graph: Graph, tests: Sequence[MirrorTest]) -> frozenset[int]:
     """Numbers of the shapes that are mirror images of the template.
 
     A shape is the mirror image of its partner if the map of its mirror image is
-    trusted, shears triangles less, by `MIRROR_SHEAR`, and has less energy, by
-    `MIRROR_ENERGY`. Shapes that are reached by way of a mirror image are mirror images
-    too.
+    trusted, and has so much less energy that it is likely right instead
+    (`mirror_probability`). Others are as the shape before them on their way.
 
     Args:
         graph: of `grow`.
@@ -138,14 +135,19 @@ def mirror_images(graph: Graph, tests: Sequence[MirrorTest]) -> frozenset[int]:
         if test.mirrors:
             turned[test.shape] = test
     mirrored = np.zeros(len(graph.joined), bool)
-    ways = [graph.paths.way(i) for i in np.flatnonzero(graph.joined).tolist()]
-    for *before, last in sorted(ways, key=len):
-        if before:
-            mirrored[last] = mirrored[before[-1]] != (last in turned)
-    for i, test in turned.items():
-        if not graph.joined[i]:
-            mirrored[i] = not mirrored[test.partner]
+    alone = [i for i in turned if not graph.joined[i]]
+    for i in [*_surest_first(graph), *alone]:
+        if i in turned:
+            mirrored[i] = not mirrored[turned[i].partner]
+        elif i != graph.paths.template:
+            mirrored[i] = mirrored[graph.paths.before[i]]
     return frozenset(np.flatnonzero(mirrored).tolist())
+
+
+def _surest_first(graph: Graph) -> list[int]:
+    """The joined shapes, each after the one before it on its way."""
+    paths, inside = graph.paths, np.flatnonzero(graph.joined).tolist()
+    return sorted(inside, key=lambda i: (-paths.trust[i], len(paths.way(i))))
 
 
 def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
@@ -158,10 +160,8 @@ def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
     for shape, partner in pairs:
         one, other = (maps.get(edge_of(shape, partner)) for maps in (straight, turned))
         if one is not None and other is not None:
-            ratio = one.shear / max(other.shear, 1e-12)
-            energy_ratio = one.energy / max(other.energy, 1e-12)
-            sure = one.confidence, other.confidence
-            found.append(MirrorTest(shape, partner, *sure, ratio, energy_ratio))
+            sure, gap = (one.confidence, other.confidence), one.energy - other.energy
+            found.append(MirrorTest(shape, partner, *sure, gap))
     return tuple(found)
 
 
