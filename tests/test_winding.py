@@ -221,6 +221,11 @@ def test_a_surface_needs_an_outside():
     # A dome and a sheet; what decides is the height over the width.
     flat = Mesh(cap.vertices * [1, 1, 1e-3], cap.faces)
     assert unclear_winding(flat) == 1
+    # The sign of its volume is an accident, so the file is believed.
+    inside_out = [flipped(own, np.ones(len(cap.faces), bool)) for own in (cap, flat)]
+    assert np.array_equal(orient(inside_out[0]).faces, cap.faces)
+    for own in (flat, inside_out[1]):
+        assert np.array_equal(orient(own).faces, own.faces)
     # Closed, a thin thing has an outside.
     assert unclear_winding(Mesh(ball.vertices * [1, 1, 1e-3], ball.faces)) == 0
     assert unclear_winding(strip(one_sided=False)) == 0

@@ -48,7 +48,8 @@ UNDECIDED = 1 / 3
 # Volume over area^1.5 below which an open surface is flat; of a dome on a circle it is
 # 0.19 times its height over the radius of the circle. Of 30 cameras' views of bodies
 # and animals 29 have 3e-3 to 7e-2 with the right sign, one 1.5e-3 with the wrong
-# one; 51 other parts and teeth have more than 2e-2, with the right sign.
+# one, whose file is right; 51 other parts and teeth have more than 2e-2, with the right
+# sign.
 FLAT = 2e-3
 NO_VOLUME = 1e-9  # the same for a closed surface: there is rounding only
 POWER_STEPS = 20  # of the inverse iteration for u
@@ -68,8 +69,9 @@ def orient(mesh: Mesh) -> Mesh:
     Faces that share an edge are wound alike, then each surface is turned over as a
     whole if its signed volume is negative. For the volume, an open surface is closed by
     a cone to its centroid. A surface without volume keeps the winding of its first
-    face. The surface of a cavity is a surface of its own: it comes out wound like any
-    closed one, with its normals away from the cavity.
+    face, and so does an open one that is so flat that the sign of its volume is an
+    accident (`unclear_winding`). The surface of a cavity is a surface of its own: it
+    comes out wound like any closed one, with its normals away from the cavity.
 
     Around an edge with three faces or more, those that continue each other are wound
     alike; where that decides nothing, a piece goes by its own volume. Copies of a face
@@ -84,7 +86,7 @@ def orient(mesh: Mesh) -> Mesh:
         The mesh, wound. `unclear_winding` says how much of it could not be.
     """
     vertices, faces = mesh_arrays(mesh)
-    turn = _winding(vertices, faces, False).turn
+    turn = _winding(vertices, faces).turn
     return Mesh(vertices, np.where(turn[:, None], faces[:, [0, 2, 1]], faces))
 
 
@@ -111,12 +113,12 @@ def unclear_winding(mesh: Mesh) -> float:
     """
     vertices, faces = mesh_arrays(mesh)
     area = face_areas(vertices, faces)
-    clear = _winding(vertices, faces, True).clear
+    clear = _winding(vertices, faces).clear
     return float(area[~clear].sum() / area.sum()) if area.sum() > 0 else 0.0
 
 
-def _winding(vertices, faces, judge: bool) -> _Winding:
-    """As `orient` winds; with `judge`, also what is clear."""
+def _winding(vertices, faces) -> _Winding:
+    """As `orient` winds, and what is clear."""
     turn, clear = np.zeros(len(faces), bool), np.ones(len(faces), bool)
     solid = np.flatnonzero(~repeats_vertex(faces))
     if len(solid) == 0:
@@ -126,7 +128,7 @@ def _winding(vertices, faces, judge: bool) -> _Winding:
     # Two faces back to back by themselves are an ordinary closed surface.
     kept = copies.keep | ~copies.crowded
     if kept.any():
-        turn[solid[kept]], clear[solid[kept]] = _wind(vertices, given[kept], judge)
+        turn[solid[kept]], clear[solid[kept]] = _wind(vertices, given[kept])
     late = np.flatnonzero(copies.crowded & (copies.rank > 0))
     first = copies.first[late]
     # Copies of a face as the face is; those of a flap one this way, one that.
@@ -138,7 +140,7 @@ def _winding(vertices, faces, judge: bool) -> _Winding:
     return _Winding(turn, clear)
 
 
-def _wind(vertices, faces, judge: bool) -> _Winding:
+def _wind(vertices, faces) -> _Winding:
     """The same for faces that are there once and repeat no vertex."""
     m = len(faces)
     pairs = pair_half_edges(faces, len(vertices))
@@ -168,14 +170,9 @@ def _wind(vertices, faces, judge: bool) -> _Winding:
         group = np.unique(group, return_inverse=True)[1]
         weak = weak & ~alone
     surface = group[node]
-    wound = _flip(faces, turn)
-    volume, size = component_volumes(vertices, wound, surface)
-    turn ^= (volume < -NO_VOLUME * size**1.5)[surface]
-    clear = np.ones(m, bool)
-    if judge:
-        volume, least = _volumes(vertices, wound, surface)
-        clear = (np.abs(volume) > least)[surface] & ~weak[node]
-    return _Winding(turn, clear)
+    volume, least = _volumes(vertices, _flip(faces, turn), surface)
+    turn ^= (volume < -least)[surface]
+    return _Winding(turn, (np.abs(volume) > least)[surface] & ~weak[node])
 
 
 def _nodes_wound(links: Links, area, num: int) -> tuple[Any, Any, Any]:
