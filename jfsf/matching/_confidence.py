@@ -35,8 +35,8 @@ The mirror image of a map is right with the probability
 E and E' being the energies (`Certificate.energy`) of map and mirror image, on coarse
 copies: a regression of "one of the shapes is mirrored" (mirror.json, by
 experiments/fit/fit_mirror.py). Shapes that are symmetric, such as bodies, fit as well
-either way: t is near 0. The difference tells more than the ratio, since the energies of
-bodies in one pose are small, and twice as large in mirrored poses.
+either way: t is near 0. The difference tells more than the ratio: bodies in one pose
+have little energy, so a mirrored pose changes its ratio much and its difference little.
 
 The region that two parts share, and the map in it, are right with the probability
 

@@ -88,10 +88,10 @@ def grow_with_mirrors(
 def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, int]]:
     """Shapes whose mirror images are to be tried, each with a partner.
 
-    A shape whose map to another one, which has a surer way, says that its own mirror
-    image is likely right, is tried with that one, though it may have joined by another
-    map. One that is not joined is tried with `PARTNERS` in any case, which are then the
-    most alike of those that are.
+    A map between two shapes may say that its mirror image is likely right. Then the one
+    whose way is less sure is tried with the other, even if it has joined: it may have
+    by another map, which is wrong. A shape that is not joined is tried with `PARTNERS`:
+    first those of such maps, then the most alike.
 
     Args:
         graph: of `grow`.
