@@ -144,8 +144,8 @@ FIGURES: dict[str, Figure] = {
         "how well the map agrees with a network that knows people; 1 is best",
         "Of the places on a person where it sees each vertex and its image, on coarse "
         "copies (`jfsf.learned`).",
-        "the pair was not in doubt, or has few vertices, or the network took a shape "
-        "for no person",
+        "whole shapes were not in doubt, or the pair has few vertices, or the network "
+        "did not take it for people",
         "not asked",
         since="0.3",
     ),

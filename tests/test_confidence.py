@@ -174,8 +174,9 @@ def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
     def likely(evidence):
         return region_confidence(evidence, missed_weight=2)
 
-    def of(log_odds, cost, landmarks=()):
-        own = certificate(log_odds=log_odds, region_cost=cost, landmarks=landmarks)
+    def of(log_odds, cost, landmarks=(), agreed=np.nan):
+        figures = {"region_cost": cost, "person_agreement": agreed}
+        own = certificate(log_odds=log_odds, landmarks=landmarks, **figures)
         found = likely(jax.tree.map(lambda v: v.astype(dtype), own))
         assert found.dtype == dtype
         return float(found)
@@ -187,6 +188,10 @@ def test_a_region_is_likely_by_its_odds_and_its_cost(dtype):
     half = np.array([0.0, 9.0])  # one of two is missed
     assert of(1.5, -18.0, landmarks=half) == pytest.approx(wanted**2, rel=1e-5)
     assert np.isnan(of(1.5, np.nan)) and np.isnan(of(np.nan, -18.0))
+    # Of people.
+    z += b["of_people"] + 0.8 * b["person_agreement"]
+    assert of(1.5, -18.0, agreed=0.8) == pytest.approx(1 / (1 + np.exp(-z)), rel=1e-5)
+    assert of(1.5, -18.0, agreed=0.8) > of(1.5, -18.0, agreed=0.4)
 
 
 def test_landmarks_tell_left_from_right_and_may_be_missed():

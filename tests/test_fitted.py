@@ -9,16 +9,18 @@ import pytest
 
 from jfsf.apps.collections._cycles import AGREE
 from jfsf.apps.collections._member import WITHIN
+from jfsf.learned._places import PEOPLE
 from jfsf.matching.parts import PartSettings
 from jfsf.matching.parts._starts import WEIGHTS
 
 FOLDER = Path(__file__).parents[1] / "experiments"
 
 
-def load(name: str):
-    """A script, and what it has written."""
+def load(name: str, script: str = ""):
+    """A script, `fit.NAME` or what is given, and what it has written."""
     result = FOLDER / "results" / f"{name}.json"
-    return import_module(f"experiments.fit.{name}"), json.loads(result.read_text())
+    module = import_module(f"experiments.{script or f'fit.{name}'}")
+    return module, json.loads(result.read_text())
 
 
 def test_the_weights_of_parts_are_the_scripts():
@@ -47,6 +49,19 @@ def test_how_likely_a_region_is_right_is_the_scripts():
     assert len(held) == 4
     for one in held.values():
         assert one["maps"]["auc"] > 0.7 and one["chosen"]["wrong_of_sure"] <= 1
+
+
+def test_which_pairs_are_of_people_is_the_scripts():
+    script, found = load("learn_people_alone", "learn.evaluate")
+    assert found["limit"] == script.limit(found["sets"]) == PEOPLE
+    pairs = [
+        (pair["likeness"] >= PEOPLE, script.are_people(name, pair["x"]))
+        for name, row in found["sets"].items()
+        for pair in row["each"]
+    ]
+    taken, people = np.array(pairs).T
+    assert (taken & ~people).sum() <= 0.02 * (~people).sum() + 1  # and a centaur
+    assert (people & ~taken).sum() <= 0.02 * people.sum()
 
 
 def test_how_often_wrong_maps_agree_is_the_scripts():

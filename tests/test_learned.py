@@ -24,7 +24,7 @@ from jfsf.learned import (
 )
 from jfsf.learned._inputs import EIGENPAIRS, HEAT_TIMES, network_input
 from jfsf.learned._network import WEIGHTS
-from jfsf.learned._places import PERSON, likeness
+from jfsf.learned._places import PEOPLE, likeness, likeness_of_both
 from jfsf.mesh import decimate, surface_area
 from jfsf.mesh._closest import nearest_vertices
 from jfsf.mesh._geometry import boundary_edges
@@ -130,12 +130,20 @@ def test_two_people_are_matched_by_the_places_alone(bodies, spectra):
 
 def test_a_sphere_is_no_person(spectra):
     spec = jfsf.spectrum(sphere(4), EIGENPAIRS, cache=False)
-    assert likeness(place_chances(spec), spec) < PERSON / 2
-    assert likeness(place_chances(spectra[0]), spectra[0]) > 1.3 * PERSON
-    pair = spectra[0], spec
-    assert (
-        places_on_person((place_chances(pair[0]), place_chances(pair[1])), pair) is None
-    )
+    body = spectra[0]
+    assert likeness(place_chances(spec), spec) < PEOPLE / 2
+    assert likeness(place_chances(body), body) > 2 * PEOPLE
+    chances = place_chances(body), place_chances(spec)
+    assert likeness_of_both(chances, (body, spec)) < PEOPLE
+    assert places_on_person(chances, (body, spec)) is None
+
+
+def test_two_shapes_are_as_like_people_as_both_are(spectra):
+    chances = place_chances(spectra[0]), place_chances(spectra[1])
+    x, y = map(likeness, chances, spectra)
+    both = likeness_of_both(chances, (spectra[0], spectra[1]))
+    assert min(x, y) < both < max(x, y)
+    assert both**2 == pytest.approx(x * y)
 
 
 def test_too_few_eigenpairs_are_an_error(bodies):

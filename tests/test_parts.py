@@ -7,15 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial import KDTree
-from shapes import SMALL
+from scipy.stats import spearmanr
+from shapes import SMALL, small
 
 import jfsf
 from jfsf import data, testing
 from jfsf.apps.mapfiles import MapFileError, read_match, write_match
-from jfsf.geometry import geodesics, pair_distances
+from jfsf.geometry import GeodesicSolver, geodesics, pair_distances
+from jfsf.learned._inputs import EIGENPAIRS
 from jfsf.matching import _partial
+from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._confidence import region_confidence
 from jfsf.matching._kept_landmarks import MISSED
+from jfsf.matching._people import places_of_parts
 from jfsf.matching.parts import PartSettings, _region, _register, _starts, cut
 from jfsf.matching.parts import _match as parts_match
 from jfsf.matching.parts._beam import Assigned, anchors_of, assign
@@ -34,7 +38,7 @@ from jfsf.matching.parts._samples import (
     descriptor_difference,
     part_samples,
 )
-from jfsf.matching.parts._sides import both_sides
+from jfsf.matching.parts._sides import both_sides, mirrored
 from jfsf.matching.parts._starts import (
     WEIGHTS,
     RankWeights,
@@ -54,7 +58,14 @@ from jfsf.matching.parts._surfaces import (
     scaled,
 )
 from jfsf.mesh import MeshError, decimate, surface_area
-from jfsf.mesh._geometry import boundary_edges, vertex_areas, vertex_normals
+from jfsf.mesh._closest import nearest_vertices
+from jfsf.mesh._geometry import (
+    boundary_edges,
+    farthest_vertices,
+    vertex_areas,
+    vertex_normals,
+)
+from jfsf.runtime._runners import OneByOne
 from jfsf.types import Mesh
 
 # One that differs in all directions, and fine enough that half of it can be matched.
@@ -705,6 +716,61 @@ def part_x_scale(parts) -> float:
 def same_maps(parts, others) -> bool:
     pairs = zip(parts[:4], others[:4], strict=True)
     return all(np.array_equal(a, b) for a, b in pairs) and parts.scale == others.scale
+
+
+def test_places_on_a_person_are_one_more_start_and_rank_them_all(quick):
+    at = farthest_vertices(WHOLE, 40)
+    far = GeodesicSolver(WHOLE).rows(at).T / np.sqrt(AREA)
+    there = np.exp(-((far / 0.1) ** 2))
+    there /= there.sum(1, keepdims=True)
+    places = there[PART.index], there
+    sides = both_sides(PART.mesh, WHOLE, places=places, settings=QUICK)
+    found = list(starts(sides))
+    assert len(found) == QUICK.assignments + QUICK.alignments + 1
+    near = nearest_vertices(sides.coarse_x, PART.mesh)
+    errors = [
+        error(sides.on_y[start.registered.T[near]], PART.index) for start in found
+    ]
+    agreed = [start.agreement for start in found]
+    # The last start is theirs, and the nearer a start is the better do they agree.
+    assert errors[-1] == min(errors) and agreed[-1] == max(agreed) > 0.99
+    assert spearmanr(errors, agreed).statistic < -0.8
+    for start in found:
+        assert start.cost == cost_of(start.registered)
+        more = WEIGHTS.agreement * start.agreement
+        assert start.rank == pytest.approx(start.cost + more)
+    assert mirrored(sides).places is None
+    without = both_sides(PART.mesh, WHOLE, settings=QUICK)
+    for start in starts(without):
+        assert np.isnan(start.agreement) and start.rank == start.cost
+
+
+@pytest.fixture(scope="module")
+def people():
+    """A part of one body, and another body."""
+    body, _ = small("man_walk", 2000)
+    height = body.vertices[:, 1]
+    part = cut(body, height > np.quantile(height, 0.3)).mesh
+    return part, small("woman_up", 2000)[0]
+
+
+def test_parts_of_people_are_asked_about_unless_settings_say_no(people):
+    spectra = tuple(jfsf.spectrum(mesh, EIGENPAIRS, cache=False) for mesh in people)
+
+    def asked(sign=1, **options):
+        settings = jfsf.Settings(**options)
+        return places_of_parts(spectra, MatchInputs(sign=sign), OneByOne(), settings)
+
+    sizes = [len(mesh.vertices) for mesh in people]
+    assert [len(places) for places in asked() or ()] == sizes
+    assert asked(people=False) is asked(sign=-1) is None
+
+
+@pytest.mark.slow
+def test_a_map_of_parts_of_people_agrees_with_the_network(people, quick):
+    settings = replace(SMALL, k=EIGENPAIRS, parts=QUICK)
+    found = jfsf.match(*people, partial=True, settings=settings, cache=False)
+    assert 0.5 < found.certificate.person_agreement <= 1
 
 
 def test_equal_settings_find_equal_regions(matched_with, quick):

@@ -290,8 +290,12 @@ def people_weights(sets: list[Results]) -> dict[str, float]:
 def fit(
     columns: np.ndarray, right: np.ndarray, weight: np.ndarray, signs: dict[str, int]
 ) -> np.ndarray:
-    """Constant and factors of a logistic regression, with these signs or 0."""
+    """Constant and factors of a logistic regression, with these signs or 0.
+
+    The factor of a column that never changes is 0.
+    """
     centre, spread = columns.mean(0), columns.std(0)
+    spread[spread == 0] = 1
     scaled = (columns - centre) / spread
     side = np.where(right, 1, -1)
 

@@ -3,16 +3,18 @@ how likely a map of parts is right: jfsf/matching/regions.json.
 
 Of each pair of the sets of parts, and of pairs that are made of whole shapes
 (`made_parts.py`): all starts of `match(partial=True)`, with what is read of them
-(residual, energy, share) and the error of the map of coarse copies; then the maps of
-the first few between the regions, refined, with log odds and errors. And, but for the
-made pairs, the starts where units may differ.
+(residual, energy, share, and where a network sees people the agreement) and the error
+of the map of coarse copies; then the maps of the first few between the regions,
+refined, with log odds and errors. And, but for the made pairs, the starts where units
+may differ.
 
 Weights are those of a conditional logit (McFadden 1974): within a pair, the chance of a
 map to be the right one is proportional to exp(-weights . figures). Right is below
 `protocol.RIGHT`, or within 0.01 of the best of the pair; pairs whose best is worse than
-0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`), that
-of the size to the starts where units may differ. How often the first map is right, by
-the weights of the package, is said of every set.
+0.2 teach nothing. They are fitted to the sets with the role "fit" (`protocol.py`):
+those of the cost first, then that of the agreement beside the cost, then those of the
+log odds and, to the starts where units may differ, of the size beside both. How often
+the first map is right, by the weights of the package, is said of every set.
 
 The confidence (`region_confidence`) is a logistic regression of a mean
 error below `protocol.RIGHT` over the refined maps of the same sets, each pair counting
@@ -47,12 +49,18 @@ from experiments import command_line, results_file
 from experiments.accuracy import datasets, made_parts, protocol
 from experiments.fit import calibration
 from jfsf.geometry import GeodesicSolver
+from jfsf.learned._inputs import EIGENPAIRS
+from jfsf.learned._places import Places
+from jfsf.matching._arguments import MatchInputs
+from jfsf.matching._people import places_of_parts
 from jfsf.matching.parts import PartSettings
 from jfsf.matching.parts import _match as parts
 from jfsf.matching.parts._sides import both_sides
 from jfsf.matching.parts._starts import WEIGHTS, Start, first_starts
 from jfsf.mesh import surface_area
 from jfsf.mesh._closest import nearest_vertices
+from jfsf.runtime._runners import OneByOne
+from jfsf.spectral import spectrum
 
 SETS = "becos_pf", "becos_pp", "psmal"
 MADE = "made_parts"  # of sets with the role "fit"
@@ -60,11 +68,12 @@ SETTINGS = PartSettings()
 NEAR_BEST, HOPELESS = 0.01, 0.2
 RIDGE = 0.02  # of the squared weights, against few pairs
 POINTS = 250  # of ground truth, at most, in each pair
-FIGURES = "residual", "energy", "share"
+FIGURES = "residual", "energy", "share"  # of the cost
+RANK = *FIGURES, "agreement"
 REGIONS = Path(jfsf.__file__).parent / "matching" / "regions.json"
 ANY = np.array([-50, 50])  # where a constant is looked for
 # Of what tells right regions: whether more of it speaks for a map.
-SIGNS = {"log_odds": 1, "region_cost": -1}
+SIGNS = {"log_odds": 1, "region_cost": -1, "of_people": 0, "person_agreement": 1}
 ENOUGH = 1.5, 2.0, 2.5, 3.0, 3.5, 4.0  # log odds
 REFINED = 4  # maps a pair
 
@@ -138,7 +147,7 @@ def candidates(x: datasets.Shape, y: datasets.Shape) -> dict:
     """Figures and errors of the starts of a pair, and of the refined first few."""
     x, y, swapped = in_order(x, y)
     error = errors_of(x, y)
-    sides = both_sides(x.mesh, y.mesh, settings=SETTINGS)
+    sides = both_sides(x.mesh, y.mesh, places=places_of(x, y), settings=SETTINGS)
     begin = [start for _, start in first_starts(sides, 1)]
     refined = []
     for start in begin[:REFINED]:
@@ -166,12 +175,19 @@ def of_any_unit(x: datasets.Shape, y: datasets.Shape) -> list[dict]:
     """
     x, y, _ = in_order(x, y, same_unit=False)
     error = errors_of(x, y)
-    sides = both_sides(x.mesh, y.mesh, same_unit=False, settings=SETTINGS)
+    options = {"places": places_of(x, y), "same_unit": False, "settings": SETTINGS}
+    sides = both_sides(x.mesh, y.mesh, **options)
     begin = [start for _, start in first_starts(sides, 1)]
     return [
         {**one, "size": float(start.scale / start.registered.scale)}
         for one, start in zip(_coarse(sides, begin, error), begin, strict=True)
     ]
+
+
+def places_of(x: datasets.Shape, y: datasets.Shape) -> Places | None:
+    """Where on a person the vertices of both lie, as `match` asks for it."""
+    spectra = spectrum(x.mesh, EIGENPAIRS), spectrum(y.mesh, EIGENPAIRS)
+    return places_of_parts(spectra, MatchInputs(sign=1), OneByOne(), jfsf.Settings())
 
 
 def in_order(
@@ -189,9 +205,11 @@ def errors_of(x: datasets.Shape, y: datasets.Shape) -> Callable[[np.ndarray], fl
     return lambda T_xy: float(rows[np.arange(len(some)), T_xy[x.truth[some]]].mean())
 
 
-def figures(start: Start) -> dict[str, float]:
-    """What ranks a start."""
-    return {name: float(getattr(start.registered, name)) for name in FIGURES}
+def figures(start: Start) -> dict[str, float | None]:
+    """What ranks a start; no agreement without places."""
+    agreed = None if np.isnan(start.agreement) else start.agreement
+    read = {name: float(getattr(start.registered, name)) for name in FIGURES}
+    return {**read, "agreement": agreed}
 
 
 def refine(part_x, part_y, T_xy):
@@ -201,9 +219,9 @@ def refine(part_x, part_y, T_xy):
 
 
 def columns(maps: list[dict], names: Sequence[str]) -> np.ndarray:
-    """(maps, names); logarithms of what is read of a start."""
+    """(maps, names); logarithms but of agreements, of which 0 is none, and log odds."""
     logs = *FIGURES, "size"
-    log = lambda name, value: np.log(max(value, 1e-6)) if name in logs else value
+    log = lambda name, value: np.log(max(value, 1e-6)) if name in logs else value or 0
     return np.array([[log(name, one[name]) for name in names] for one in maps])
 
 
@@ -215,13 +233,14 @@ def fit(rows: list[dict]) -> dict[str, float]:
         return {}
     weights: dict[str, float] = dict(zip(FIGURES, first / first[1], strict=True))
 
-    def with_rank(maps: list[dict]) -> list[dict]:
-        ranks = columns(maps, FIGURES) @ [weights[name] for name in FIGURES]
+    def with_rank(maps: list[dict], names: tuple[str, ...]) -> list[dict]:
+        ranks = columns(maps, names) @ [weights[name] for name in names]
         return [one | {"rank": r} for one, r in zip(maps, ranks, strict=True)]
 
-    others = {"log_odds": "refined", "size": "starts_any_unit"}
+    others = {"agreement": "starts", "log_odds": "refined", "size": "starts_any_unit"}
     for name, kind in others.items():
-        some = [with_rank(row[kind]) for row in own if row[kind]]
+        beside = RANK if "agreement" in weights else FIGURES
+        some = [with_rank(row[kind], beside) for row in own if row[kind]]
         second = _logit(some, ("rank", name))
         if second is not None and second[0] > 0:
             weights[name] = second[1] / second[0]
@@ -246,10 +265,13 @@ def fit_confidence(rows: list[dict], role: str = "fit") -> dict[str, float]:
 
 
 def _evidence(maps: list[dict]) -> np.ndarray:
-    """(maps, 2) log odds, and the cost by the weights of the package."""
+    """(maps, 4) what `SIGNS` names, the cost by the weights of the package."""
     weights = [shipped()[name] for name in FIGURES]
-    odds = [one["log_odds"] for one in maps]
-    return np.stack([odds, columns(maps, FIGURES) @ weights], 1)
+    cost = columns(maps, FIGURES) @ weights
+    seen = [one["agreement"] is not None for one in maps]
+    return np.column_stack(
+        [columns(maps, ["log_odds"]), cost, seen, columns(maps, ["agreement"])]
+    )
 
 
 def confidence_scores(rows: list[dict]) -> dict[str, dict]:
@@ -305,9 +327,9 @@ def right(rows: list[dict]) -> dict[str, dict]:
         own = [row for row in rows if row["set"] == name]
         row = {"role": own[0]["role"], "pairs": len(own)}
         kinds: dict[str, tuple[str, ...]] = {
-            "starts": FIGURES,
-            "starts_any_unit": (*FIGURES, "size"),
-            "refined": (*FIGURES, "log_odds"),
+            "starts": RANK,
+            "starts_any_unit": (*RANK, "size"),
+            "refined": (*RANK, "log_odds"),
         }
         for kind, names in kinds.items():
             maps = [one[kind] for one in own if one[kind]]
@@ -328,9 +350,9 @@ def chosen_of(
         refined: maps of a pair.
         enough, most: as `chosen`.
     """
-    names = *FIGURES, "log_odds"
+    names = *RANK, "log_odds"
     weights = np.array([shipped()[name] for name in names])
-    rank = lambda one: columns([one], FIGURES)[0] @ weights[:-1]
+    rank = lambda one: columns([one], RANK)[0] @ weights[:-1]
     maps = sorted(refined, key=rank)[:most]
     first = [i for i, m in enumerate(maps) if m["log_odds"] >= enough]
     some = maps[: first[0] + 1] if first else maps

@@ -1,15 +1,20 @@
 """How well the answers of the network alone match shapes that it never saw.
 
     python -m experiments.learn.evaluate --data ROOT [--sets creatures ...] \\
-        [--spread 10] [--out RESULT.json]
+        [--spread 40] [--out RESULT.json]
 
 The weights are those of the package. A vertex of X goes to the vertex of Y whose
 chances of the anchors agree best with its own. Of each set: mean error in sqrt(area of
-Y), the median over points, the share of points that are further than 0.25 off, pairs
-with a mean below 0.1, and the `likeness` to a person of each shape, on a coarse copy as
-the matcher has it. `PERSON` is between that of people and that of all else.
+Y), the median over points, the share of points that are further than 0.25 off, and
+pairs with a mean below 0.1. Of each pair: the likeness of both to people, read as the
+matcher has them, of coarse copies of whole shapes.
+
+`limit` of likeness tells people from all else with the fewest errors on the pairs of
+the sets to fit to and to choose on: the middle of the widest gap that does. `PEOPLE` is
+that, rounded. Centaurs count as neither.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +22,11 @@ import numpy as np
 from experiments import command_line, results_file
 from experiments.accuracy import datasets, protocol
 from experiments.accuracy.match_pairs import some_points
+from experiments.fit.fit_parts import MADE, pairs_of
 from jfsf.geometry import GeodesicSolver
 from jfsf.learned import best_agreement, place_chances
 from jfsf.learned._inputs import EIGENPAIRS
-from jfsf.learned._places import PERSON, likeness
+from jfsf.learned._places import PEOPLE, likeness_of_both
 from jfsf.matching._settings import COARSE_VERTICES
 from jfsf.mesh import decimate, surface_area
 from jfsf.runtime._sizes import pad
@@ -29,36 +35,68 @@ from jfsf.types import Mesh, Spectrum
 
 SETS = "creatures embedded gorilla topkids_low faust_r tosca_iso_r becos_pf becos_pp"
 OTHERS = "smal_whole shrec07 shrec20_full calcanei mouse_skulls hdm_molars"
+PARTS = "psmal shrec20_partial made_parts"
+# Sets of people alone; and what is in the names of people of the others.
+PEOPLE_ALONE = "creatures", "embedded", "gorilla", "topkids_low", "faust_r"
+OF_PEOPLE = re.compile("victoria|david|michael|faust|scape|kids")
+NEITHER = "centaur"
+SHREC07_PEOPLE = 20  # numbers up to this one
 FAR_OFF = 0.25
 STEP = 1024  # shapes are padded to multiples of it: few sizes, few compilations
 
 
 def main() -> None:
     parser = command_line.parser(__doc__, data=True)
-    parser.add_argument("--sets", nargs="+", default=[*SETS.split(), *OTHERS.split()])
-    parser.add_argument("--spread", type=int, default=10)
+    every = f"{SETS} {OTHERS} {PARTS}".split()
+    parser.add_argument("--sets", nargs="+", default=every, choices=every)
+    parser.add_argument("--spread", type=int, default=40)
     args = command_line.parse(parser)
-    rows = {}
-    for data_set in protocol.named(args.sets):
-        own, found = protocol.below(data_set, Path(args.data)), []
-        seen: dict[str, float] = {}
-        for pair in datasets.spread(datasets.pairs_of(own), args.spread):
-            x, y = datasets.load_pair_of(own, pair)
+    rows: dict[str, dict] = {}
+    for name in args.sets:
+        part = name == MADE or protocol.SETS[name].kind == "part"
+        found, pairs = [], []
+        for about, load in datasets.spread(
+            [*pairs_of(name, Path(args.data))], args.spread
+        ):
+            x, y = load()
             found.append(measured(x, y))
-            for name, shape in ((pair.x, x), (pair.y, y)):
-                if name not in seen:
-                    seen[name] = round(likeness_of(shape.mesh), 3)
-            print(pair.x, pair.y, {k: round(v, 3) for k, v in found[-1].items()})
+            like = likeness(*(s.mesh if part else coarse(s.mesh) for s in (x, y)))
+            pairs.append({**about, "likeness": round(like, 3)})
+            print(pairs[-1], {k: round(v, 3) for k, v in found[-1].items()}, flush=True)
         mean = {key: float(np.mean([row[key] for row in found])) for key in found[0]}
-        rows[data_set.name] = mean | {
-            "pairs": len(found),
-            "below 0.1": sum(row["error"] < protocol.RIGHT for row in found),
-            "taken for people": float(np.mean(np.array([*seen.values()]) >= PERSON)),
-            "likeness": seen,
-        }
-        print(data_set.name, rows[data_set.name], flush=True)
+        taken = sum(pair["likeness"] >= PEOPLE for pair in pairs)
+        good = sum(protocol.is_right(row["error"]) for row in found)
+        figures = {"pairs": len(found), "below 0.1": good, "taken for people": taken}
+        rows[name] = mean | figures | {"each": pairs}
+        known = {"settings": {"people": PEOPLE}, "limit": limit(rows), "sets": rows}
         if args.out:
-            results_file.write(args.out, settings={"person": PERSON}, sets=rows)
+            results_file.write(args.out, **known)
+        print(name, {**mean, **figures}, "limit", known["limit"], flush=True)
+
+
+def limit(rows: dict[str, dict]) -> float:
+    """Of likeness, from which on a pair is one of people; nan without pairs of both."""
+    told = [
+        (pair["likeness"], are_people(name, pair["x"]))
+        for name, row in rows.items()
+        for pair in row["each"]
+        if pair["role"] != "report" and NEITHER not in pair["x"]
+    ]
+    values, people = (np.array(column) for column in zip(*told, strict=True))
+    if people.all() or not people.any():
+        return float("nan")
+    values, people = values[np.argsort(values)], people[np.argsort(values)]
+    middle = (values[1:] + values[:-1]) / 2
+    wrong = [(people != (values >= m)).sum() for m in middle]
+    widest = max(np.flatnonzero(wrong == min(wrong)), key=lambda i: np.diff(values)[i])
+    return round(float(middle[widest]), 3)
+
+
+def are_people(name: str, x: str) -> bool:
+    """Whether a pair of that set, with X of that name, is of people."""
+    if name in ("shrec07", "shrec07_more"):
+        return int(x) <= SHREC07_PEOPLE
+    return name in PEOPLE_ALONE or OF_PEOPLE.search(x) is not None
 
 
 def measured(x: datasets.Shape, y: datasets.Shape) -> dict[str, float]:
@@ -75,10 +113,15 @@ def measured(x: datasets.Shape, y: datasets.Shape) -> dict[str, float]:
     }
 
 
-def likeness_of(mesh: Mesh) -> float:
-    """Of a coarse copy."""
-    spec = spectrum(decimate(mesh, COARSE_VERTICES), EIGENPAIRS)
-    return likeness(chances(spec), spec)
+def coarse(mesh: Mesh) -> Mesh:
+    """The copy that the network is asked about."""
+    return decimate(mesh, COARSE_VERTICES)
+
+
+def likeness(x: Mesh, y: Mesh) -> float:
+    """Of both to people."""
+    spec_x, spec_y = spectrum(x, EIGENPAIRS), spectrum(y, EIGENPAIRS)
+    return likeness_of_both((chances(spec_x), chances(spec_y)), (spec_x, spec_y))
 
 
 def chances(spec: Spectrum) -> np.ndarray:

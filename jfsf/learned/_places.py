@@ -14,7 +14,7 @@ from jfsf.types import ArrayLike, Spectrum
 
 Places = tuple[ArrayLike, ArrayLike]
 """(n_x, a) and (n_y, a): chances of the anchors on a person, without padding."""
-PERSON = 0.16  # `likeness` from which on a shape is taken for a person
+PEOPLE = 0.078  # `likeness_of_both` from which on shapes are taken for people
 SOME = 60  # vertices, far from each other, between which distances are compared
 
 
@@ -44,7 +44,7 @@ def place_chances(spec: Spectrum) -> Float[Array, "n a"]:
 def places_on_person(
     chances: tuple[ArrayLike, ArrayLike], spectra: tuple[Spectrum, Spectrum]
 ) -> Places | None:
-    """Chances of the anchors of both shapes; None unless both are people. Host side.
+    """Chances of the anchors of both shapes; None unless they are people. Host side.
 
     Args:
         chances: of `place_chances`, (n, a + 1) of each shape.
@@ -53,13 +53,30 @@ def places_on_person(
     Returns:
         (n, a) of each shape, without rows of padding.
     """
-    if not all(one >= PERSON for one in map(likeness, chances, spectra)):
+    if likeness_of_both(chances, spectra) < PEOPLE:
         return None
     x, y = (
         np.asarray(own)[np.asarray(spec.mass) > 0, :-1]
         for own, spec in zip(chances, spectra, strict=True)
     )
     return x, y
+
+
+def likeness_of_both(
+    chances: tuple[ArrayLike, ArrayLike], spectra: tuple[Spectrum, Spectrum]
+) -> float:
+    """The geometric mean of the `likeness` of two shapes. Host side.
+
+    What is matched is alike, so a body that is hard to recognise, folded up or half of
+    it seen, is taken for a person beside one that is easy; nothing else is.
+    `experiments/learn/evaluate.py` says what pairs of all kinds have.
+
+    Args:
+        chances: of `place_chances`, (n, a + 1) of each shape.
+        spectra: of both.
+    """
+    x, y = map(likeness, chances, spectra)
+    return float(np.sqrt(max(x, 0) * max(y, 0)))
 
 
 def likeness(chances: ArrayLike, spec: Spectrum) -> float:
@@ -74,7 +91,7 @@ def likeness(chances: ArrayLike, spec: Spectrum) -> float:
         spec: of the shape; padding at the end is left out.
 
     Returns:
-        At most 1. `experiments/learn/evaluate.py` says what shapes of all kinds have.
+        At most 1.
     """
     mass = np.asarray(spec.mass)
     real = mass > 0

@@ -42,7 +42,8 @@ The region that two parts share, and the map in it, are right with the probabili
 
     p = 1 / (1 + exp(-(r_constant + r_log_odds z + r_region_cost c))),
 
-z being the log odds of the map between the regions and c its `region_cost`
+z being the log odds of the map between the regions and c its `region_cost`; of people
+r_of_people + r_person_agreement a is added, a being its `person_agreement`
 (regions.json, by experiments/fit/fit_parts.py).
 """
 
@@ -238,7 +239,8 @@ def region_confidence(
     m is the share of the landmarks that are missed, and w is `missed_weight`.
 
     Args:
-        evidence: `log_odds`, `region_cost` and `landmarks` are read.
+        evidence: `log_odds`, `region_cost`, `person_agreement` and `landmarks` are
+            read.
         missed_weight: as `confidence`.
 
     Returns:
@@ -247,6 +249,9 @@ def region_confidence(
     b = REGION_FACTORS
     z = b["constant"] + b["log_odds"] * evidence.log_odds
     z += b["region_cost"] * evidence.region_cost
+    agreed = evidence.person_agreement
+    of_people = b["of_people"] + b["person_agreement"] * agreed
+    z += jnp.where(jnp.isnan(agreed), 0, of_people)
     missed = missed_share(evidence)
     return jax.nn.sigmoid(z) ** (1 + missed_weight * missed)
 

@@ -19,11 +19,13 @@ from jfsf.matching._arguments import (
 from jfsf.matching._attempted import Host, match_shapes
 from jfsf.matching._confidence import region_confidence
 from jfsf.matching._kept_landmarks import landmark_distances
+from jfsf.matching._people import places_of_parts
 from jfsf.matching._settings import Settings
 from jfsf.matching._shapes import MatchedShape, basis_of
 from jfsf.matching.parts._match import match_parts
 from jfsf.mesh import MeshError
 from jfsf.mesh._geometry import boundary_edges, vertex_areas
+from jfsf.runtime._runners import OneByOne
 from jfsf.spectral import embeddings, functional_map, truncate
 from jfsf.types import Match, Mesh
 
@@ -90,6 +92,8 @@ def match_partial(
     if T_yx is not None:
         T_yx = checked_initial(T_yx, (len(y.vertices), len(x.vertices)))
     rows = None if inputs.landmarks is None else np.stack(inputs.landmarks, 1)
+    runner = OneByOne(host.keep_programs, host.progress)
+    places = places_of_parts((spec_x, spec_y), inputs, runner, settings)
     parts = match_parts(
         x,
         y,
@@ -99,6 +103,7 @@ def match_partial(
         T_yx=T_yx,
         landmarks=rows,
         descriptors=inputs.descriptors,
+        places=places,
         same_unit=same_unit,
         settings=settings.parts,
         progress=host.progress,

@@ -21,11 +21,13 @@ from jfsf.learned import (
 )
 from jfsf.learned._inputs import EIGENPAIRS
 from jfsf.learned._places import Places
+from jfsf.matching._arguments import MatchInputs
 from jfsf.matching._others import plain_start, pulled_back
 from jfsf.matching._pairs import PairState
 from jfsf.matching._settings import Settings
 from jfsf.runtime._runners import Runner
-from jfsf.types import Match
+from jfsf.runtime._sizes import padded_pair
+from jfsf.types import Match, Spectrum
 
 
 def places_of(
@@ -34,7 +36,7 @@ def places_of(
     runner: Runner,
     settings: Settings,
 ) -> list[Places | None]:
-    """Where on a person the vertices of each pair lie; None unless both are people.
+    """Where on a person the vertices of each pair lie; None unless they are people.
 
     Args:
         pairs: whole shapes. The network is asked about those in doubt, and not about
@@ -54,6 +56,26 @@ def places_of(
         for i, chances in zip(asked, both, strict=True):
             found[i] = places_on_person(chances, copies[i].spectra)
     return found
+
+
+def places_of_parts(
+    spectra: tuple[Spectrum, Spectrum],
+    inputs: MatchInputs,
+    runner: Runner,
+    settings: Settings,
+) -> Places | None:
+    """Where on a person the vertices of two parts lie; None unless they are people.
+
+    Args:
+        spectra: of both shapes, without padding.
+        inputs: the network is not asked about maps that mirror.
+        runner, settings: as `places_of`; both are asked about, in doubt or not.
+    """
+    pair = PairState(padded_pair(*spectra), inputs)
+    if not may_be_asked(pair, settings):
+        return None
+    (chances,) = chances_of([pair], runner)
+    return places_on_person(chances, pair.spectra)
 
 
 def may_be_asked(copy: PairState, settings: Settings) -> bool:

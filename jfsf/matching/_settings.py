@@ -60,9 +60,10 @@ class Settings:
         it is one of them, so with 1 nothing more is attempted then. With two the mean
         error of creatures is smaller than with one, and with three no smaller; on
         SHREC'07 it is the same (`experiments/fit/fit_attempts.py`).
-    people: whether a network that knows people (`jfsf.learned`) is asked about pairs in
-        doubt. Where it takes both shapes for people, it adds a start, and evidence of
-        each map that is compared (`Certificate.person_agreement`). False leaves it out.
+    people: whether a network that knows people (`jfsf.learned`) is asked about whole
+        shapes in doubt, and about parts. Where it takes both for people, it adds a
+        start, and evidence of each map that is compared
+        (`Certificate.person_agreement`). False leaves it out.
     rigid_below: mean distance in sqrt(area), of both shapes to each other after a
         similarity fitted to the map and a stiff deformation, below which the last map
         is read from there, without free bending, and kept: on bones, teeth and faces it

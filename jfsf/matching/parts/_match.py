@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from jfsf.learned._places import Places
 from jfsf.matching.parts._region import (
     Drawn,
     Target,
@@ -123,6 +124,7 @@ def match_parts(
     T_yx: ArrayLike | None = None,
     landmarks: ArrayLike | None = None,
     descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    places: Places | None = None,
     same_unit: bool = True,
     settings: PartSettings = PartSettings(),
     progress: Callable[[str], object] | None = None,
@@ -141,6 +143,7 @@ def match_parts(
             `inverse_map`.
         landmarks: rows (vertex of X, vertex of Y) that correspond.
         descriptors: (n_x, d) and (n_y, d), what else the samples are compared by.
+        places: where on a person each vertex of both lies, if it is known.
         same_unit: whether both are in one unit. Then bodies may differ in size by a
             factor of 1.57 either way, see `PartSettings.scales`; else their sizes are
             not read, and X is first made as long as Y.
@@ -162,6 +165,7 @@ def match_parts(
             T_xy=None if T_xy is None else T_yx,
             landmarks=None if landmarks is None else np.asarray(landmarks)[:, ::-1],
             descriptors=None if descriptors is None else descriptors[::-1],
+            places=None if places is None else places[::-1],
             same_unit=same_unit,
             settings=settings,
             progress=progress,
@@ -172,6 +176,7 @@ def match_parts(
         mesh_y,
         landmarks=landmarks,
         descriptors=descriptors,
+        places=places,
         same_unit=same_unit,
         settings=settings,
     )
@@ -287,7 +292,9 @@ def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
 def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     dtype = certificate.gap.dtype
-    values = {"gap": margin, "region_cost": state.start.cost, "confidence": np.nan}
+    start = state.start
+    values = {"gap": margin, "region_cost": start.cost, "confidence": np.nan}
+    values["person_agreement"] = start.agreement
     values = {name: np.asarray(value, dtype) for name, value in values.items()}
     return Parts(
         state.T_xy.astype(np.int32),

@@ -47,7 +47,7 @@ class PartSettings:
     assignments: int = 32
     alignments: int = 8
     registered_again: int = 12
-    refined: int = 1
+    refined: int = 2
     sure: float = 2.0
 
     def __post_init__(self) -> None:

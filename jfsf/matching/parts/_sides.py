@@ -16,6 +16,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from jfsf.geometry import GeodesicSolver
+from jfsf.learned._places import Places
 from jfsf.matching.parts._register import Whole, whole_at_rest
 from jfsf.matching.parts._samples import PartSamples, part_samples
 from jfsf.matching.parts._settings import PartSettings
@@ -130,6 +131,7 @@ class Sides(NamedTuple):
     settings: with the scales that are tried, and the numbers of starts.
     same_unit: whether both shapes were in one unit.
     factor: by which X was enlarged beside Y, to be as long; 1 in one unit.
+    places: where on a person the vertices of both copies lie; None if it is not known.
     """
 
     x: PartSamples
@@ -146,6 +148,7 @@ class Sides(NamedTuple):
     settings: PartSettings
     same_unit: bool = True
     factor: float = 1.0
+    places: Places | None = None
 
     def curvature_x(self, scale: float) -> np.ndarray:
         """(n_x, times) of X at that size, like `curvature_y`."""
@@ -160,6 +163,7 @@ def both_sides(
     *,
     landmarks: ArrayLike | None = None,
     descriptors: tuple[ArrayLike, ArrayLike] | None = None,
+    places: Places | None = None,
     same_unit: bool = True,
     settings: PartSettings,
 ) -> Sides:
@@ -169,6 +173,7 @@ def both_sides(
         mesh_x, mesh_y: both shapes.
         landmarks: rows (vertex of X, vertex of Y).
         descriptors: of X and of Y, a row for each vertex.
+        places: of X and of Y, a row for each vertex.
         same_unit: whether both are in one unit; else the size of X is not read.
         settings: how many samples and starts, and which scales, in one unit.
     """
@@ -217,7 +222,9 @@ def both_sides(
     usual = usual_curvature(curved)
     curved = standard_curvature(curved, usual)
     curved_both = curvatures_x, usual, curved
-    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit, factor)
+    if places is not None:
+        places = np.asarray(places[0])[on_x], np.asarray(places[1])[on_y]
+    return Sides(x, y, *copies, *curved_both, 1, settings, same_unit, factor, places)
 
 
 def _diameter(mesh: Mesh) -> float:
@@ -229,6 +236,6 @@ def _diameter(mesh: Mesh) -> float:
 
 
 def mirrored(sides: Sides) -> Sides:
-    """For maps that exchange left and right."""
+    """For maps that exchange left and right, of which the places say nothing."""
     mesh, out = sides.whole.mesh, sides.whole.outward
-    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1)
+    return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1, places=None)

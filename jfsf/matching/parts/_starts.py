@@ -16,12 +16,15 @@ from typing import NamedTuple
 import numpy as np
 
 from jfsf.geometry import GeodesicSolver
+from jfsf.learned import agreement, best_agreement
 from jfsf.matching.parts._alignments import aligned
 from jfsf.matching.parts._beam import anchors_of, assign
 from jfsf.matching.parts._register import REACHES, Registered, register
 from jfsf.matching.parts._samples import along_cut
 from jfsf.matching.parts._sides import Sides, mirrored
 from jfsf.matching.parts._surfaces import scaled
+from jfsf.mesh._closest import nearest_vertices
+from jfsf.mesh._geometry import vertex_areas
 from jfsf.types import ArrayLike
 
 # In sqrt(area of the whole): distance from an anchor below which its weight for the
@@ -30,6 +33,7 @@ ANCHOR_RADIUS = 0.05
 # In sqrt(area of the whole): a start misses a landmark whose image is farther than this
 # from where it should be. Those that miss more than others are dropped.
 MAX_LANDMARK_DISTANCE = 0.15
+SEEN = 0.3  # agreement from which on the map between places is trusted; by hand
 FEW = 10  # distances, from which on their ratio is read
 
 
@@ -42,16 +46,18 @@ class RankWeights(NamedTuple):
     residual: of the logarithm of `Registered.residual`.
     energy: of the logarithm of `Registered.energy`.
     share: of the logarithm of `Registered.share`.
+    agreement: of `Start.agreement`, where there are places.
     log_odds: of the log odds of the refined map between the regions.
     size: of the logarithm of the factor of the part's lengths, read only where units
         may differ. A small part leaves little apart, wherever it lies.
     """
 
-    residual: float = 6.95
+    residual: float = 7.68
     energy: float = 1.0
-    share: float = -1.04
-    log_odds: float = -0.06
-    size: float = -2.23
+    share: float = -1.68
+    agreement: float = -4.19
+    log_odds: float = -0.16
+    size: float = -1.24
 
 
 WEIGHTS = RankWeights()
@@ -62,7 +68,10 @@ class Start(NamedTuple):
 
     scale: factor of X's lengths that the start has.
     cost: of the drawing, by `RankWeights`. Small is good.
-    rank: the cost; where units may differ, with the weighted size.
+    agreement: mean of `jfsf.learned.agreement` over the covered points of X; nan
+        without places.
+    rank: the cost, with the weighted agreement where there is one and the weighted size
+        where units may differ.
     missed: landmarks whose image is more than `MAX_LANDMARK_DISTANCE` from where it
         should be.
     """
@@ -70,6 +79,7 @@ class Start(NamedTuple):
     scale: float
     registered: Registered
     cost: float
+    agreement: float
     rank: float
     missed: int = 0
 
@@ -94,6 +104,7 @@ def starts(
         same_unit=sides.same_unit,
     )
     maps = [*assigned, *((T, scale, None) for T, scale in motions)]
+    maps += _by_places(sides)
     # Every second step, the last among them, tells the best.
     draw = partial(_start, sides, reaches=REACHES[::-1][::2][::-1])
     name = f"of {len(maps)}"
@@ -122,6 +133,16 @@ def _assigned(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray]]:
         T = _by_distances(scale * from_x[there], from_y)
         maps.append((T, scale, there[from_x.argmin(0)]))
     return maps
+
+
+def _by_places(sides: Sides) -> list[tuple[np.ndarray, float, np.ndarray]]:
+    """As `_assigned`: where the places on a person agree best. Empty without places."""
+    if sides.places is None:
+        return []
+    T = best_agreement(*sides.places)
+    near = nearest_vertices(sides.coarse_x, sides.x.mesh)
+    seen = agreement(T, *sides.places) > SEEN
+    return [(T, scale_of(sides, sides.on_y[T[near]]), seen)]
 
 
 def _at_once(draw: Callable, given: Iterable, say: Callable) -> Iterator[Start]:
@@ -205,9 +226,16 @@ def _start(
     options = {"curvature": curved, "reaches": reaches or REACHES}
     registered = register(sides.whole, part, T, trusted, **options)
     cost = rank = cost_of(registered)
+    agreed = np.nan
+    if sides.places is not None:
+        covered = vertex_areas(*sides.coarse_x) * registered.covered
+        each = agreement(registered.T, *sides.places)
+        agreed = float(np.average(each, weights=covered))
+        rank += WEIGHTS.agreement * agreed
     if not sides.same_unit:
         rank += WEIGHTS.size * float(np.log(scale / registered.scale))
-    return Start(scale, registered, cost, rank, _missed(sides, registered))
+    missed = _missed(sides, registered)
+    return Start(scale, registered, cost, agreed, rank, missed)
 
 
 def cost_of(registered: Registered, weights: RankWeights = WEIGHTS) -> float:
