@@ -11,7 +11,7 @@ matcher has them, of coarse copies of whole shapes.
 
 `limit` of likeness tells people from all else with the fewest errors on the pairs of
 the sets to fit to and to choose on: the middle of the widest gap that does. `PEOPLE` is
-that, rounded. Centaurs count as neither.
+that. Centaurs count as neither.
 """
 
 import re
