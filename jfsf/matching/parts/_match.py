@@ -6,10 +6,11 @@ whole shapes. So the work is to find that region.
 
 1. Assign a few samples by what a cut leaves (`_beam`): many assignments. Landmarks are
    samples whose partners are known. And lay coarse copies on each other by rigid
-   motions (`_alignments`). A map that is given is the only start.
+   motions (`_alignments`). Of people, a network says where on a person the vertices lie
+   (`jfsf.learned`): one more start. A map that is given is the only one.
 2. Draw a coarse copy of Y, the shape that is whole or the greater part of it, onto X by
-   each of these (`_register`), by the best of them twice. What is left apart, and the
-   energy, rank the starts (`_starts`).
+   each of these (`_register`), by the best of them twice. What is left apart, the
+   energy, and what the network says rank the starts (`_starts`).
 3. Draw all of Y onto X by the best few (`_region`): this gives a map and a region.
 4. Cut both shapes to the region, refine the map between the cuts, and draw again. The
    refinement spreads the one region over all of the other: where its own evidence
@@ -36,7 +37,7 @@ from jfsf.matching.parts._region import (
 )
 from jfsf.matching.parts._register import Registered
 from jfsf.matching.parts._settings import PartSettings
-from jfsf.matching.parts._sides import Sides, both_sides
+from jfsf.matching.parts._sides import Sides, both_sides, landmarks_within
 from jfsf.matching.parts._starts import WEIGHTS, Start, first_starts
 from jfsf.matching.parts._surfaces import (
     cut,
@@ -261,7 +262,7 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     # A partner outside of the cut gives way to the nearest inside.
     tree = KDTree(part_y.mesh.vertices)
     start = tree.query(y.vertices[drawn.T_xy[part_x.index]])[1]
-    within = _landmarks_within(sides, part_x.index, part_y.index)
+    within = landmarks_within(sides, part_x.index, part_y.index)
     given = (within,) if len(within) else ()
     match = refine(part_x.mesh, part_y.mesh, np.asarray(start, np.int32), *given)
     refined = state._replace(match=match)
@@ -278,23 +279,12 @@ def _refined(state: _State, sides: Sides, refine: Refine) -> _State | None:
     return after._replace(T_xy=T_xy, T_yx=T_yx, match=match)
 
 
-def _landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
-    """Rows (vertex of the cut of X, of the cut of Y) of landmarks that are in both."""
-    rows = []
-    for own, index in ((sides.x, index_x), (sides.y, index_y)):
-        number = np.full(len(own.mesh.vertices), -1, np.int32)
-        number[index] = np.arange(len(index))
-        rows.append(number[own.at[own.landmarks]])
-    both = np.stack(rows, 1)
-    return both[(both >= 0).all(1)]
-
-
 def _result(state: _State, sides: Sides, margin: float) -> Parts:
     certificate = state.match.certificate
     dtype = certificate.gap.dtype
-    start = state.start
-    values = {"gap": margin, "region_cost": start.cost, "confidence": np.nan}
-    values["person_agreement"] = start.agreement
+    cost, agreement = state.start.cost, state.start.agreement
+    values = {"gap": margin, "region_cost": cost, "person_agreement": agreement}
+    values["confidence"] = np.nan
     values = {name: np.asarray(value, dtype) for name, value in values.items()}
     return Parts(
         state.T_xy.astype(np.int32),

@@ -239,3 +239,19 @@ def mirrored(sides: Sides) -> Sides:
     """For maps that exchange left and right, of which the places say nothing."""
     mesh, out = sides.whole.mesh, sides.whole.outward
     return sides._replace(whole=whole_at_rest(mesh, out, -1), sign=-1, places=None)
+
+
+def landmarks_within(sides: Sides, index_x, index_y) -> np.ndarray:
+    """Rows (vertex of the cut of X, of the cut of Y) of landmarks that are in both.
+
+    Args:
+        sides: of which both are cut.
+        index_x, index_y: the vertices of the cuts.
+    """
+    rows = []
+    for own, index in ((sides.x, index_x), (sides.y, index_y)):
+        number = np.full(len(own.mesh.vertices), -1, np.int32)
+        number[index] = np.arange(len(index))
+        rows.append(number[own.at[own.landmarks]])
+    both = np.stack(rows, 1)
+    return both[(both >= 0).all(1)]

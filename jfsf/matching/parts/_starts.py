@@ -1,8 +1,9 @@
 """From where two shapes of which one is a part may be drawn together. Host side.
 
 Each start is an assignment of a few samples (`_beam`), a rigid motion (`_alignments`),
-or a map that is given, and a coarse copy of Y drawn onto X by it (`_register`). What is
-left apart, the energy, and the share of Y that is used rank the starts. The best are
+of people the map between likely places (`jfsf.learned`), or a map that is given; and a
+coarse copy of Y drawn onto X by it (`_register`). What is left apart, the energy, the
+share of Y that is used, and the agreement with the places rank the starts. The best are
 drawn once more, in all steps and from where they came to: one that begins a tenth of
 the shape off is then still on its way.
 """
