@@ -219,7 +219,7 @@ def refine(part_x, part_y, T_xy):
 
 
 def columns(maps: list[dict], names: Sequence[str]) -> np.ndarray:
-    """(maps, names); logarithms but of agreements, of which 0 is none, and log odds."""
+    """(maps, names); logarithms, but log odds and agreements as they are, none as 0."""
     logs = *FIGURES, "size"
     log = lambda name, value: np.log(max(value, 1e-6)) if name in logs else value or 0
     return np.array([[log(name, one[name]) for name in names] for one in maps])
@@ -265,7 +265,7 @@ def fit_confidence(rows: list[dict], role: str = "fit") -> dict[str, float]:
 
 
 def _evidence(maps: list[dict]) -> np.ndarray:
-    """(maps, 4) what `SIGNS` names, the cost by the weights of the package."""
+    """(maps, 4) in the order of `SIGNS`; the cost by the weights of the package."""
     weights = [shipped()[name] for name in FIGURES]
     cost = columns(maps, FIGURES) @ weights
     seen = [one["agreement"] is not None for one in maps]

@@ -1,4 +1,4 @@
-"""What a network that knows people says of pairs in doubt (`jfsf.learned`).
+"""What a network that knows people says of pairs in doubt, and parts (`jfsf.learned`).
 
 Where it takes both shapes for people, the map between the likeliest places is one more
 start on the coarse copies, and each map there has a figure of how well it agrees with
