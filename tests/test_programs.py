@@ -237,8 +237,8 @@ def test_a_folder_that_cannot_be_made_is_no_error(kept, monkeypatch, tmp_path):
     np.testing.assert_allclose(ask().low, [0, 2])
 
 
-def test_a_new_process_runs_what_another_compiled(tmp_path, monkeypatch):
-    # In one that has not lowered any, a factorisation would crash.
+def asked_by_a_new_process() -> str:
+    """What `ask` gives there, and what it traced."""
     script = f"""
 import sys
 from pathlib import Path
@@ -249,14 +249,27 @@ import test_programs
 test_programs._program_files.OWN += ("test_programs",)
 print(test_programs.ask().low, test_programs.traced)
 """
+    return subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    ).stdout.strip()
+
+
+def test_a_new_process_runs_what_another_compiled(tmp_path, monkeypatch):
+    # In one that has not lowered any, a factorisation would crash.
     monkeypatch.setenv("JFSF_CACHE", str(tmp_path / "jfsf"))
-    said = [
-        subprocess.run(
-            [sys.executable, "-c", script], capture_output=True, text=True, check=True
-        ).stdout.strip()
-        for _ in range(2)
-    ]
+    said = [asked_by_a_new_process() for _ in range(2)]
     assert said == ["[0. 2.] [2]", "[0. 2.] []"]
+
+
+def test_what_jaxs_own_cache_gives_is_not_kept_without_its_code(tmp_path, monkeypatch):
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "jax"))
+    monkeypatch.setenv("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
+    for folder in "one", "another", "another":
+        monkeypatch.setenv("JFSF_CACHE", str(tmp_path / folder))
+        assert asked_by_a_new_process().startswith("[0. 2.]"), folder
+    # What was compiled is kept, and that of the cache is not.
+    programs = [list((tmp_path / f / "programs").glob("*")) for f in ("one", "another")]
+    assert list(map(len, programs)) == [1, 0]
 
 
 WITH_OWNERS = pytest.mark.skipif(not hasattr(os, "getuid"), reason="needs file owners")

@@ -48,6 +48,8 @@ CODE = key(
 OWN = (__name__.partition(".")[0],)
 # Seconds to wait for another process that compiles the same program.
 LOCK_SECONDS = 120
+# What a file of machine code begins with.
+MACHINE_CODE = {"darwin": b"\xcf\xfa\xed\xfe"}.get(sys.platform, b"\x7fELF")
 
 
 def program_path(
@@ -102,6 +104,13 @@ def save_program(path: Path, compiled: jax.stages.Compiled, result: Any) -> None
     """Write a program that returns `result`, if it can be written."""
     try:
         payload = pickle.dumps((serialize(compiled)[0], result))
+        # XLA writes what came from jax's own cache without its machine code: it could
+        # be read, but not run.
+        if (
+            jax.config.values["jax_compilation_cache_dir"]
+            and MACHINE_CODE not in payload
+        ):
+            return
         write_private(path, _digest(payload) + payload)
         make_room()
     except Exception:  # not writable; or it calls Python, which jax refuses variously
