@@ -65,6 +65,18 @@ def test_whatever_goes_wrong_is_noticed(reader, tmp_path, suffix, said, monkeypa
     assert not reader.read(path)
 
 
+def test_scipy_does_not_begin_with_a_damaged_compressed_variable(reader, tmp_path):
+    path, form = tmp_path / "a.mat", FORMATS["mat -v7"]
+    files = [damaged(form, 9090)]  # it ended the process
+    for at in range(136, len(form.data), 5):
+        changed = bytearray(form.data)
+        changed[at] ^= 0x55
+        files.append(bytes(changed))
+    for data in files:
+        path.write_bytes(data)
+        assert not reader.read(path)
+
+
 def cases(count):
     names = list(FORMATS)
     return [(names[i % len(names)], i) for i in range(count)]

@@ -193,7 +193,7 @@ def test_vmap_equals_the_loop(name, dtype):
             if is_real(b):
                 np.testing.assert_allclose(a[i], b, rtol=tol, atol=tol)
             else:  # a tie may go the other way
-                assert np.mean(np.asarray(a[i]) == np.asarray(b)) > 0.8
+                assert np.sum(np.asarray(a[i]) != np.asarray(b)) <= 0.2 * b.size
 
 
 def check_two_devices():

@@ -2,8 +2,10 @@
 
 import io
 import math
+import struct
 import warnings
 import zipfile
+import zlib
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -18,11 +20,11 @@ from jfsf.storage._atomic import read_npz_array
 from jfsf.storage._text import in_utf8, instead_of_data
 
 MOST_BYTES = 1 << 28  # of an array, decompressed: more vertices than can be matched
-_CONTAINERS = (
-    "struct",
-    "sparse",
-    "cell",
-)  # classes whose shape says nothing of their size
+# Classes whose shape says nothing of their size.
+_CONTAINERS = "struct", "sparse", "cell"
+# A .mat file of version 5: its header, which ends with the order of bytes, then
+# elements of a type, a size and so many bytes; those of this type are compressed.
+_HEADER, _ORDERS, _COMPRESSED = 128, {b"IM": "<", b"MI": ">"}, 15
 
 
 def read_text(path: Path) -> np.ndarray:
@@ -112,6 +114,7 @@ def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
             )
 
     with opened():
+        _check_compressed(data)
         try:
             listed = scipy.io.whosmat(io.BytesIO(data))
         except NotImplementedError:
@@ -124,6 +127,24 @@ def read_mat(path: str | Path, most_bytes: int | None = None) -> Arrays:
             for name, shape, kind in listed
             if name[:1].isalpha()
         }
+
+
+def _check_compressed(data: bytes) -> None:
+    """ValueError or zlib.error for a damaged variable that was compressed.
+
+    scipy begins with what is decompressed, before the check sum at the end.
+    """
+    order, at = _ORDERS.get(data[_HEADER - 2 : _HEADER]), _HEADER
+    while order and at + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}II", data, at)
+        at += 8 + size
+        if kind == _COMPRESSED:
+            stream, left = zlib.decompressobj(), data[at - size : at]
+            while left and not stream.eof:
+                stream.decompress(left, 1 << 20)
+                left = stream.unconsumed_tail
+            if not stream.eof:
+                raise ValueError("a variable is cut short")
 
 
 def _plain(value: Any) -> Any:
