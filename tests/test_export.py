@@ -9,6 +9,7 @@ import pytest
 from jax import export
 
 from jfsf import Settings, match_spectra
+from jfsf.convert import sinkhorn
 from jfsf.initial._start import nonisometric_starts
 from jfsf.matching import _policy
 from jfsf.matching._arguments import MatchInputs
@@ -25,6 +26,13 @@ def shape(n, k=128):
     return jax.eval_shape(
         lambda: Spectrum(number(k), number((n, k)), number(n), faces, number((n, 3)))
     )
+
+
+def test_a_function_of_the_package_is_exported_as_it_is():
+    emb = jax.ShapeDtypeStruct((30, 4), jnp.float32)
+    for options in ({}, {"k0": 8}):  # static ones too
+        program = export.export(sinkhorn, platforms=PLATFORMS)(emb, emb, **options)
+        assert program.platforms == PLATFORMS
 
 
 class Exporting:

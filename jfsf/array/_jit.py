@@ -168,6 +168,10 @@ class Jitted(Generic[P, R]):
             self._check(**known)
         return self._jitted(*args, **self._by_content(kwargs))
 
+    def trace(self, *args: P.args, **kwargs: P.kwargs) -> jax.stages.Traced:
+        """As the function that `jax.jit` returns; `jax.export` needs it."""
+        return self._jitted.trace(*args, **self._by_content(kwargs))
+
     def lower(self, *args: P.args, **kwargs: P.kwargs) -> jax.stages.Lowered:
         """As the function that `jax.jit` returns."""
         return self._jitted.lower(*args, **self._by_content(kwargs))
