@@ -272,8 +272,9 @@ def edge(spec):
 def test_match_spectra_is_the_loop(batch_size):
     specs = spectra()
     xs, ys = specs, specs[1:] + specs[:1]
-    # One attempt each, as `jfsf.match_spectra` makes.
-    quick = Settings(search=SearchSettings(hypotheses=61), retry_below=0)
+    # One attempt each, as `jfsf.match_spectra` makes, which knows no motions.
+    search = SearchSettings(hypotheses=61)
+    quick = Settings(search=search, retry_below=0, rigid_below=0)
     found = batch.match_spectra(xs, ys, settings=quick, batch_size=batch_size)
     for x, y, ours in zip(xs, ys, found, strict=True):
         size = common_size(max(len(x.mass), len(y.mass)))
@@ -285,7 +286,7 @@ def test_match_spectra_is_the_loop(batch_size):
             mine, other = getattr(ours, name), getattr(theirs, name)
             assert len(mine) == len(source.mass)
             apart = target.vertices[mine] - target.vertices[other[: len(mine)]]
-            assert np.linalg.norm(apart, axis=1).mean() < coarse / 3
+            assert np.linalg.norm(apart, axis=1).mean() < coarse / 2
         assert np.allclose(
             ours.certificate.orientation, theirs.certificate.orientation, atol=0.01
         )

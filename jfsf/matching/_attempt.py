@@ -43,8 +43,9 @@ def match_spectra(
     """`jfsf.match` with one attempt, from the spectra on: the search, then the attempt.
 
     Pure: it jits, vmaps over pairs of equal size (n pairs cost n attempts), and has
-    derivatives both ways. `jfsf.batch.match_spectra` tries doubtful pairs again, and
-    bends coarse copies of large shapes first, as `jfsf.match` does.
+    derivatives both ways. `jfsf.batch.match_spectra` tries doubtful pairs again, bends
+    coarse copies of large shapes first, and goes on from a similarity that nearly fits,
+    as `jfsf.match` does.
 
     Args:
         spec_x, spec_y: 40 eigenpairs or more (`Settings.search`), equally many of both;
