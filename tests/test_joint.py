@@ -97,6 +97,17 @@ def test_more_pairs_are_new_and_lead_to_joined_shapes():
     assert len(few) == 1 and few[0][1] == 5
 
 
+def test_of_a_way_the_first_shape_in_doubt_gets_more_pairs():
+    unlike = symmetric(np.random.default_rng(0), 6)
+    tried = {(0, 1), (0, 2), (2, 3), (3, 4), (4, 5)}
+    some = {"before": np.array([-1, 0, 0, 2, 3, 4]), "most": 10, "most_of_one": 9}
+    first = more_pairs(unlike, tried, [0, 1, 2], **some)
+    assert first == [(0, 3), (1, 3)]
+    # It has pairs with all of the sure ones now: the next one gets some.
+    after = more_pairs(unlike, tried | {*first}, [0, 1, 2], **some)
+    assert len(after) == 2 and {b for _, b in after} == {4}
+
+
 def test_more_pairs_close_triangles_before_they_join_shapes_alike():
     unlike = np.ones((5, 5)) - np.eye(5)
     unlike[4, :4] = unlike[:4, 4] = 0.4, 0.3, 0.2, 0.1
@@ -234,6 +245,22 @@ def test_more_pairs_are_matched_where_maps_are_wrong():
     assert len(few.matched) <= 10
     with pytest.raises(ValueError, match="has 1 shapes; give two or more"):
         grow(sketches[:1], match)
+
+
+def test_a_long_way_of_right_maps_asks_for_no_more_pairs():
+    """As those of a thousand shapes: from the middle of a row to its ends."""
+    points = np.random.default_rng(0).normal(size=(40, 60)) / 11
+    own, mass = np.arange(40), np.full(40, 1 / 40)
+    sketches = [Sketch(np.full(30, 0.01 * i), points, mass) for i in range(50)]
+    rounds = []
+
+    def match(edges):
+        rounds.append(edges)
+        return [Matched(Maps(own, own), 0.999) for _ in edges]
+
+    graph = grow(sketches, match)
+    assert len(rounds) == 1 and graph.joined.all()
+    assert max(len(graph.paths.way(i)) for i in range(50)) > 12
 
 
 def test_a_wrong_map_of_high_confidence_is_outvoted():

@@ -255,9 +255,8 @@ def grow(
         paths = best_paths(right, s, template=template)
         left = most - len(tried)
         sure = sorted({*old, *np.flatnonzero(paths.trust >= SURE).tolist()})
-        edges = more_pairs(
-            unlike, tried, sure, most=max(left, 0), most_of_one=MOST_OF_ONE
-        )
+        limits = {"most": max(left, 0), "most_of_one": MOST_OF_ONE}
+        edges = more_pairs(unlike, tried, sure, before=paths.before, **limits)
         if not edges:
             joined = paths.trust >= TRUSTED
             return Graph(done, found, right, paths, joined)
