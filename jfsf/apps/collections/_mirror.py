@@ -18,6 +18,7 @@ from jaxtyping import Float
 from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
     PAIRS_A_SHAPE,
+    SURE,
     Graph,
     Matched,
     MirrorTest,
@@ -89,9 +90,9 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
     """Shapes whose mirror images are to be tried, each with a partner.
 
     A map between two shapes may say that its mirror image is likely right. Then the one
-    whose way is less sure is tried with the other, even if it has joined: it may have
-    by another map, which is wrong. A shape that is not joined is tried with `PARTNERS`:
-    first those of such maps, then the most alike.
+    whose way is less sure is tried with the other, even if it has joined by another
+    map: that may be wrong, unless it is sure. A shape that is not joined is tried with
+    `PARTNERS`: first those of such maps, then the most alike.
 
     Args:
         graph: of `grow`.
@@ -105,7 +106,7 @@ def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, i
         if one.mirrored > MIRRORED and partner in order:
             likely.setdefault(i, {})[partner] = one.mirrored
     found = []
-    for i in range(len(graph.joined)):
+    for i in np.flatnonzero(~graph.joined | (graph.paths.trust < SURE)).tolist():
         own = likely.get(i, {})
         among = list(own) if graph.joined[i] else inside
         near = sorted(among, key=lambda j: (-own.get(j, 0), unlike[i, j], j))
