@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import expit
 
+from jfsf.apps.collections._cycles import LEAST
 from jfsf.matching._vertices import VERTEX_EVIDENCE
 
 FOLDER = Path(__file__).parents[1] / "experiments"
@@ -44,6 +45,16 @@ def test_they_hold_on_sets_that_they_were_not_fitted_to(script):
     assert found["wrong_of_sure"] <= 0.02 * found["sure"]
     right = found["pairs"] - found["wrong"]
     assert found["right_below_0.7"] <= 0.15 * right
+
+
+def test_no_confidence_counts_for_more_than_was_observed(script):
+    every = json.loads(script.CONSTANTS.read_text())["held_out"]["all"]
+    most = script.most_wrong(every)
+    assert every["wrong_at_most"] == most
+    assert round(most, 2) == LEAST
+    # So many right ones would be seen of maps that are wrong so often.
+    assert every["wrong_of_sure"] == 0
+    np.testing.assert_allclose((1 - most) ** every["sure"], 0.05, rtol=0.01)
 
 
 def test_a_fit_recovers_factors_and_keeps_their_signs(script):

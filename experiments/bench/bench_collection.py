@@ -9,8 +9,9 @@ Of each size, by a process with two workers (dask): seconds, also of the process
 specimen; gigabytes of the process that plans, and the most of all processes together;
 specimens that were left out, and those on which the template is wrong, with a mean
 error of 0.1 of sqrt(area) or more. --kills N: the run is killed N times, at random, and
-started again; `again` has what the last start still had to do. If this script is
-stopped itself, run it again: `starts.json` in the folder has what was used before.
+started again; `starts` counts them, and `again` has what the last one still had to do.
+If this script is stopped itself, run it again: `starts.json` in the folder has what was
+used before, and a size that has ended is not run again.
 
     python -m experiments.bench.bench_collection FOLDER [--specimens 10 100 1000] \\
         [--kills 10] [--out RESULT.json]
@@ -61,7 +62,7 @@ def main() -> None:
         rows[number] |= right(folder)
         print(number, rows[number], flush=True)
         settings = {"vertices": VERTICES, "spread": SPREAD, "workers": WORKERS}
-        results_file.write(args.out, settings=settings, kills=args.kills, rows=rows)
+        results_file.write(args.out, settings=settings, rows=rows)
 
 
 def make(folder: Path, number: int) -> None:

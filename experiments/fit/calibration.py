@@ -22,7 +22,9 @@ right. Three regressions, see `jfsf.matching.confidence`:
 
 For the scores each set is left out in turn, together with those that share its shapes.
 The area under the ROC curve is that of the confidence of matches; the calibration error
-is in ten bins.
+is in ten bins. With a probability of 0.95 the share of wrong maps among the sure ones is
+below `wrong_at_most` (Clopper and Pearson 1934): no confidence counts for more in a
+collection (`LEAST` in `jfsf.apps.collections`).
 
     python -m experiments.fit.calibration [--results FOLDER] [--out CONSTANTS.json]
 """
@@ -35,7 +37,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import minimize
 from scipy.special import expit, logsumexp
-from scipy.stats import mannwhitneyu
+from scipy.stats import beta, mannwhitneyu
 
 import jfsf
 from experiments import command_line
@@ -177,6 +179,7 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
     found = held_out(sets)
     right = {name: own.matches.right for name, own in sets.items()}
     join = lambda values: np.concatenate(list(values.values()))
+    every = scores(join(found), join(right))
     compared = _named(("constant", "log_odds", "margin"), shipped.compared)
     compared["least_share"] = round(shipped.least_share, 3)
     return {
@@ -192,7 +195,7 @@ def calibrate(sets: dict[str, Results]) -> dict[str, Any]:
         "right": f"mean geodesic error below {protocol.RIGHT} of sqrt(area)",
         "fitted_to": fitted,
         "held_out": {
-            "all": scores(join(found), join(right)),
+            "all": every | {"wrong_at_most": most_wrong(every)},
             **{name: scores(found[name], right[name]) for name in sets},
         },
         "as_shipped": {
@@ -330,6 +333,12 @@ def scores(found: np.ndarray, right: np.ndarray) -> dict[str, Any]:
     values["wrong_of_sure"] = int((~right & (found >= LIKELY)).sum())
     values["right_below_0.7"] = int((right & (found < UNSURE)).sum())
     return values
+
+
+def most_wrong(every: dict[str, Any]) -> float:
+    """What the share of wrong maps among the sure ones is below, with 0.95."""
+    wrong, right = every["wrong_of_sure"], every["sure"] - every["wrong_of_sure"]
+    return round(float(beta.ppf(0.95, wrong + 1, right)), 4)
 
 
 def _pairs(path: Path) -> list[dict[str, Any]]:

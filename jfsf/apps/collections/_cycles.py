@@ -161,9 +161,10 @@ AGREE = np.array([0.98, 0.2, 0.53, 0.07])
 # (experiments/results/fit_cycles.json).
 AGREE_BELOW = 0.2
 SWEEPS, DAMPING = 50, 0.5
-# No confidence counts for more than 1 - LEAST, nor for less than this. By hand; of 320
-# maps with 0.9 or more none is wrong (`held_out` in jfsf/matching/confidence.json). At
-# 0.02 no way of a dozen right maps was sure, and of 1000 shapes 700 got more pairs.
+# No confidence counts for more than 1 - LEAST, nor for less than this. Of 320 maps with
+# 0.9 or more none is wrong, so with a probability of 0.95 fewer than one in a hundred
+# are (`wrong_at_most` in jfsf/matching/confidence.json). At 0.02 no way of a dozen
+# right maps was sure, and of 1000 shapes 700 got more pairs.
 LEAST = 0.01
 
 
