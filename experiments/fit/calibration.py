@@ -23,8 +23,8 @@ right. Three regressions, see `jfsf.matching.confidence`:
 For the scores each set is left out in turn, together with those that share its shapes.
 The area under the ROC curve is that of the confidence of matches; the calibration error
 is in ten bins. With a probability of 0.95 the share of wrong maps among the sure ones
-is below `wrong_at_most` (Clopper and Pearson 1934); rounded to hundredths, it is what no
-confidence comes nearer to 0 or 1 than in a collection (`LEAST`).
+is below `wrong_at_most` (Clopper and Pearson 1934). Rounded to hundredths it is LEAST
+of collections: there no confidence counts for more than 1 - LEAST.
 
     python -m experiments.fit.calibration [--results FOLDER] [--out CONSTANTS.json]
 """
