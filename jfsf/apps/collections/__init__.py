@@ -4,6 +4,7 @@ Read in this order:
 
 - `_cycles`: a sparse graph of pairs, and which maps are right, by those round triangles
 - `_grow`: pairs are matched until sure maps reach every shape, from the template
+- `_sides`: which shapes are on the side of the template, by the votes of all pairs
 - `_mirror`: which shapes are mirror images of the others
 - `_member`: the template on one shape, by its own map and by all ways that lead there
 - `_engine`: the steps, for any runner that does the work; why a shape was left out

@@ -1,9 +1,8 @@
 """Mirror images in a collection: left and right bones in one folder.
 
-Matching keeps left and right, so the map to a mirror image is in doubt, and mostly says
-that its own mirror image is likely. The mirror image of such a shape is matched with
-the same partner. If that map is trusted, and has far less energy, the shape is a mirror
-image of its partner.
+Shapes that are on the other side by the votes of all pairs (`sides`) are tried: their
+mirror images are matched with shapes on the side of the template. Where such a map is
+trusted, and has far less energy, it votes for the other side instead of the first one.
 
 A body in a mirrored pose is none: a pose keeps distances, so both maps have nearly the
 same energy. A shape that is its own mirror image fits its partner as well either way.
@@ -18,19 +17,18 @@ from jaxtyping import Float
 from jfsf.apps.collections._cycles import Edge, Sketch, edge_of, unlikeness
 from jfsf.apps.collections._grow import (
     PAIRS_A_SHAPE,
-    SURE,
     Graph,
     Matched,
     MirrorTest,
     grow,
 )
-from jfsf.matching._confidence import MIRRORED
+from jfsf.apps.collections._sides import sides, votes
 from jfsf.types import ArrayLike
 
 Mirror = Literal["name", "auto"]
 # Matches pairs; of each a truth value says whether X is to be mirrored first.
 MatchPairs = Callable[[list[Edge], list[bool]], Iterable[Matched | None]]
-PARTNERS = 2  # of a shape that is not joined
+PARTNERS = 2  # of each shape that is tried
 
 
 def grow_with_mirrors(
@@ -66,51 +64,53 @@ def grow_with_mirrors(
     if mirror is None:
         return graph
     unlike = unlikeness([one.signature for one in sketches])
-    first = 0 if frozen is None else len(frozen) + 1
-    tried = [pair for pair in suspects(graph, unlike) if pair[0] >= first]
-    tests = _tested(graph, tried, match)
-    found = mirror_images(graph, tests)
+    old = range(0 if frozen is None else len(frozen) + 1)
+    while new := [
+        pair
+        for pair in suspects(graph, unlike)
+        if pair[0] not in {*old, *(test.shape for test in graph.tests)}
+    ]:
+        tests = _tested(graph, new, match)
+        if not tests:
+            break
+        graph = graph._replace(tests=graph.tests + tests)
+    found = mirror_images(graph) - set(old)
     if not found:
-        return graph._replace(tests=tests)
-    if mirror == "auto":
-        one_of = lambda edges: [(a in found) != (b in found) for a, b in edges]
-        graph = grow(
-            sketches,
-            lambda edges: match(edges, one_of(edges)),
-            template=graph.paths.template,
-            **options,
-        )
-        found = found & frozenset(np.flatnonzero(graph.joined).tolist())
-    else:
+        return graph
+    tests = graph.tests
+    one_of = lambda edges: [(a in found) != (b in found) for a, b in edges]
+    graph = grow(
+        sketches,
+        lambda edges: match(edges, one_of(edges)),
+        template=graph.paths.template,
+        **options,
+    )
+    found = found & frozenset(np.flatnonzero(graph.joined).tolist())
+    if mirror == "name":
         graph = graph._replace(joined=graph.joined & ~_mask(found, len(sketches)))
     return graph._replace(tests=tests, mirrored=found)
 
 
 def suspects(graph: Graph, unlike: Float[ArrayLike, "s s"]) -> list[tuple[int, int]]:
-    """Shapes whose mirror images are to be tried, each with a partner.
+    """Shapes whose mirror images are to be tried, each with `PARTNERS` others.
 
-    A map between two shapes may say that its mirror image is likely right. Then the one
-    whose way is less sure is tried with the other, even if it has joined by another
-    map: that may be wrong, unless it is sure. A shape that is not joined is tried with
-    `PARTNERS`: first those of such maps, then the most alike.
+    Those that are on the other side by the votes, and those that are not joined. The
+    partners are joined and on the side of the template: first those that vote for the
+    other side, then the most alike.
 
     Args:
         graph: of `grow`.
         unlike: symmetric, see `unlikeness`.
     """
-    inside, unlike = _surest_first(graph), np.asarray(unlike)
-    order = {j: n for n, j in enumerate(inside)}
-    likely: dict[int, dict[int, float]] = {}
-    for pair, one in graph.matched.items():
-        partner, i = sorted(pair, key=lambda j: order.get(j, len(order)))
-        if one.mirrored > MIRRORED and partner in order:
-            likely.setdefault(i, {})[partner] = one.mirrored
+    vote = votes(graph.matched, graph.tests)
+    other, unlike = _other_side(graph), np.asarray(unlike)
+    inside = np.flatnonzero(graph.joined & ~other).tolist()
     found = []
-    for i in np.flatnonzero(~graph.joined | (graph.paths.trust < SURE)).tolist():
-        own = likely.get(i, {})
-        among = list(own) if graph.joined[i] else inside
-        near = sorted(among, key=lambda j: (-own.get(j, 0), unlike[i, j], j))
-        found += [(i, j) for j in near[: 1 if graph.joined[i] else PARTNERS]]
+    for i in np.flatnonzero(~graph.joined | other).tolist():
+        near = sorted(
+            inside, key=lambda j: (min(vote.get(edge_of(i, j), 0), 0), unlike[i, j], j)
+        )
+        found += [(i, j) for j in near[:PARTNERS]]
     return found
 
 
@@ -120,35 +120,14 @@ def check_mirror(mirror: Mirror) -> None:
         raise ValueError(f"collection: mirror is {mirror!r}; it is 'name' or 'auto'")
 
 
-def mirror_images(graph: Graph, tests: Sequence[MirrorTest]) -> frozenset[int]:
-    """Numbers of the shapes that are mirror images of the template.
-
-    A shape is the mirror image of its partner if the map of its mirror image is
-    trusted, and has so much less energy that it is likely right instead
-    (`mirror_probability`). Others are as the shape before them on their way.
-
-    Args:
-        graph: of `grow`.
-        tests: of `suspects`. Of two of one shape the surer counts.
-    """
-    turned: dict[int, MirrorTest] = {}
-    for test in sorted(tests, key=lambda test: test.turned):
-        if test.mirrors:
-            turned[test.shape] = test
-    mirrored = np.zeros(len(graph.joined), bool)
-    alone = [i for i in turned if not graph.joined[i]]
-    for i in [*_surest_first(graph), *alone]:
-        if i in turned:
-            mirrored[i] = not mirrored[turned[i].partner]
-        elif i != graph.paths.template:
-            mirrored[i] = mirrored[graph.paths.before[i]]
-    return frozenset(np.flatnonzero(mirrored).tolist())
+def mirror_images(graph: Graph) -> frozenset[int]:
+    """Numbers of the shapes that are mirror images of the template, see `sides`."""
+    return frozenset(np.flatnonzero(_other_side(graph)).tolist())
 
 
-def _surest_first(graph: Graph) -> list[int]:
-    """The joined shapes, each after the one before it on its way."""
-    paths, inside = graph.paths, np.flatnonzero(graph.joined).tolist()
-    return sorted(inside, key=lambda i: (-paths.trust[i], len(paths.way(i))))
+def _other_side(graph: Graph) -> np.ndarray:
+    vote = votes(graph.matched, graph.tests)
+    return sides(vote, len(graph.joined), graph.paths.template) < 0
 
 
 def _tested(graph: Graph, pairs, match: MatchPairs) -> tuple[MirrorTest, ...]:
