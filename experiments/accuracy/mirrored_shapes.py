@@ -3,6 +3,7 @@
 Each set is taken several times, each time with other shapes mirrored: every third one,
 every other one, the first third, one, none. A pair is matched once for all times in
 which both or one of its shapes are mirrored, since to mirror both makes the same map.
+Cortices are left and right ones as they are.
 Of each time: the mirror images that were found, those that were missed (joined as they
 are), other shapes that were taken for mirror images, and shapes left out; `wrong` are
 the joined shapes whose map from the template, by its way, is no right one by the
@@ -27,7 +28,8 @@ from jfsf.apps.collections._grow import Matched, map_along, matched
 from jfsf.apps.collections._mirror import grow_with_mirrors
 from jfsf.mesh._edit import mirror_image
 
-SETS = ["hdm_molars", "calcanei", "mouse_skulls", "cortex_species"]
+SETS = ["hdm_molars", "calcanei", "cortex_species"]
+RIGHT_SIDE = "_R_"  # in the names of right cortices
 MIRRORED: dict[str, Callable[[int, int], bool]] = {  # the i-th of s shapes
     "third, from the third": lambda i, s: i % 3 == 2,
     "third, from the second": lambda i, s: i % 3 == 1,
@@ -44,15 +46,23 @@ def main() -> None:
     args = command_line.parse(parser)
     rows = []
     for name in args.sets:
-        for row in measure(shapes_of(name, args.data), protocol.SETS[name].right):
+        shapes = shapes_of(name, args.data)
+        sides = np.array([RIGHT_SIDE in own for own in shapes])
+        for row in measure(shapes, sides, protocol.SETS[name].right):
             rows.append({"set": name, **row})
             print(rows[-1], flush=True)
     out = args.out or command_line.RESULTS / "mirrored_shapes.json"
     results_file.write(out, settings={"sets": args.sets}, rows=rows)
 
 
-def measure(shapes: dict, right: float) -> Iterator[dict]:
-    """A row for each choice of the mirrored shapes."""
+def measure(shapes: dict, sides: np.ndarray, right: float) -> Iterator[dict]:
+    """A row for each choice of the mirrored shapes.
+
+    Args:
+        shapes: of a set.
+        sides: (s,) whether a shape is mirrored already.
+        right: a map is right below this mean error.
+    """
     names, error = list(shapes), Errors(shapes)
     meshes = [shapes[name].mesh for name in names]
     sketches = [sketch(jfsf.basis(mesh)) for mesh in meshes]
@@ -76,7 +86,8 @@ def measure(shapes: dict, right: float) -> Iterator[dict]:
         )
         template = graph.paths.template
         along = lambda i, graph=graph: map_along(graph.maps, graph.paths.way(i))
-        mirrored = set(np.flatnonzero(odd != odd[template]).tolist())
+        side = odd ^ sides
+        mirrored = set(np.flatnonzero(side != side[template]).tolist())
         joined = set(np.flatnonzero(graph.joined).tolist())
         wrong = [
             i
