@@ -97,7 +97,11 @@ def test_where_the_mirror_image_was_matched_that_decides():
     tests = tuple(MirrorTest(i, 0, straight[i], 0.96, 0.25) for i in (2, 3))
     found = graph._replace(tests=tests)
     assert mirror_images(found) == {2, 3}
-    assert votes(found.matched, tests)[0, 2] == pytest.approx(-np.log(0.96 / 0.04))
+    # The surer one of what the map says and of what the mirror image says counts.
+    vote = votes(found.matched, tests)
+    assert vote[0, 2] == pytest.approx(-np.log(0.97 / 0.03))
+    sure = tests[0]._replace(turned=0.98)
+    assert votes(found.matched, [sure])[0, 2] == pytest.approx(-np.log(0.98 / 0.02))
     # Its own mirror image, or in a mirrored pose: at the same distances.
     for other in ({"energy_gap": 0.03}, {"energy_gap": np.nan}, {"turned": 0.5}):
         none = tuple(test._replace(**other) for test in tests)

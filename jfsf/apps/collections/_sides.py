@@ -28,8 +28,9 @@ def votes(
     """Log odds that both shapes of a pair are on the same side.
 
     The map says so by its confidence, and the reverse by the probability of its mirror
-    image. What is less likely than not does not vote. Where the mirror image was
-    matched too, that decides.
+    image. What is less likely than not does not vote. Where one shape was mirrored and
+    matched again, that decides: a mirror image that fits far better has the more
+    certain of both votes against the map, and one that does not has none.
 
     Args:
         matched: the pairs.
@@ -39,8 +40,11 @@ def votes(
         e: _sure(one.confidence) - _sure(one.mirrored) for e, one in matched.items()
     }
     for test in sorted(tests, key=lambda test: test.mirrors):
-        own = -_sure(test.turned) if test.mirrors else _sure(test.straight)
-        found[edge_of(test.shape, test.partner)] = own
+        edge = edge_of(test.shape, test.partner)
+        if test.mirrors:
+            found[edge] = min(found.get(edge, 0), -_sure(test.turned))
+        else:
+            found[edge] = _sure(test.straight)
     return found
 
 
