@@ -4,10 +4,10 @@ The maps of a mirror image to the other side are mostly in doubt and say that th
 mirror image is likely; one of them may be wrong and sure all the same. So no map
 decides alone: each matched pair votes for the same side or for different ones, and the
 shapes are divided so that the votes are met best. Spectra, which choose the pairs, are
-those of the mirror image too: sides are spread over the pairs as by chance. A division
-of s shapes into k and s - k is one of s! / (k! (s - k)!), and must be as much more
-likely than none by its votes. A few maps between two groups of bodies in many poses
-are not enough for that; those between the left and the right bones are.
+those of the mirror image too, so left and right are spread over the pairs as by chance:
+a division of s shapes into k and s - k is one of s! / (k! (s - k)!) that are equally
+likely beforehand. Its votes must outweigh that number. A few maps between two groups of
+bodies in many poses do not; those between left and right bones do.
 """
 
 from collections.abc import Iterable, Mapping
