@@ -5,11 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from jfsf.apps.cli import _collection_onto
 from jfsf.apps.cli._collection_runner import OnFiles
 from jfsf.apps.cli._collection_templates import put_others
 from jfsf.apps.collections._cycles import Sketch
-from jfsf.apps.collections._engine import join_shapes, put_on_all
-from jfsf.apps.collections._grow import Matched, best_paths
+from jfsf.apps.collections._engine import join_shapes, mirrored, put_on_all
+from jfsf.apps.collections._grow import Matched, MirrorTest, best_paths
 from jfsf.types import Maps
 
 N = 40
@@ -163,3 +164,19 @@ def test_a_mirror_image_does_not_join_a_frozen_collection_as_it_is():
     graph, _ = join_shapes(runner.sketches, runner, frozen=frozen)
     assert runner.ways == {} and graph.mirrored == {3}
     assert graph.joined.tolist() == [True, True, True, False]
+
+
+def test_what_was_tried_of_a_new_shape_beside_its_pairs_is_told(monkeypatch):
+    monkeypatch.setattr(_collection_onto, "kept", lambda path: "template")
+    trust = {"a": 1.0, "b": 0.9, "c": 0.9}
+    frozen = SimpleNamespace(template="a", trust=trust, kept_template=None)
+    test = ["c", 0.1, 0.98, 0.3]  # no pair of the new one
+    own = {"trust": 0.9, "joined": True, "mirrored": True, "failed": None}
+    own |= {"before": "a", "pairs": [["a", 0.2, 0.3]], "triangles": [], "tests": [test]}
+    shapes, graph, _ = _collection_onto._together(
+        frozen, {"new": None}, {"new": own}, {}
+    )
+    names = ["new", "a", "c"]
+    assert set(shapes) == set(names) and graph.paths.template == 1
+    assert graph.tests == (MirrorTest(0, 2, 0.1, 0.98, 0.3),)
+    assert "mirrored, it fits c with confidence 0.98" in mirrored(graph, names, 0)

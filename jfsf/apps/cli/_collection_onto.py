@@ -138,7 +138,10 @@ def _together(frozen: Frozen, shapes, records, broken):
     from jfsf.apps.collections._grow import Graph, Matched, MirrorTest, Paths
     from jfsf.types import Maps
 
-    used = {pair[0] for own in records.values() for pair in own["pairs"]}
+    # Mirror images are tried with other shapes too than those of its pairs.
+    used = {
+        row[0] for own in records.values() for row in (*own["pairs"], *own["tests"])
+    }
     names = [*shapes, frozen.template, *sorted(used - {frozen.template})]
     number = {name: i for i, name in enumerate(names)}
     trust = np.array([frozen.trust.get(name, 0.0) for name in names])
