@@ -10,7 +10,8 @@ the joined shapes whose map from the template, by its way, is no right one by th
 ground truth of the shapes as they were before.
 
 The rule (jfsf/apps/collections/_sides.py) was made on hdm_molars and on the bodies of
-`experiments.bench.bench_collection`; the other sets had no part in it.
+`experiments.bench.bench_collection`. No constant was chosen on the other sets, but they
+were looked at between two versions of it.
 
     python -m experiments.accuracy.mirrored_shapes --data ROOT [--sets calcanei ...]
 """
