@@ -32,7 +32,8 @@ Mirror = Literal["name", "auto"]
 MatchPairs = Callable[[list[Edge], list[bool]], Iterable[Matched | None]]
 PARTNERS = 2  # of each shape that is tried
 # Energy below which a shape and its mirror image are the same. By hand: templates of
-# bodies have 0.1 to 0.2 (FAUST, `bench_collection`), molars and heel bones 0.39 to 0.74.
+# bodies have 0.1 to 0.2 (FAUST, `bench_collection`), molars and heel bones 0.39 to
+# 0.74.
 SYMMETRIC = 0.25
 
 
